@@ -1,0 +1,71 @@
+"""Flinders calibrates three-axis magnetometers, and says what heading error to expect.
+
+>>> import flinders
+>>> recording = flinders.simulate.tumble(seed=1)
+>>> fit = flinders.fit(recording.samples)
+>>> fit.verdict
+'good'
+>>> corrected = fit.calibration.apply(recording.samples.field)
+
+Names are looked up when they are first used, so that importing the package costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from flinders import errors as errors
+    from flinders import estimators as estimators
+    from flinders import simulate as simulate
+    from flinders import units as units
+    from flinders.axes import Axes as Axes
+    from flinders.calibration import Calibration as Calibration
+    from flinders.errors import FitError as FitError
+    from flinders.errors import FlindersError as FlindersError
+    from flinders.fitting import fit as fit
+    from flinders.readers import open_recording as open_recording
+    from flinders.readers import read as read
+    from flinders.result import Finding as Finding
+    from flinders.result import Fit as Fit
+    from flinders.samples import Samples as Samples
+    from flinders.summary import Summary as Summary
+    from flinders.units import Unit as Unit
+
+_HOMES: Final = {
+    "Axes": "axes",
+    "Calibration": "calibration",
+    "Finding": "result",
+    "Fit": "result",
+    "FitError": "errors",
+    "FlindersError": "errors",
+    "Samples": "samples",
+    "Summary": "summary",
+    "Unit": "units",
+    "errors": "",
+    "estimators": "",
+    "fit": "fitting",
+    "open_recording": "readers",
+    "read": "readers",
+    "simulate": "",
+    "units": "",
+}
+"""Public names and the module each lives in; an empty home is a module itself."""
+
+__all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version("flinders")
+    if name not in _HOMES:
+        raise AttributeError(f"module 'flinders' has no attribute {name!r}")
+    home = _HOMES[name]
+    module = import_module(f"flinders.{home or name}")
+    return getattr(module, name) if home else module
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,116 @@
+"""The one gate for foreign arrays: floats of a known shape, or an error that names the shape and the row.
+
+>>> vectors([[1, 2, 3], [4, 5, 6]]).shape
+(2, 3)
+>>> vectors([[1, 2], [3, 4]])
+Traceback (most recent call last):
+flinders.errors.ArrayError: field has shape (2, 2): need (..., 3), one x, y, z triple a reading
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flinders.errors import ArrayError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+Floats: TypeAlias = NDArray[np.float64]
+"""An array of double-precision numbers; its shape and unit are in the docstring that uses it."""
+
+
+def floats(values: ArrayLike, name: str = "values") -> Floats:
+    """Turn anything array-like into float64 without copying where it is float64 already.
+
+    Raises
+    ------
+    ArrayError
+        For text, ragged lists, complex numbers, dates and objects.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise ArrayError(f"{name} is not a regular array: {error}") from None
+    if array.dtype.kind not in "fiub":
+        raise ArrayError(f"{name} holds {array.dtype.name}, need real numbers")
+    return array.astype(np.float64, copy=False)
+
+
+def vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
+    """Let through an array of (..., 3) numbers, finite unless `finite` is False.
+
+    Raises
+    ------
+    ArrayError
+        With the shape that was found, or the first row that is not finite.
+    """
+    array = floats(values, name)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ArrayError(f"{name} has shape {array.shape}: need (..., 3), one x, y, z triple a reading")
+    if finite:
+        refuse_gaps(array, name)
+    return array
+
+
+def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
+    """Let through an (N, 3) array; a single triple counts as one row.
+
+    Raises
+    ------
+    ArrayError
+        As `vectors`, and for arrays of more than two dimensions.
+    """
+    array = vectors(values, name, finite=finite)
+    if array.ndim == 1:
+        return array[np.newaxis]
+    if array.ndim != 2:
+        raise ArrayError(f"{name} has shape {array.shape}: need (N, 3), one row a reading")
+    return array
+
+
+def column(values: ArrayLike, rows: int, name: str) -> Floats:
+    """Let through an (N,) array with one value a row.
+
+    Raises
+    ------
+    ArrayError
+        With the shape that was found.
+    """
+    array = floats(values, name)
+    if array.shape != (rows,):
+        raise ArrayError(f"{name} has shape {array.shape}: need ({rows},), one value a reading")
+    return array
+
+
+def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
+    """Let through a finite (size, size) array.
+
+    Raises
+    ------
+    ArrayError
+        With the shape, or the first row that is not finite.
+    """
+    array = floats(values, name)
+    if array.shape != (size, size):
+        raise ArrayError(f"{name} has shape {array.shape}: need ({size}, {size})")
+    refuse_gaps(array, name)
+    return array
+
+
+def refuse_gaps(array: Floats, name: str) -> None:
+    """Raise `ArrayError` naming the first row that is not finite."""
+    # A sum is finite whenever all terms are, so one pass settles the usual case; overflow is looked at again.
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(array.sum()):
+            return
+    gaps = np.argwhere(~np.isfinite(array))
+    if len(gaps):
+        row = tuple(int(index) for index in gaps[0])
+        raise ArrayError(
+            f"{name} is {array[row]} at index {row} ({len(gaps):,} such values): "
+            "need finite numbers; leave those rows out"
+        )

@@ -1,0 +1,77 @@
+"""Which way the sensor sits: a signed permutation from the axes as recorded to the axes used.
+
+>>> turned = Axes.of("x,-y,-z")
+>>> turned.apply([[1.0, 2.0, 3.0]])
+array([[ 1., -2., -3.]])
+>>> str(Axes.of("-y, X, +z"))
+'-y,x,z'
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.arrays import Floats, vectors
+from flinders.errors import AxesError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+NAMES: Final = "xyz"
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """Where each new axis comes from.
+
+    Attributes
+    ----------
+    order : (3,) int
+        Index of the recorded axis that becomes x, y and z.
+    signs : (3,) int
+        +1, or −1 where it points the other way.
+    """
+
+    order: tuple[int, int, int] = (0, 1, 2)
+    signs: tuple[int, int, int] = (1, 1, 1)
+
+    @classmethod
+    def of(cls, text: str) -> Axes:
+        """Read ``"x,-y,z"``: for each new axis, the recorded one it is taken from.
+
+        Raises
+        ------
+        AxesError
+            Unless each of x, y and z is named once.
+        """
+        parts = [part.strip().casefold() for part in text.split(",")]
+        found = [re.fullmatch(r"([+-]?)([xyz])", part) for part in parts]
+        letters = [match[2] for match in found if match]
+        if len(parts) != 3 or sorted(letters) != list(NAMES):
+            raise AxesError(f"axes {text!r}: need x, y and z once each with signs, such as 'x,-y,-z' or '-y,x,z'")
+        x, y, z = (NAMES.index(letter) for letter in letters)
+        a, b, c = (-1 if match and match[1] == "-" else 1 for match in found)
+        return cls((x, y, z), (a, b, c))
+
+    @property
+    def is_identity(self) -> bool:
+        """Nothing is moved and nothing changes sign."""
+        return self == Axes()
+
+    @property
+    def is_mirror(self) -> bool:
+        """A right-handed frame becomes left-handed: usually a mistake in the mapping, or a left-handed sensor."""
+        turned = np.linalg.det(np.eye(3)[list(self.order)] * np.array(self.signs)[:, np.newaxis])
+        return bool(turned < 0)
+
+    def apply(self, vector: ArrayLike) -> Floats:
+        """Map (..., 3) vectors from the recorded axes; values that are not finite pass through."""
+        recorded = vectors(vector, finite=False)
+        return recorded if self.is_identity else recorded[..., list(self.order)] * np.array(self.signs, float)
+
+    def __str__(self) -> str:
+        return ",".join(("-" if sign < 0 else "") + NAMES[index] for index, sign in zip(self.order, self.signs, strict=True))

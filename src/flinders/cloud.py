@@ -1,0 +1,208 @@
+"""Where the readings lie, cell by cell: a picture of the recording that stays small and adds up.
+
+Raw space is cut into cubes. For each cube that holds readings, `Cloud` keeps how many, their sum
+and the first and last time one fell into it: enough to draw the recording, to see which
+directions it covered and to weigh a fit, however long it was.
+
+>>> a = Cloud.of([[1.0, 2.0, 3.0], [1.2, 2.1, 3.3], [40.0, 2.0, 3.0]], side=4.0)
+>>> len(a), a.counts, a.means[0]
+(2, array([2., 1.]), array([1.1 , 2.05, 3.15]))
+>>> b = Cloud.of([[1.0, 2.0, 3.0]], side=8.0)
+>>> (a + b).side, (a + b).counts
+(8.0, array([3., 1.]))
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flinders.arrays import Floats, column, table
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+MAX_CELLS: Final = 4096
+"""More occupied cells than this, and the cells are doubled in size; a sphere of radius R in cells of side R/12 has about 2,700."""
+
+_BITS: Final = 21
+_REACH: Final = 1 << (_BITS - 1)
+_DENSE: Final = 1 << 17
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """Counts, sums and time extent of the readings in each occupied cell.
+
+    Attributes
+    ----------
+    side : float
+        Length of a cell's edges: a power of two in the unit of the readings, so that cells nest.
+    keys : (K,) int
+        The cells, ascending: three 21-bit indices packed into one number.
+    counts : (K,) float
+        Readings in each.
+    sums : (K, 3) float
+        Their sum.
+    first, last : (K,) float, s
+        Time of the first and the last reading in each; NaN where no time was given.
+    """
+
+    side: float
+    keys: NDArray[np.int64]
+    counts: Floats
+    sums: Floats
+    first: Floats
+    last: Floats
+
+    @classmethod
+    def empty(cls) -> Self:
+        """No readings: the identity of ``+``."""
+        none = np.empty(0)
+        return cls(0.0, np.empty(0, np.int64), none, np.empty((0, 3)), none, none)
+
+    @classmethod
+    def of(cls, field: ArrayLike, *, time: ArrayLike | None = None, side: float | None = None) -> Self:
+        """Sort readings into cells.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            Raw readings.
+        time : (N,) array-like, s, optional
+            When each was taken, ascending.
+        side : float, optional
+            Edge of a cell; by default `natural_side` of these readings.
+
+        Raises
+        ------
+        ArrayError
+            For a wrong shape or values that are not finite.
+        """
+        readings = table(field)
+        times = None if time is None else column(time, len(readings), "time")
+        if not len(readings):
+            return cls.empty()
+        side = natural_side(readings) if side is None else side
+        return cls(side, *_sort_in(readings, times, side))._bounded()
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __add__(self, other: Cloud) -> Self:
+        if not len(other):
+            return self
+        if not len(self):
+            return replace(self, **{name: getattr(other, name) for name in self.__slots__})
+        side = max(self.side, other.side)
+        a, b = self._coarsened(side), other._coarsened(side)
+        joined = [np.concatenate([getattr(a, name), getattr(b, name)]) for name in ("keys", "counts", "sums", "first", "last")]
+        return replace(self, side=side, **dict(zip(_COLUMNS, _gathered(*joined), strict=True)))._bounded()
+
+    def __mul__(self, factor: float) -> Self:
+        """Weigh all readings alike."""
+        return replace(self, counts=self.counts * factor, sums=self.sums * factor)
+
+    @property
+    def means(self) -> Floats:
+        """(K, 3) mean reading of each cell."""
+        return self.sums / self.counts[:, np.newaxis]
+
+    def _bounded(self) -> Self:
+        cloud = self
+        while len(cloud) > MAX_CELLS:
+            cloud = cloud._coarsened(2.0 * cloud.side)
+        return cloud
+
+    def _coarsened(self, side: float) -> Self:
+        """The same readings in larger cells; `side` is a power of two times the present one."""
+        if side == self.side:
+            return self
+        halvings = int(np.round(np.log2(side / self.side)))
+        keys = _pack((_unpack(self.keys) - _REACH >> min(halvings, _BITS)) + _REACH)
+        gathered = _gathered(keys, self.counts, self.sums, self.first, self.last)
+        return replace(self, side=side, **dict(zip(_COLUMNS, gathered, strict=True)))
+
+    def __repr__(self) -> str:
+        return f"Cloud({self.counts.sum():g} readings in {len(self)} cells of {self.side:g})"
+
+
+_COLUMNS: Final = ("keys", "counts", "sums", "first", "last")
+
+
+def natural_side(field: Floats) -> float:
+    """The power of two nearest to a twelfth of the median distance from the middle of a cloud.
+
+    Looks at 512 readings spread over the recording; a few stray ones do not move it.
+    """
+    some = field[:: max(1, len(field) // 512)]
+    centre = some.mean(axis=0)
+    offsets = some - centre
+    radius = float(np.median(np.sqrt(np.einsum("ij,ij->i", offsets, offsets))))
+    size = radius if radius > 0 else float(np.abs(centre).max())
+    return float(2.0 ** np.round(np.log2(size / 12.0))) if np.isfinite(size) and size > 1e-290 else 1.0
+
+
+def _sort_in(
+    readings: Floats, time: Floats | None, side: float
+) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
+    """Columns of one block: keys, counts, sums, first, last."""
+    axes = np.ascontiguousarray(readings.T)
+    places = axes * (1.0 / side) + _REACH
+    if places.min() < 0.0 or places.max() >= 2 * _REACH:
+        np.clip(places, 0, 2 * _REACH - 1, out=places)
+    indices = places.astype(np.int64)  # cutting the fraction off is the floor of what is positive
+    low = indices.min(axis=1)
+    extent = indices.max(axis=1) - low + 1
+    if int(extent[0]) * int(extent[1]) * int(extent[2]) <= _DENSE:
+        size, high, middle = int(extent.prod()), int(extent[1] * extent[2]), int(extent[2])
+        flat = indices[0] * high
+        flat += indices[1] * middle
+        flat += indices[2]
+        flat -= int(low @ (high, middle, 1))
+        found = np.bincount(flat, minlength=size)
+        cells = np.flatnonzero(found)
+        keys = _pack(np.stack([cells // high, cells // middle % extent[1], cells % middle]) + low[:, np.newaxis])
+    else:
+        keys, flat, found = np.unique(_pack(indices), return_inverse=True, return_counts=True)
+        size, cells = len(keys), np.arange(len(keys))
+    counts = found[cells].astype(float)
+    sums = np.stack([np.bincount(flat, weights=axis, minlength=size)[cells] for axis in axes], axis=1)
+    if time is None:
+        unknown = np.full(len(cells), np.nan)
+        return keys, counts, sums, unknown, unknown
+    first, last = np.empty(size), np.empty(size)
+    first[flat[::-1]] = time[::-1]
+    last[flat] = time
+    return keys, counts, sums, first[cells], last[cells]
+
+
+def _gathered(
+    keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floats, last: Floats
+) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
+    """Add up rows that have the same key."""
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+    return (
+        keys[starts],
+        np.add.reduceat(counts[order], starts),
+        np.add.reduceat(sums[order], starts, axis=0),
+        np.fmin.reduceat(first[order], starts),
+        np.fmax.reduceat(last[order], starts),
+    )
+
+
+def _pack(indices: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(m,) keys of (3, m) cell indices, which count from −`_REACH`."""
+    packed: NDArray[np.int64] = (indices[0] << 2 * _BITS) | (indices[1] << _BITS) | indices[2]
+    return packed
+
+
+def _unpack(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(3, m) cell indices of (m,) keys."""
+    mask = (1 << _BITS) - 1
+    return np.stack([keys >> 2 * _BITS, keys >> _BITS & mask, keys & mask])

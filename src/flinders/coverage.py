@@ -1,0 +1,111 @@
+"""Which directions a recording has seen, counted after a fit.
+
+Directions need the centre, so they cannot be counted while readings stream by: the cells of a
+`Cloud` are projected onto the sphere once an ellipsoid is known.
+
+>>> seen = Coverage.of(np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 0.99], [1.0, 0.0, 0.0]]))
+>>> seen.fraction, seen.readings, round(seen.hole_deg) > 90
+(0.02, 3.0, True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.arrays import Floats
+
+if TYPE_CHECKING:
+    from flinders.cloud import Cloud
+    from flinders.quadric import Ellipsoid
+
+_BANDS: Final = np.array([1, 15, 34, 34, 15, 1])
+_STARTS: Final = np.concatenate([[0], np.cumsum(_BANDS)[:-1]])
+_EDGES: Final = 1.0 - 0.02 * np.cumsum(_BANDS)[:-1]
+
+
+def _centres() -> Floats:
+    heights = 1.0 - 0.02 * (np.cumsum(_BANDS) - _BANDS / 2.0)
+    heights[[0, -1]] = 1.0, -1.0
+    z = np.repeat(heights, _BANDS)
+    longitude = 2.0 * np.pi * np.concatenate([(np.arange(n) + 0.5) / n for n in _BANDS])
+    across = np.sqrt(1.0 - z * z)
+    return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+
+
+CELLS: Final = _centres()
+"""(100, 3) centres of the cells: a cap, bands of 15, 34, 34 and 15, a cap, each one hundredth of the sphere."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """Readings by direction, in a hundred cells of equal area.
+
+    Attributes
+    ----------
+    counts : (100,) float
+        Readings in each of `CELLS`.
+    hole : (3,) float
+        Unit vector, corrected sensor axes: the middle of the largest gap.
+    hole_deg : float
+        Angle from there to the nearest reading.
+    """
+
+    counts: Floats
+    hole: Floats
+    hole_deg: float
+
+    @classmethod
+    def of(cls, directions: Floats, counts: Floats | None = None) -> Self:
+        """Count unit vectors (K, 3), each standing for `counts` readings."""
+        seen = np.bincount(cells_of(directions), weights=counts, minlength=100).astype(float)
+        nearest = np.max(CELLS @ directions.T, axis=1)
+        emptiest = int(np.argmin(nearest))
+        return cls(seen, CELLS[emptiest], float(np.rad2deg(np.arccos(np.clip(nearest[emptiest], -1.0, 1.0)))))
+
+    @classmethod
+    def through(cls, cloud: Cloud, ellipsoid: Ellipsoid) -> Self:
+        """Project the cells of a cloud onto the sphere that an ellipsoid stands for."""
+        return cls.of(directions_of(cloud.means, ellipsoid), cloud.counts)
+
+    @property
+    def fraction(self) -> float:
+        """Share of the sphere's cells that hold a reading."""
+        return float(np.count_nonzero(self.counts)) / 100.0
+
+    @property
+    def readings(self) -> float:
+        """How many readings were counted."""
+        return float(self.counts.sum())
+
+    def facing(self, dip_deg: float) -> float:
+        """The dip with the sign that the recording shows: a sensor mounted upside down sees the field come from below.
+
+        Sensor axes need not be body axes, and a recording made mostly upright or mostly upside down says which way
+        up is; one made all around says nothing, and either sign then gives the same error.
+        """
+        return -dip_deg if float(self.counts @ CELLS[:, 2]) * dip_deg < -0.1 * self.readings * abs(dip_deg) else dip_deg
+
+    def as_dict(self) -> dict[str, float]:
+        """JSON-ready numbers."""
+        x, y, z = (round(float(part), 4) for part in self.hole)
+        return {"fraction": self.fraction, "hole_deg": round(self.hole_deg, 3), "hole_x": x, "hole_y": y, "hole_z": z}
+
+    def __repr__(self) -> str:
+        return f"Coverage({self.fraction:.0%} of the sphere, largest hole {self.hole_deg:.0f}°)"
+
+
+def directions_of(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(K, 3) unit vectors of (K, 3) readings after correction."""
+    corrected = np.linalg.solve(ellipsoid.shape, (readings - ellipsoid.centre).T).T
+    lengths = np.sqrt(np.einsum("ij,ij->i", corrected, corrected))
+    return corrected / np.where(lengths > 0.0, lengths, 1.0)[:, np.newaxis]
+
+
+def cells_of(directions: Floats) -> Floats:
+    """(K,) index of the cell that each unit vector falls into."""
+    band = np.searchsorted(-_EDGES, -directions[:, 2])
+    turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2.0 * np.pi) % 1.0
+    return _STARTS[band] + np.minimum((turn * _BANDS[band]).astype(int), _BANDS[band] - 1)

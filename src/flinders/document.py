@@ -1,0 +1,554 @@
+"""The calibration file: JSON that a person can read, with a schema version, written whole or not at all.
+
+A file holds the correction, how the raw readings were recorded, and, where a fit made it, how far to
+trust it and which recordings it came from. Files of every release stay readable; a file from a newer
+schema is refused with the version it needs.
+
+>>> correction = Correction(matrix=((1.0, 0.0, 0.0), (0.0, 1.25, 0.0), (0.0, 0.0, 0.8)), offset=(12.5, -3.0, 40.0),
+...                         field_strength=49.8, unit="uT")
+>>> print(dumps(Document(calibration=correction, raw=Recorded(unit="mG", scale=0.1))), end="")
+{
+  "flinders": "calibration",
+  "schema": 1,
+  "calibration": {
+    "matrix": [
+      [1.0, 0.0,  0.0],
+      [0.0, 1.25, 0.0],
+      [0.0, 0.0,  0.8]
+    ],
+    "offset": [12.5, -3.0, 40.0],
+    "field_strength": 49.8,
+    "field_strength_known": false,
+    "unit": "uT",
+    "rotation": "symmetric"
+  },
+  "raw": {"unit": "mG", "scale": 0.1, "axes": "x,y,z", "sensor": null, "frame": "sensor"},
+  "fit": null,
+  "provenance": null
+}
+>>> loads('{"flinders": "calibration", "schema": 2, "provenance": {"flinders": "3.1.0"}}')
+Traceback (most recent call last):
+flinders.errors.DocumentError: calibration: written in schema 2, this Flinders reads up to 1: install Flinders 3.1.0 \
+or newer
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import math
+import numbers
+import os
+import re
+import secrets
+import stat
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard
+
+import msgspec
+from msgspec import Meta, Struct
+
+from flinders.errors import DocumentError, OutputError, OutputExists
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+VERSION: Final = 1
+"""The newest schema that this release reads, and the one it writes."""
+
+PARAMETERS: Final = (
+    "offset_x", "offset_y", "offset_z", "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz",
+)  # fmt: skip
+"""What the nine rows of an ellipsoid's covariance stand for."""
+
+LARGEST: Final = 16 * 2**20
+"""Bytes; a calibration file has some thousand. More is another file, and is not read into memory."""
+
+WIDTH: Final = 110
+"""Characters of text on a line, up to which a group of plain values stays on one line."""
+
+Triple: TypeAlias = tuple[float, float, float]
+Rotation: TypeAlias = Literal["symmetric", "estimated", "composed"]
+Positive: TypeAlias = Annotated[float, Meta(gt=0)]
+NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
+Count: TypeAlias = Annotated[int, Meta(ge=0)]
+
+
+class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """corrected = matrix (raw - offset), of length field_strength.
+
+    Attributes
+    ----------
+    matrix : (3, 3)
+        Rows; dimensionless.
+    offset : (3,) in `unit`
+        What the sensor reads in zero field.
+    field_strength : float, in `unit`
+    field_strength_known : bool
+        It was given; otherwise the matrix has determinant 1 and this is the radius that results.
+    unit : str
+        ``uT``, or ``counts`` where the recording had no known unit.
+    rotation : str
+        ``symmetric``: not seen, set by convention; ``estimated`` by a fit that sees it; ``composed`` of others.
+    """
+
+    matrix: tuple[Triple, Triple, Triple]
+    offset: Triple
+    field_strength: Positive
+    field_strength_known: bool = False
+    unit: Literal["uT", "counts"]
+    rotation: Rotation = "symmetric"
+
+
+class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the raw readings were recorded.
+
+    Attributes
+    ----------
+    unit : str
+        The recording's own unit.
+    scale : float
+        What one of it is in the calibration's unit.
+    axes : str
+        Where each axis used comes from, such as ``x,-y,-z``.
+    sensor : str or None
+        Its name or serial number.
+    frame : str
+        The axes that corrected readings are in.
+    """
+
+    unit: Literal["uT", "mG", "G", "nT", "mT", "T", "counts"]
+    scale: Positive = 1.0
+    axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
+    sensor: str | None = None
+    frame: str = "sensor"
+
+
+class HeadingError(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The heading error to expect, in degrees.
+
+    Attributes
+    ----------
+    rms, worst : float, degrees
+        1 σ over all directions, and in the worst one.
+    dip_deg : float or None
+        Dip of the field it holds for.
+    target_deg : float or None
+        What was asked for.
+    """
+
+    rms: NotNegative
+    worst: NotNegative
+    dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None
+    target_deg: Positive | None = None
+
+
+class Finding(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Something to know about a fit: its number, the limit it is held against, what to do."""
+
+    code: str
+    severity: str
+    number: float | None = None
+    limit: float | None = None
+    advice: str = ""
+
+
+class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the calibration was found, and how far to trust it.
+
+    Attributes
+    ----------
+    method : str
+    samples : int
+        Readings used.
+    noise : float or None, in the calibration's unit
+        Standard deviation of one axis of one reading.
+    covariance_of : (K,) str
+        What the rows of `covariance` stand for, as `PARAMETERS`.
+    covariance : (K, K) or None
+        Symmetric, in squares and products of the calibration's unit.
+    verdict : str or None
+        ``good``, ``limited`` or ``refused``; None where it was not judged.
+    heading_error_deg : HeadingError or None
+    coverage : name to number
+    findings : of Finding
+    """
+
+    method: str
+    samples: Count
+    noise: NotNegative | None = None
+    covariance_of: tuple[str, ...] = PARAMETERS
+    covariance: tuple[tuple[float, ...], ...] | None = None
+    verdict: Literal["good", "limited", "refused"] | None = None
+    heading_error_deg: HeadingError | None = None
+    coverage: dict[str, float] = {}
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a covariance that does not belong to its names; called when a file is read."""
+        size = len(self.covariance_of)
+        rows = self.covariance
+        if rows is None:
+            return
+        if len(rows) != size or any(len(row) != size for row in rows):
+            raise ValueError(f"`covariance` needs {size} rows of {size}, as `covariance_of` has {size} names")
+        if any(rows[i][i] < 0 for i in range(size)):
+            raise ValueError("`covariance` has a negative variance on its diagonal")
+
+
+class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One recording that a calibration came from: its name, SHA-256, size and rows."""
+
+    name: str
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+    bytes: Count
+    rows: Count
+
+
+class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which release made a calibration, when, and from which recordings.
+
+    Attributes
+    ----------
+    flinders : str
+        Version.
+    date : datetime
+        With a time zone.
+    files : of SourceFile
+    """
+
+    flinders: str
+    date: Annotated[datetime, Meta(tz=True)]
+    files: tuple[SourceFile, ...] = ()
+
+
+class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="calibration"):
+    """A calibration file of Flinders.
+
+    Attributes
+    ----------
+    schema : int
+        Version of this layout.
+    calibration : Correction
+    raw : Recorded
+    fit : Fitted or None
+    provenance : Provenance or None
+    """
+
+    schema: Literal[1] = 1
+    calibration: Correction
+    raw: Recorded
+    fit: Fitted | None = None
+    provenance: Provenance | None = None
+
+
+def read(path: str | os.PathLike[str]) -> Document:
+    """Read a calibration file.
+
+    Raises
+    ------
+    DocumentError
+        For a file that cannot be opened, or is no calibration file that this release understands.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            text = file.read(LARGEST + 1)
+    except (OSError, ValueError) as error:
+        raise DocumentError(f"{path}: cannot be read: {_reason(error)}") from None
+    if len(text) > LARGEST:
+        raise DocumentError(f"{path}: more than {LARGEST // 2**20} MB is no calibration file: check the name")
+    return loads(text, source=os.fspath(path))
+
+
+def loads(text: str | bytes, *, source: str = "calibration") -> Document:
+    """Understand the text of a calibration file; `source` names it in messages.
+
+    Raises
+    ------
+    DocumentError
+        With the first thing that is wrong and where it stands.
+    """
+    content = _parse(text.encode() if isinstance(text, str) else text, source)
+    if not (isinstance(content, dict) and content.get("flinders") == "calibration"):
+        raise DocumentError(f'{source}: is JSON, but not a calibration file: lacks "flinders": "calibration"')
+    _refuse_other_schemas(content, source)
+    return _checked(content, source)
+
+
+def write(document: Document, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a calibration file, whole or not at all.
+
+    Raises
+    ------
+    DocumentError
+        For a document that could not be read again, such as one with NaN in it; nothing is written.
+    OutputExists
+        Where there is a file already, unless `force`.
+    OutputError
+        Where it cannot be written; says why and what to do.
+    """
+    write_text(dumps(document), path, force=force)
+
+
+def dumps(document: Document) -> str:
+    """Lay a document out as text: a matrix has a line for each row; numbers are read back to the bit.
+
+    Raises
+    ------
+    DocumentError
+        For values that the schema does not allow, NaN and infinity among them.
+    """
+    try:
+        content = msgspec.to_builtins(document, enc_hook=_plain)
+    except TypeError as error:
+        raise DocumentError(f"calibration: {error}") from None
+    for place in _gaps(content):
+        raise DocumentError(f"calibration: {place} is not finite: a calibration file holds finite numbers only")
+    return lay_out(msgspec.to_builtins(_checked(content, "calibration"))) + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """Describe the file as JSON Schema (2020-12); shipped as ``calibration.schema.json``.
+
+    >>> schema()["$defs"]["Document"]["required"]
+    ['flinders', 'schema', 'calibration', 'raw']
+    """
+    generated = msgspec.json.schema(Document)
+    for definition in generated["$defs"].values():
+        definition["description"] = definition["description"].partition("\n")[0]
+    required = generated["$defs"]["Document"]["required"]
+    required.insert(1, "schema")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **generated}
+
+
+def lay_out(value: object, indent: str = "") -> str:
+    """Write JSON for people: short groups on one line, a matrix one row a line, the rest indented.
+
+    >>> print(lay_out({"rows": [[1.5, 0.0], [-0.25, 1.0]], "names": ["a", "b"]}))
+    {
+      "rows": [
+        [ 1.5,  0.0],
+        [-0.25, 1.0]
+      ],
+      "names": ["a", "b"]
+    }
+    """
+    deeper = indent + "  "
+    if _is_matrix(value):
+        return _bracket("[]", _rows(value), deeper)
+    if _is_short(value):
+        return _text(value)
+    if isinstance(value, dict):
+        members = [f"{_text(key)}: {lay_out(member, deeper)}" for key, member in value.items()]
+        return _bracket("{}", members, deeper)
+    if isinstance(value, list | tuple):
+        return _bracket("[]", [lay_out(member, deeper) for member in value], deeper)
+    return _text(value)
+
+
+def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a text file through a temporary one beside it, so that no reader ever meets half of it.
+
+    A symbolic link stays, and what it points to is written; a file that is replaced keeps its permissions.
+
+    Raises
+    ------
+    OutputExists
+        Where there is a file already, unless `force`.
+    OutputError
+        Where it cannot be written; says why and what to do.
+    """
+    try:
+        target = Path(os.path.realpath(path))
+        permissions = _permissions(target, force=force)
+        temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
+        try:
+            _write_synced(temporary, text, permissions)
+            _publish(temporary, target, force=force)
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+    except FileExistsError:
+        raise OutputExists(path) from None
+    except FileNotFoundError:
+        raise OutputError(f"{path}: cannot be written: no such folder: create it, or check the name") from None
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{path}: cannot be written: {_reason(error)}") from None
+
+
+def _permissions(target: Path, *, force: bool) -> int | None:
+    """Look at what is there: its permissions if it may be replaced, None if there is nothing."""
+    try:
+        mode = target.lstat().st_mode
+    except FileNotFoundError:
+        return None
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "a directory")
+    if stat.S_ISLNK(mode):
+        raise OSError(errno.ELOOP, "a circle")
+    if not stat.S_ISREG(mode):
+        raise ValueError("it is a device or a pipe: give the name of a file")
+    if not force:
+        raise FileExistsError
+    if not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, "read-only")
+    return stat.S_IMODE(mode)
+
+
+def _write_synced(path: Path, text: str, permissions: int | None) -> None:
+    """Write a new file and wait until it is on the disk."""
+    with path.open("x", encoding="utf-8", newline="\n") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    if permissions is not None:
+        path.chmod(permissions)
+
+
+def _publish(temporary: Path, target: Path, *, force: bool) -> None:
+    """Give a finished file its name; without `force`, a file that appeared meanwhile is kept."""
+    if not force:
+        try:
+            target.hardlink_to(temporary)  # unlike a rename, refuses a name that is taken
+        except FileExistsError:
+            raise
+        except OSError:
+            pass  # a file system without hard links
+        else:
+            return
+    temporary.replace(target)
+
+
+REASONS: Final = {
+    errno.ENOENT: "no such file or folder: check the name",
+    errno.ENOTDIR: "a part of its path is a file, not a folder: check the name",
+    errno.EISDIR: "it is a directory: give the name of a file",
+    errno.EACCES: "no permission: change the permissions, or use another folder",
+    errno.EPERM: "no permission: change the permissions, or use another folder",
+    errno.EROFS: "the file system is read-only: use another folder",
+    errno.ENOSPC: "no space left on the disk: free some, or use another disk",
+    errno.EDQUOT: "the disk quota is used up: free some space, or use another disk",
+    errno.ENAMETOOLONG: "the name is too long: use a shorter one",
+    errno.ELOOP: "its symbolic links lead in a circle: give the name of a file",
+}
+"""What to do about an error of the operating system."""
+
+
+def _reason(error: OSError | ValueError) -> str:
+    """Say what is wrong with a path, and what to do."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return REASONS.get(error.errno, error.strerror or str(error))
+    return str(error)
+
+
+def _parse(text: bytes, source: str) -> object:
+    """Read any JSON; a byte order mark, which some editors add, is left out."""
+    text = text.removeprefix(b"\xef\xbb\xbf")
+    if not text.strip():
+        raise DocumentError(f"{source}: is empty: need a calibration file")
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        reason = _in_words(error)
+        hint = "the file was cut short" if "truncated" in reason else "need a calibration file"
+        raise DocumentError(f"{source}: cannot be read as JSON ({reason}): {hint}") from None
+
+
+def _refuse_other_schemas(content: dict[str, Any], source: str) -> None:
+    """Raise `DocumentError` unless the schema is one that this release reads."""
+    found = content.get("schema")
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+        raise DocumentError(f"{source}: schema is {_text(found)}, need a version from 1 to {VERSION}")
+    if found > VERSION:
+        provenance = content.get("provenance")
+        writer = provenance.get("flinders") if isinstance(provenance, dict) else None
+        needed = f"Flinders {writer} or newer" if isinstance(writer, str) else f"a Flinders that knows schema {found}"
+        raise DocumentError(
+            f"{source}: written in schema {found}, this Flinders reads up to {VERSION}: install {needed}"
+        )
+
+
+def _checked(content: object, source: str) -> Document:
+    """Turn plain values into a document, or say what the schema does not allow."""
+    try:
+        return msgspec.convert(content, Document)
+    except msgspec.ValidationError as error:
+        raise DocumentError(f"{source}: {_in_words(error)}") from None
+
+
+def _in_words(error: Exception) -> str:
+    """Put msgspec's message the other way round: the place first, then what is wrong there.
+
+    >>> _in_words(ValueError("Expected `array` of length 3, got 2 - at `$.calibration.offset`"))
+    'calibration.offset: expected array of length 3, got 2'
+    """
+    found, _, place = str(error).replace("JSON is malformed: ", "").partition(" - at `$")
+    found = (found[:1].lower() + found[1:]).replace("`", "")
+    place = place.rstrip("`").removeprefix(".")
+    return f"{place}: {found}" if place else found
+
+
+def _plain(value: object) -> object:
+    """Turn other libraries' numbers, such as NumPy's, into Python's."""
+    if isinstance(value, numbers.Integral):
+        return int(value)
+    if isinstance(value, numbers.Real):
+        return float(value)
+    raise TypeError(f"{type(value).__name__} cannot be written to a file")
+
+
+def _gaps(value: object, place: str = "") -> Iterator[str]:
+    """Yield the places of numbers that are not finite."""
+    if isinstance(value, float) and not math.isfinite(value):
+        yield place
+    elif isinstance(value, dict):
+        for key, member in value.items():
+            yield from _gaps(member, f"{place}.{key}".removeprefix("."))
+    elif isinstance(value, list | tuple):
+        for index, member in enumerate(value):
+            yield from _gaps(member, f"{place}[{index}]")
+
+
+def _is_group(value: object) -> bool:
+    return isinstance(value, dict | list | tuple)
+
+
+def _is_short(value: object) -> bool:
+    """A list of plain values, or a mapping of some that fits on a line."""
+    if isinstance(value, dict):
+        return not any(map(_is_group, value.values())) and len(_text(value)) <= WIDTH
+    return isinstance(value, list | tuple) and not any(map(_is_group, value))
+
+
+def _is_matrix(value: object) -> TypeGuard[Sequence[Sequence[float]]]:
+    """Rows of numbers, all of one length."""
+    if not (isinstance(value, list | tuple) and value and all(isinstance(row, list | tuple) and row for row in value)):
+        return False
+    same = len({len(row) for row in value}) == 1
+    return same and all(isinstance(entry, float | int) for row in value for entry in row)
+
+
+def _rows(matrix: Sequence[Sequence[float]]) -> list[str]:
+    """Write each row of a matrix, with decimal points one under the other."""
+    columns = [_aligned([_text(entry) for entry in column]) for column in zip(*matrix, strict=True)]
+    return [f"[{' '.join(row).rstrip(', ')}]" for row in zip(*columns, strict=True)]
+
+
+def _aligned(numbers: list[str]) -> list[str]:
+    """Put a comma behind each number and spaces around it, so that decimal points and next columns line up."""
+    ahead = [len(re.split(r"[.e]", number)[0]) for number in numbers]
+    indented = [f"{' ' * (max(ahead) - width)}{number}," for number, width in zip(numbers, ahead, strict=True)]
+    return [number.ljust(max(map(len, indented))) for number in indented]
+
+
+def _bracket(brackets: str, members: list[str], indent: str) -> str:
+    """Put members one a line between brackets; `indent` is that of the members."""
+    separator = f",\n{indent}"
+    return f"{brackets[0]}\n{indent}{separator.join(members)}\n{indent[:-2]}{brackets[1]}"
+
+
+def _text(value: object) -> str:
+    """Write a value as JSON on one line."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)

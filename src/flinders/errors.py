@@ -1,0 +1,182 @@
+"""One tree of errors: what was found, what is needed, what to do.
+
+::
+
+    FlindersError                    code              exit code
+    ├── UsageError                   usage             2    an option or argument cannot be used
+    │   ├── UnitError                unit              2    an unknown unit, or units that contradict each other
+    │   └── AxesError                axes              2    an axes mapping that is not a signed permutation
+    ├── InputError                   input             5    what was given cannot be read
+    │   ├── ArrayError               array             5    an array of the wrong shape or with gaps
+    │   ├── UnreadableInput          unreadable        5    a file that cannot be opened or decoded
+    │   ├── NoMagnetometer           no-magnetometer   5    a readable file without a magnetometer in it
+    │   └── DocumentError            document          5    a calibration file that is not one
+    ├── FitError                     fit               4    no calibration can be given from this recording
+    │   ├── TooFewSamples            too-few-samples   4
+    │   ├── StuckAxis                stuck-axis        4    an axis that never changes
+    │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
+    │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
+    │   └── Refused                  refused           4    a fit exists, its verdict is "refused"
+    └── OutputError                  output            6    the result cannot be written
+        └── OutputExists             output-exists     6    a file is there already
+
+Every error has a stable `code`, the `exit_code` with which the command line ends, and the numbers
+it speaks of as attributes. `FitError` carries `evidence`, a mapping of those numbers, so that a
+batch can store a refusal as a row.
+
+>>> error = TooFewSamples(found=5, needed=9, method="likelihood")
+>>> error.code, error.exit_code, error.evidence["found"]
+('too-few-samples', 4, 5)
+>>> print(error)
+5 usable readings, 'likelihood' needs at least 9: record for longer while turning the sensor through all directions
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class FlindersError(Exception):
+    """The root of the tree: catching it catches all that this package raises on purpose."""
+
+    code: ClassVar[str] = "flinders"
+    exit_code: ClassVar[int] = 70
+
+
+class UsageError(FlindersError):
+    """An option or argument that cannot be used."""
+
+    code, exit_code = "usage", 2
+
+
+class UnitError(UsageError):
+    """A unit that is not known, or units that contradict each other."""
+
+    code = "unit"
+
+
+class AxesError(UsageError):
+    """An axes mapping that is not a signed permutation of x, y and z."""
+
+    code = "axes"
+
+
+class InputError(FlindersError):
+    """Something that was given cannot be read."""
+
+    code, exit_code = "input", 5
+
+
+class ArrayError(InputError, ValueError):
+    """An array of the wrong shape, of the wrong kind, or with values that are not finite."""
+
+    code = "array"
+
+
+class UnreadableInput(InputError):
+    """A file that cannot be opened, decoded or made sense of."""
+
+    code = "unreadable"
+
+
+class NoMagnetometer(InputError):
+    """A readable recording in which no magnetometer was recognised."""
+
+    code = "no-magnetometer"
+
+
+class DocumentError(InputError):
+    """A calibration file that cannot be understood."""
+
+    code = "document"
+
+
+class FitError(FlindersError):
+    """No calibration can be given from this recording; `evidence` holds the numbers that say why."""
+
+    code, exit_code = "fit", 4
+
+    def __init__(self, message: str, **evidence: object) -> None:
+        self.evidence: Mapping[str, object] = evidence
+        super().__init__(message)
+
+
+class TooFewSamples(FitError):
+    """Fewer usable readings (`found`) than the method has unknowns (`needed`)."""
+
+    code = "too-few-samples"
+
+    def __init__(self, *, found: int, needed: int, method: str) -> None:
+        self.found, self.needed, self.method = found, needed, method
+        super().__init__(
+            f"{found:,} usable readings, {method!r} needs at least {needed:,}: "
+            "record for longer while turning the sensor through all directions",
+            found=found,
+            needed=needed,
+            method=method,
+        )
+
+
+class StuckAxis(FitError):
+    """Axes that have the same value in every reading (`axes`: their names; `values`: what they read)."""
+
+    code = "stuck-axis"
+
+    def __init__(self, axes: tuple[str, ...], values: tuple[float, ...]) -> None:
+        self.axes, self.values = axes, values
+        named = ", ".join(f"{axis} = {value:g}" for axis, value in zip(axes, values, strict=True))
+        super().__init__(
+            f"never changes in this recording: {named}. "
+            "Check the wiring and the columns, and turn the sensor about all three of its axes",
+            axes=axes,
+            values=values,
+        )
+
+
+class NotAnEllipsoid(FitError):
+    """The quadric that fits best is open (`eigenvalues` of its quadratic form, largest scaled to one)."""
+
+    code = "not-an-ellipsoid"
+
+    def __init__(self, eigenvalues: tuple[float, ...], method: str = "") -> None:
+        self.eigenvalues = eigenvalues
+        shape = ", ".join(f"{value:.3g}" for value in eigenvalues)
+        super().__init__(
+            f"the surface that fits these readings best is not closed (eigenvalues {shape}; all must be positive): "
+            "they cover too few directions. Turn the sensor upside down and onto each of its sides, "
+            "or fit with method='sphere'",
+            eigenvalues=eigenvalues,
+            method=method,
+        )
+
+
+class NeedsSamples(FitError):
+    """A method that looks at each reading was given their sums alone."""
+
+    code = "needs-samples"
+
+    def __init__(self, method: str) -> None:
+        super().__init__(
+            f"{method!r} looks at each reading and was given a Summary: "
+            "give it the readings, or use a method that needs only their sums, such as 'consistent'",
+            method=method,
+        )
+
+
+class OutputError(FlindersError):
+    """A result that cannot be written where it was asked for."""
+
+    code, exit_code = "output", 6
+
+
+class OutputExists(OutputError):
+    """A file that would have been overwritten."""
+
+    code = "output-exists"
+
+    def __init__(self, path: object) -> None:
+        self.path = path
+        super().__init__(f"{path} exists: give another name, or overwrite it with --force")

@@ -1,0 +1,55 @@
+"""Ways of finding the ellipsoid, one file each.
+
+What to use when
+----------------
+==============  =========  ==============================================================================
+method          unknowns   when
+==============  =========  ==============================================================================
+auto            9          always, unless there is a reason not to
+likelihood      9          to set the prior or switch off the bias correction
+consistent      9          there are only sums: a stream, a fleet, a saved summary
+li              9          parity with Magneto; something closed at any price
+algebraic       9          parity with NXP, MATLAB and MotionCal
+axes            6          unequal gains, no soft iron; few readings
+sphere          4          a bare sensor; a base line
+==============  =========  ==============================================================================
+
+Each file holds the formula, when to use it and when not, its source and an example. `METHODS` maps
+names to classes.
+
+>>> sorted(METHODS)
+['algebraic', 'auto', 'axes', 'consistent', 'li', 'likelihood', 'sphere']
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.estimators.algebraic import Algebraic, fit_error
+from flinders.estimators.auto import Auto
+from flinders.estimators.axes import Axes
+from flinders.estimators.consistent import Consistent
+from flinders.estimators.estimate import Estimate, Estimator, Readings
+from flinders.estimators.li import Li
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.sphere import Sphere
+
+METHODS: Final[dict[str, type[Estimator]]] = {
+    method.name: method for method in (Auto, Likelihood, Consistent, Li, Algebraic, Axes, Sphere)
+}
+"""Every method by name, the one to try first at the top."""
+
+__all__ = [
+    "METHODS",
+    "Algebraic",
+    "Auto",
+    "Axes",
+    "Consistent",
+    "Estimate",
+    "Estimator",
+    "Li",
+    "Likelihood",
+    "Readings",
+    "Sphere",
+    "fit_error",
+]

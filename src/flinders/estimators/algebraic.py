@@ -1,0 +1,101 @@
+"""Algebraic: the ellipsoid fit of NXP, MATLAB and MotionCal. Ten coefficients, one scale.
+
+Linear, fast and biased: noise makes the best quadric flatter than the ellipsoid, by an amount that
+grows with σ² and with what the recording leaves unseen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Final, Literal
+
+import numpy as np
+
+from flinders.arrays import Floats
+from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance, algebraic_noise
+from flinders.moments import Moments
+from flinders.quadric import Ellipsoid
+
+_TRACE_FREE: Final = np.concatenate(
+    [[[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], *np.zeros((7, 2))], np.eye(10)[:, 3:]], axis=1
+)
+_TRACE: Final = np.array([1.0, 1.0, 1.0, 0, 0, 0, 0, 0, 0, 0])
+
+
+@dataclass(frozen=True, slots=True)
+class Algebraic:
+    """General ellipsoid by least squares on the quadric's value.
+
+    Minimises ``Σ q(x)²``, ``q(x) = xᵀQx + l·x + d``, with one of these normalisations:
+
+    ``"trace"``
+        tr Q = 3: moving, turning and scaling the readings does the same to the answer. The default.
+    ``"unit"``
+        The ten coefficients have unit length after the mean is taken off and the readings are
+        divided by their root mean square distance from it.
+    ``"nxp"``
+        The same after taking the first reading off and dividing by 50: NXP's and Freescale's
+        ten-element calibration, MotionCal and MATLAB's ``magcal`` up to where they put the origin.
+
+    Use it for parity with those tools; for accuracy use `Consistent`, which costs as much and has
+    no bias, or `Likelihood`.
+
+    References
+    ----------
+    .. [1] NXP AN4246 rev. 4 and AN5019, ten-element calibration; J. Merayo et al. (2000).
+
+    Examples
+    --------
+    The documented example of MATLAB's ``magcal``: centre (−50, 20, 100), radii (30, 20, 50).
+
+    >>> directions = np.random.default_rng(1).normal(size=(40, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> found = Algebraic("nxp").estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
+    >>> found.centre.round(6), round(found.radius, 4)
+    (array([-50.,  20., 100.]), 31.0723)
+    """
+
+    normalisation: Literal["trace", "unit", "nxp"] = "trace"
+
+    name: ClassVar[str] = "algebraic"
+    unknowns: ClassVar[int] = 9
+    use: ClassVar[str] = "general ellipsoid as NXP, MATLAB and MotionCal fit it; biased by noise"
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit an ellipsoid.
+
+        Raises
+        ------
+        TooFewSamples, StuckAxis
+            See `Readings.require`.
+        NotAnEllipsoid
+            If the quadric is open.
+        """
+        readings.require(self.unknowns, self.name)
+        moments = readings.summary.moments
+        origin, scale = moments.mean, moments.spread
+        if self.normalisation == "nxp":
+            origin, scale = readings.summary.health.first, 50.0
+        scatter = moments.about(origin, scale)
+        coefficients = trace_fit(scatter) if self.normalisation == "trace" else np.linalg.eigh(scatter)[1][:, 0]
+        ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
+        noise = algebraic_noise(readings, ellipsoid, self.unknowns)
+        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
+
+
+def trace_fit(scatter: Floats) -> Floats:
+    """(10,) coefficients that minimise cᵀ M c with tr Q = 3."""
+    normal, right = _TRACE_FREE.T @ scatter @ _TRACE_FREE, -_TRACE_FREE.T @ scatter @ _TRACE
+    coefficients: Floats = _TRACE + _TRACE_FREE @ np.linalg.lstsq(normal, right, rcond=1e-15)[0]
+    return coefficients
+
+
+def fit_error(moments: Moments, ellipsoid: Ellipsoid) -> float:
+    """NXP's and MATLAB's fit error: √(mean (|y|² − B²)²) / 2B², y the corrected reading, B its ideal length.
+
+    A fraction of the field; about the relative noise. MotionCal prints it in percent.
+    """
+    scale = ellipsoid.radius
+    quadric = Ellipsoid(np.zeros(3), ellipsoid.shape / scale).as_quadric()
+    mean_square = float(quadric @ moments.about(ellipsoid.centre, scale) @ quadric) / moments.count
+    return 0.5 * float(np.sqrt(max(mean_square, 0.0)))

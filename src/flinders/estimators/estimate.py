@@ -1,0 +1,201 @@
+"""What an estimator looks at and what it gives back.
+
+>>> readings = Readings.of(np.random.default_rng(1).normal(size=(50, 3)))
+>>> len(readings.summary), readings.thinned(20).shape
+(50, (17, 3))
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
+
+import numpy as np
+
+from flinders.arrays import Floats
+from flinders.coverage import directions_of
+from flinders.errors import NeedsSamples, StuckAxis, TooFewSamples
+from flinders.quadric import Ellipsoid
+from flinders.samples import Recording, Samples
+from flinders.summary import Summary
+from flinders.terms import magnitude
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The sums of a recording, and the recording itself where it can be gone through again.
+
+    Attributes
+    ----------
+    summary : Summary
+    recording : Recording, optional
+        None where only the sums came: methods that need each reading then refuse.
+    """
+
+    summary: Summary
+    recording: Recording | None = None
+
+    @classmethod
+    def of(cls, source: Summary | Recording | ArrayLike) -> Self:
+        """Summarise whatever is given, in one pass."""
+        if isinstance(source, Summary):
+            return cls(source)
+        if hasattr(source, "blocks"):
+            whole = Summary.of(source) if isinstance(source, Samples) else Summary.through(source)
+            return cls(whole, source)
+        samples = Samples.of(source)
+        return cls(Summary.of(samples), samples)
+
+    def __len__(self) -> int:
+        return len(self.summary)
+
+    def blocks(self, method: str) -> Iterator[Floats]:
+        """Go through all readings.
+
+        Raises
+        ------
+        NeedsSamples
+            Where there are only sums.
+        """
+        if self.recording is None:
+            raise NeedsSamples(method)
+        if isinstance(self.recording, Samples):
+            yield self.recording.field
+            return
+        for block in self.recording.blocks():
+            yield block.field
+
+    def thinned(self, limit: int, method: str = "") -> Floats:
+        """Take at most about `limit` readings, spread evenly over the recording."""
+        stride = max(1, -(-len(self) // limit))
+        seen, kept = 0, []
+        for block in self.blocks(method):
+            kept.append(block[-seen % stride :: stride])
+            seen += len(block)
+        return kept[0] if len(kept) == 1 else np.concatenate(kept)
+
+    def require(self, unknowns: int, method: str) -> None:
+        """Refuse what no method can work with.
+
+        Raises
+        ------
+        TooFewSamples
+            Unless there are as many readings as unknowns.
+        StuckAxis
+            If an axis never changes.
+        """
+        if len(self) < unknowns:
+            raise TooFewSamples(found=len(self), needed=unknowns, method=method)
+        stuck = [axis for axis in range(3) if self.summary.health.extent[axis] == 0.0]
+        if stuck:
+            values = self.summary.health.lows.values
+            raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(float(values[axis]) for axis in stuck))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """An ellipsoid with its uncertainty.
+
+    Attributes
+    ----------
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular where a method holds some of them.
+    noise : float
+        Standard deviation of the distance from the ellipsoid, in the unit of the readings.
+    method : str
+        What was run in the end.
+    held : float
+        Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
+        it all, 1 where they say nothing.
+    """
+
+    ellipsoid: Ellipsoid
+    covariance: Floats
+    noise: float
+    method: str
+    held: float = 0.0
+
+
+class Estimator(Protocol):
+    """A way of finding an ellipsoid.
+
+    Attributes
+    ----------
+    name : str
+        What `flinders.fit(method=…)` calls it.
+    unknowns : int
+        What it finds, and so the least number of readings; the noise counts where it is found too.
+    use : str
+        When to use it, in one line.
+    """
+
+    name: ClassVar[str]
+    unknowns: ClassVar[int]
+    use: ClassVar[str]
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit.
+
+        Raises
+        ------
+        FitError
+            If these readings give no ellipsoid.
+        """
+
+
+EVERYTHING: Final = np.eye(9)
+"""Basis of the parameters of a fit without constraints."""
+
+AXES_ALIGNED: Final = np.eye(9)[:, :6]
+"""Basis of the parameters where the shape is diagonal."""
+
+SPHERICAL: Final = np.concatenate([np.eye(9)[:, :3], np.eye(9)[:, 3:6].sum(axis=1, keepdims=True)], axis=1)
+"""Basis of the parameters where the shape is a multiple of the identity."""
+
+
+def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> float:
+    """Standard deviation of the distance from an ellipsoid, from the sums alone.
+
+    With q(x) = |S⁻¹(x − b)|² − 1 and s ≈ q/|∇q| it is √(Σq² / Σ|∇q|²), corrected for the unknowns.
+    """
+    moments = readings.summary.moments
+    scale = ellipsoid.radius
+    scatter = moments.about(ellipsoid.centre, scale)
+    local = Ellipsoid(np.zeros(3), ellipsoid.shape / scale).as_quadric()
+    form = np.linalg.matrix_power(np.linalg.inv(ellipsoid.shape / scale), 4)
+    steepness = 4.0 * float(np.sum(form * scatter[6:9, 6:9]))
+    freedom = max(moments.count - unknowns, 1.0) / moments.count
+    return scale * float(np.sqrt(max(local @ scatter @ local, 0.0) / steepness / freedom))
+
+
+def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float, basis: Floats = EVERYTHING) -> Floats:
+    """(9, 9) covariance of a fit that minimises Σ q(x)², whatever its normalisation.
+
+    q = |∇q| s, so to first order such a fit is a least-squares fit of the distances s with weights
+    w = |∇q|², and its covariance is σ² N⁻¹ (Σ w² JJᵀ) N⁻¹ with N = Σ w JJᵀ: larger than that of the
+    likelihood, which weighs all distances alike. The sums run over the cells of the cloud.
+
+    Parameters
+    ----------
+    readings : Readings
+    ellipsoid : Ellipsoid
+    noise : float
+        In the unit of the readings.
+    basis : (9, k) float
+        The parameters that the method adjusts.
+    """
+    cloud = readings.summary.cloud
+    directions = directions_of(cloud.means, ellipsoid)
+    jacobian = magnitude.information(directions, ellipsoid) @ basis
+    gradients = np.linalg.solve(ellipsoid.shape, directions.T) * ellipsoid.radius
+    weights = np.einsum("ij,ij->j", gradients, gradients)
+    weighted = jacobian.T * (weights * cloud.counts)
+    normal = weighted @ jacobian
+    inverse = basis @ np.linalg.pinv(normal, rcond=1e-14, hermitian=True)
+    covariance: Floats = noise**2 * inverse @ ((weighted * weights) @ jacobian) @ inverse.T
+    return covariance

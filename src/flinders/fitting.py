@@ -1,0 +1,130 @@
+"""The use case: from readings to a judged `Fit`.
+
+>>> from flinders import simulate
+>>> found = fit(simulate.tumble(seed=1, n=500, motion="uniform").samples)
+>>> found.verdict, found.heading_error_deg.worst < 1.0
+('good', True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from flinders.axes import Axes
+from flinders.calibration import Calibration
+from flinders.coverage import Coverage
+from flinders.errors import UsageError
+from flinders.estimators import METHODS, Readings
+from flinders.heading import level_error
+from flinders.result import Fit, Refused
+from flinders.summary import Summary
+from flinders.units import Unit
+from flinders.verdict import judge
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.estimators import Estimate, Estimator
+    from flinders.samples import Recording
+
+
+def fit(
+    source: Recording | Summary | ArrayLike,
+    *,
+    method: str = "auto",
+    field_strength: float | None = None,
+    target_deg: float = 1.0,
+    dip_deg: float = 60.0,
+    unit: Unit | None = None,
+    axes: Axes | None = None,
+    sensor: str | None = None,
+    **options: Any,
+) -> Fit:
+    """Find the calibration, and say how far to trust it.
+
+    Parameters
+    ----------
+    source : Samples, Recording, Summary or (N, 3) array-like
+        Readings. A `Summary` is enough for the methods that need only sums; ``auto`` then is ``consistent``.
+    method : str
+        One of `flinders.estimators.METHODS`.
+    field_strength : float, optional
+        Length that corrected readings shall have: the strength of the field at the site, in the
+        unit of the readings. Without it the matrix has determinant 1 and the strength is the radius that results.
+    target_deg : float
+        Worst heading error that is good enough, in degrees.
+    dip_deg : float
+        Inclination of the field at the site.
+    unit, axes : Unit, Axes, optional
+        Of an array or a Summary; a recording brings its own.
+    sensor : str, optional
+        Name or serial number, kept with the calibration.
+    **options
+        Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
+
+    Raises
+    ------
+    FitError
+        If the readings give no ellipsoid; `Refused` carries the fit where there is one that cannot be trusted.
+    ArrayError
+        For readings of the wrong shape.
+    UsageError
+        For a method or option that does not exist, or numbers out of range.
+    """
+    if not target_deg > 0.0:
+        raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+    estimator = _estimator(method, options)
+    readings = Readings.of(source)
+    estimate = estimator.estimate(readings)
+    calibration = Calibration.from_ellipsoid(
+        estimate.ellipsoid.centre,
+        estimate.ellipsoid.shape,
+        field_strength=field_strength,
+        raw=unit or getattr(readings.recording, "unit", Unit.of()),
+        axes=axes or getattr(readings.recording, "axes", Axes()),
+        sensor=sensor,
+    )
+    fitted = _judged(estimate, readings.summary, calibration, target_deg, dip_deg)
+    if fitted.verdict == "refused":
+        raise Refused(fitted)
+    return fitted
+
+
+def _estimator(method: str, options: dict[str, Any]) -> Estimator:
+    """Look a method up and give it its options.
+
+    Raises
+    ------
+    UsageError
+        For a name or an option that does not exist.
+    """
+    if method not in METHODS:
+        raise UsageError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
+    try:
+        return METHODS[method](**options)
+    except TypeError:
+        known = ", ".join(getattr(METHODS[method], "__dataclass_fields__", {})) or "no options"
+        raise UsageError(f"{method} takes {known}; got {', '.join(options)}") from None
+
+
+def _judged(
+    estimate: Estimate, summary: Summary, calibration: Calibration, target_deg: float, dip_deg: float
+) -> Fit:
+    """Put together what is known and judge it."""
+    # A repeated reading is no new evidence.
+    repeated = len(summary) / max(len(summary) - summary.health.repeats, 1)
+    covariance = estimate.covariance * repeated
+    coverage = Coverage.through(summary.cloud, estimate.ellipsoid)
+    fitted = Fit(
+        calibration=calibration,
+        method=estimate.method,
+        covariance=covariance,
+        noise=estimate.noise,
+        samples=len(summary),
+        coverage=coverage,
+        heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=coverage.facing(dip_deg)),
+        target_deg=target_deg,
+        held=estimate.held,
+    )
+    return replace(fitted, findings=judge(fitted, summary.health))

@@ -1,0 +1,79 @@
+"""From an uncertain calibration to degrees of heading.
+
+>>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
+>>> offset_only = np.diag([0.25, 0.25, 0.25, 0, 0, 0, 0, 0, 0])
+>>> level_error(sphere, offset_only, dip_deg=60.0)     # 0.5 µT on a horizontal field of 25 µT
+HeadingError(rms=1.15°, worst=1.15°, dip=60°)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import UsageError
+from flinders.quadric import Ellipsoid, gathered
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+HEADINGS: Final = 72
+STEEPEST_DIP_DEG: Final = 89.0
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingError:
+    """What to expect of the heading of a level vehicle, 1 σ, its mean over all headings taken off.
+
+    Attributes
+    ----------
+    rms : float, degrees
+        Over all headings.
+    worst : float, degrees
+        At the worst heading.
+    dip_deg : float
+        Dip of the field for which it holds, positive where the field points along +z.
+    """
+
+    rms: float
+    worst: float
+    dip_deg: float
+
+    def __repr__(self) -> str:
+        return f"HeadingError(rms={self.rms:.2f}°, worst={self.worst:.2f}°, dip={self.dip_deg:g}°)"
+
+
+def level_error(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0) -> HeadingError:
+    """Carry the covariance of (b, S) over to the heading of a level vehicle.
+
+    With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected
+    reading's error δu = −S⁻¹(δb + δS u), the heading errs by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A
+    constant part is a matter of mounting, which a magnetometer cannot see, and is taken off.
+
+    Parameters
+    ----------
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit².
+    dip_deg : float
+        Inclination of the field at the site; negative in the south.
+
+    Raises
+    ------
+    UsageError
+        Within a degree of the magnetic poles, where there is no heading.
+    """
+    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
+        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
+    dip = np.deg2rad(dip_deg)
+    heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    level = np.cos(dip)
+    directions = np.stack([level * np.cos(heading), -level * np.sin(heading), np.full(HEADINGS, np.sin(dip))])
+    across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / level
+    gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
+    gradient -= gradient.mean(axis=0)
+    variance = np.einsum("ki,ij,kj->k", gradient, covariance, gradient).clip(min=0.0)
+    rms, worst = np.sqrt(variance.mean()), np.sqrt(variance.max())
+    return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))

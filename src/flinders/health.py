@@ -1,0 +1,202 @@
+"""What a recording says about itself before any fit: repeats, stuck axes, rails and jumps in time.
+
+None of it is a verdict; `flinders.verdict` turns these counts into findings. They add up in the
+order of recording, like everything a `Summary` holds.
+
+>>> Health.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
+1
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from flinders.arrays import Floats
+from flinders.samples import Samples
+
+if TYPE_CHECKING:
+    from flinders.samples import Skipped
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lows:
+    """The smallest value of each axis, and the readings that have exactly that value.
+
+    At a rail (a saturated axis) many readings share it while the other axes range widely; at the
+    end of a sphere few do, close together.
+
+    Attributes
+    ----------
+    values : (3,) float
+    counts : (3,) float
+        Readings that have that value.
+    least, most : (3, 3) float
+        Row i: smallest and largest reading, axis by axis, among those.
+    """
+
+    values: Floats = field(default_factory=lambda: np.full(3, np.inf))
+    counts: Floats = field(default_factory=lambda: np.zeros(3))
+    least: Floats = field(default_factory=lambda: np.full((3, 3), np.inf))
+    most: Floats = field(default_factory=lambda: np.full((3, 3), -np.inf))
+
+    @classmethod
+    def of(cls, readings: Floats) -> Self:
+        """Look at (N, 3) readings, N > 0."""
+        values = np.array([readings[:, axis].min() for axis in range(3)])
+        there = [readings[np.flatnonzero(readings[:, axis] == values[axis])] for axis in range(3)]
+        return cls(
+            values,
+            np.array([len(rows) for rows in there], float),
+            np.stack([rows.min(axis=0) for rows in there]),
+            np.stack([rows.max(axis=0) for rows in there]),
+        )
+
+    def __add__(self, other: Lows) -> Self:
+        values = np.minimum(self.values, other.values)
+        mine, theirs = (self.values == values), (other.values == values)
+        mine_too, theirs_too = mine[:, np.newaxis], theirs[:, np.newaxis]
+        return type(self)(
+            values,
+            self.counts * mine + other.counts * theirs,
+            np.minimum(np.where(mine_too, self.least, np.inf), np.where(theirs_too, other.least, np.inf)),
+            np.maximum(np.where(mine_too, self.most, -np.inf), np.where(theirs_too, other.most, -np.inf)),
+        )
+
+    @property
+    def beside(self) -> Floats:
+        """(3, 3) how far each axis ranges among the readings at the end of axis i."""
+        return self.most - self.least
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Time stamps of a recording.
+
+    Attributes
+    ----------
+    start, end : float, s
+        First and last; NaN without time.
+    longest_step : float, s
+        Largest step forward.
+    backward_steps : int
+        Steps that go back.
+    """
+
+    start: float = np.nan
+    end: float = np.nan
+    longest_step: float = 0.0
+    backward_steps: int = 0
+
+    @classmethod
+    def of(cls, time: Floats | None) -> Self:
+        """Look at (N,) times."""
+        if time is None or not len(time):
+            return cls()
+        steps = np.diff(time)
+        return cls(
+            float(time[0]), float(time[-1]), float(steps.max(initial=0.0)), int(np.count_nonzero(steps < 0.0))
+        )
+
+    def __add__(self, other: Clock) -> Self:
+        """`other` comes after this."""
+        if np.isnan(self.start) or np.isnan(other.start):
+            known = other if np.isnan(self.start) else self
+            return replace(self, start=known.start, end=known.end, longest_step=known.longest_step,
+                           backward_steps=known.backward_steps)  # fmt: skip
+        step = other.start - self.end
+        return type(self)(
+            self.start,
+            other.end,
+            max(self.longest_step, other.longest_step, step),
+            self.backward_steps + other.backward_steps + (step < 0.0),
+        )
+
+    @property
+    def seconds(self) -> float:
+        """From the first to the last; NaN without time."""
+        return self.end - self.start
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Health:
+    """Counts over a recording.
+
+    Attributes
+    ----------
+    rows : int
+        Usable readings.
+    repeats : int
+        Readings equal to the one before in all three axes.
+    first, last : (3,) float
+        The first and the last reading; NaN where there is none.
+    lows : Lows
+        The low end of each axis.
+    highs : Lows
+        The high end: the low end of the readings with their sign changed.
+    clock : Clock
+        What the time stamps say.
+    skipped : tuple of Skipped
+        Rows left out while reading.
+    """
+
+    rows: int = 0
+    repeats: int = 0
+    first: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    last: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    lows: Lows = field(default_factory=Lows)
+    highs: Lows = field(default_factory=Lows)
+    clock: Clock = Clock()
+    skipped: tuple[Skipped, ...] = ()
+
+    @classmethod
+    def of(cls, samples: Samples) -> Self:
+        """Look at one recording, or one block of it."""
+        readings = samples.field
+        if not len(readings):
+            return cls(skipped=samples.skipped)
+        return cls(
+            rows=len(readings),
+            repeats=_repeats(readings),
+            first=readings[0].copy(),
+            last=readings[-1].copy(),
+            lows=Lows.of(readings),
+            highs=Lows.of(-readings),
+            clock=Clock.of(samples.time),
+            skipped=samples.skipped,
+        )
+
+    def __add__(self, other: Health) -> Self:
+        """`other` was recorded after this."""
+        return type(self)(
+            rows=self.rows + other.rows,
+            repeats=self.repeats + other.repeats + int(np.array_equal(self.last, other.first)),
+            first=self.first if self.rows else other.first,
+            last=other.last if other.rows else self.last,
+            lows=self.lows + other.lows,
+            highs=self.highs + other.highs,
+            clock=self.clock + other.clock,
+            skipped=_merged(self.skipped, other.skipped),
+        )
+
+    @property
+    def extent(self) -> Floats:
+        """(3,) range of each axis."""
+        return -self.highs.values - self.lows.values
+
+
+def _repeats(readings: Floats) -> int:
+    """How many readings equal the one before."""
+    same = np.flatnonzero(readings[1:, 0] == readings[:-1, 0])
+    return int(np.count_nonzero((readings[same + 1, 1:] == readings[same, 1:]).all(axis=1))) if len(same) else 0
+
+
+def _merged(some: tuple[Skipped, ...], more: tuple[Skipped, ...]) -> tuple[Skipped, ...]:
+    """Add up what was skipped for the same reason."""
+    by_reason = {skipped.reason: skipped for skipped in some}
+    for skipped in more:
+        known = by_reason.get(skipped.reason)
+        by_reason[skipped.reason] = known + skipped if known else skipped
+    return tuple(by_reason.values())

@@ -1,0 +1,215 @@
+"""Sums of powers of a cloud of field vectors: all that an ellipsoid fit needs, in 35 numbers.
+
+A quadric fit looks at readings only through the sums of their monomials up to degree four. Sums
+add, so halves of a log, processes of a batch and units of a fleet merge in any order, and a fit
+costs the same after a minute as after a year.
+
+>>> cloud = np.random.default_rng(1).normal(size=(100, 3))
+>>> whole = Moments.of(cloud)
+>>> parts = Moments.of(cloud[:40]) + Moments.of(cloud[40:])
+>>> np.allclose(parts.sums, whole.sums)
+True
+>>> whole.count, np.allclose(whole.mean, cloud.mean(axis=0))
+(100.0, True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.arrays import Floats, column, table
+from flinders.samples import BLOCK
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+EXPONENTS: Final = np.array(sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=lambda e: (sum(e), e[::-1])))
+"""(35, 3) int: the powers (i, j, k) of each sum: 1, x, y, z, x², xy, y², xz, yz, z², … in order of degree."""
+
+DEGREES: Final = EXPONENTS.sum(axis=1)
+
+FORMS: Final = np.array(
+    [(2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)]
+)
+"""(10, 3) int: the monomials of a quadric, x², y², z², xy, xz, yz, x, y, z, 1."""
+
+TWICE: Final = np.array([1, 1, 1, 2, 2, 2, 1, 1, 1, 1.0])
+"""Mixed terms count twice in xᵀQx."""
+
+SMALLEST_UNIT: Final = 2.0**-1000
+
+_INDEX: Final = {tuple(e): i for i, e in enumerate(EXPONENTS.tolist())}
+_PRODUCT: Final = np.array([[_INDEX[tuple(row)] for row in np.add(form, FORMS).tolist()] for form in FORMS])
+_FIRST: Final = np.array([int(np.flatnonzero(_PRODUCT.ravel() == i)[0]) for i in range(35)])
+_DOUBLED: Final = np.outer(TWICE, TWICE)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moments:
+    """Weighted sums of xⁱyʲzᵏ for i + j + k ≤ 4, about zero.
+
+    Attributes
+    ----------
+    sums : (35,) float
+        In the order of `EXPONENTS`; the first is the total weight.
+    unit : float
+        Readings are divided by it before powers are taken. A power of two at least as large as
+        any reading, so dividing is exact, no power overflows, and moments in unlike units are
+        brought to the larger exactly.
+    """
+
+    sums: Floats
+    unit: float = SMALLEST_UNIT
+
+    @classmethod
+    def empty(cls) -> Self:
+        """The sums of no readings: the identity of ``+``."""
+        return cls(np.zeros(35))
+
+    @classmethod
+    def of(cls, field: ArrayLike, *, weight: ArrayLike | None = None) -> Self:
+        """Add up a cloud.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            Raw readings in any unit.
+        weight : (N,) array-like, optional
+            Relative weight of each reading; one by default.
+
+        Raises
+        ------
+        ArrayError
+            For a wrong shape or values that are not finite.
+        """
+        readings = table(field)
+        weights = None if weight is None else column(weight, len(readings), "weight")
+        if not len(readings):
+            return cls.empty()
+        unit = power_of_two_above(max(float(readings.max()), -float(readings.min())))
+        sums = np.zeros(35)
+        for start in range(0, len(readings), BLOCK):
+            rows = slice(start, start + BLOCK)
+            sums += _block_sums(readings[rows].T / unit, None if weights is None else weights[rows])
+        return cls(sums, unit)
+
+    def __add__(self, other: Moments) -> Self:
+        unit = max(self.unit, other.unit)
+        return replace(self, sums=self._in(unit) + other._in(unit), unit=unit)
+
+    def __sub__(self, other: Moments) -> Self:
+        """Take readings away again that were added before."""
+        return self + other * -1.0
+
+    def __mul__(self, factor: float) -> Self:
+        """Weigh all readings alike: a factor below one, once a block, forgets exponentially."""
+        return replace(self, sums=self.sums * factor)
+
+    @property
+    def count(self) -> float:
+        """The total weight; the number of readings where none was given."""
+        return float(self.sums[0])
+
+    @property
+    def mean(self) -> Floats:
+        """(3,) mean reading."""
+        return self.sums[1:4] / self.sums[0] * self.unit
+
+    @property
+    def spread(self) -> float:
+        """Root mean square distance of the readings from their mean."""
+        centred = self.about(self.mean, self.unit)
+        return float(np.sqrt(max(np.trace(centred[6:9, 6:9]), 0.0) / self.sums[0]) * self.unit)
+
+    def about(self, origin: ArrayLike, scale: float) -> Floats:
+        """Scatter matrix of the ten monomials of a quadric, seen from elsewhere.
+
+        With z = (x − origin)/scale and φ(z) = (z₁², z₂², z₃², 2z₁z₂, 2z₁z₃, 2z₂z₃, z₁, z₂, z₃, 1) it
+        returns Σ w φφᵀ. φ of a shifted vector is linear in φ of the vector, so no reading is needed
+        again. The shift cancels digits: with the origin at m times the radius of the cloud it loses
+        about m⁴ · 10⁻¹⁵ of the result (measured against exact arithmetic in ``tests/truth/test_moments.py``).
+
+        Parameters
+        ----------
+        origin : (3,) array-like
+            In the unit of the readings.
+        scale : float
+            In the unit of the readings.
+
+        Returns
+        -------
+        (10, 10) float
+        """
+        shift = _shift(np.asarray(origin, float) / self.unit, scale / self.unit)
+        return shift @ self.sums[_PRODUCT] @ shift.T * _DOUBLED
+
+    def _in(self, unit: float) -> Floats:
+        """The sums in a larger unit, exact."""
+        return self.sums if unit == self.unit else self.sums * (self.unit / unit) ** DEGREES
+
+    def __repr__(self) -> str:
+        return f"Moments({self.count:g} readings about {np.array2string(self.mean, precision=4)})" if self.count else "Moments()"
+
+
+def packed(scatter: Floats) -> Floats:
+    """(35,) moments out of a (10, 10) scatter matrix of `Moments.about`: each product once."""
+    sums: Floats = (scatter / _DOUBLED).ravel()[_FIRST]
+    return sums
+
+
+def unpacked(sums: Floats) -> Floats:
+    """(10, 10) scatter matrix of (35,) moments."""
+    return sums[_PRODUCT] * _DOUBLED
+
+
+def power_of_two_above(value: float) -> float:
+    """The smallest power of two that is at least `value` (and not too small to divide by)."""
+    return float(max(2.0 ** np.ceil(np.log2(value)), SMALLEST_UNIT)) if value > SMALLEST_UNIT else SMALLEST_UNIT
+
+
+def _block_sums(scaled: Floats, weight: Floats | None) -> Floats:
+    """(35,) sums of one block of scaled readings (3, m).
+
+    A 10 × 6 product holds all sums of degree two and more: monomials times the quadratic ones.
+    """
+    monomials = np.empty((10, scaled.shape[1]))
+    monomials[0] = 1.0
+    monomials[1:4] = scaled
+    np.multiply(scaled, scaled, out=monomials[4:7])
+    np.multiply(scaled[0], scaled[1:], out=monomials[7:9])
+    np.multiply(scaled[1], scaled[2], out=monomials[9])
+    weighted = monomials if weight is None else monomials * weight
+    sums = np.empty(35)
+    sums[:4] = weighted[:4].sum(axis=1)
+    sums[4:] = (weighted @ monomials[4:].T).ravel()[_FROM_BLOCK]
+    return sums
+
+
+_BLOCK_FORMS: Final = FORMS[[9, 6, 7, 8, 0, 1, 2, 3, 4, 5]]
+_FROM_BLOCK: Final = np.array(
+    [
+        next(
+            row * 6 + col
+            for row, col in product(range(10), range(6))
+            if (_BLOCK_FORMS[row] + _BLOCK_FORMS[4 + col] == exponents).all()
+        )
+        for exponents in EXPONENTS[4:]
+    ]
+)
+
+
+def _shift(origin: Floats, scale: float) -> Floats:
+    """(10, 10) matrix that turns the monomials of x (unscaled mixed terms) into those of (x − origin)/scale."""
+    x, y, z = origin
+    shift = np.eye(10)
+    shift[:6, 9] = x * x, y * y, z * z, x * y, x * z, y * z
+    shift[0, 6], shift[1, 7], shift[2, 8] = -2 * x, -2 * y, -2 * z
+    shift[3, 6], shift[3, 7] = -y, -x
+    shift[4, 6], shift[4, 8] = -z, -x
+    shift[5, 7], shift[5, 8] = -z, -y
+    shift[6:9, 9] = -origin
+    return shift * (float(scale) ** -FORMS.sum(axis=1, dtype=float))[:, np.newaxis]

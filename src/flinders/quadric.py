@@ -1,0 +1,126 @@
+"""Ten coefficients of a quadric, and the ellipsoid they stand for: geometry only.
+
+A quadric is the set of x with xᵀQx + lᵀx + d = 0. Its coefficients are kept in the order
+
+    Q₁₁, Q₂₂, Q₃₃, Q₁₂, Q₁₃, Q₂₃, l₁, l₂, l₃, d
+
+beside the monomials x², y², z², 2xy, 2xz, 2yz, x, y, z, 1.
+
+>>> ellipsoid = Ellipsoid(np.array([1.0, 2.0, 3.0]), np.diag([4.0, 5.0, 6.0]))
+>>> Ellipsoid.from_quadric(ellipsoid.as_quadric()).isclose(ellipsoid)
+True
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.errors import NotAnEllipsoid
+
+from flinders.arrays import Floats
+
+GATHER: Final = np.zeros((12, 9))
+"""(12, 9): v and the nine products v_i u_j, gathered into coefficients of δb and of a symmetric δS."""
+
+GATHER[[0, 1, 2], [0, 1, 2]] = 1.0
+GATHER[[3, 7, 11, 4, 6, 5, 9, 8, 10], [3, 4, 5, 6, 6, 7, 7, 8, 8]] = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ellipsoid:
+    """The points centre + shape · u for all unit vectors u.
+
+    Attributes
+    ----------
+    centre : (3,) float
+    shape : (3, 3) float
+        Symmetric and positive definite: its eigenvalues are the semi-axes. An ellipsoid fixes it
+        only up to a rotation on the right; the symmetric root turns no direction on average.
+    """
+
+    centre: Floats
+    shape: Floats
+
+    @classmethod
+    def from_quadric(cls, coefficients: Floats, *, method: str = "") -> Self:
+        """Take the ellipsoid out of ten coefficients, of either sign.
+
+        Raises
+        ------
+        NotAnEllipsoid
+            If the quadric is open, imaginary or not finite: each eigenvalue is looked at, not the determinant.
+        """
+        form, linear, constant = symmetric(coefficients[:6]), coefficients[6:9], coefficients[9]
+        if not np.all(np.isfinite(coefficients)):
+            raise NotAnEllipsoid((float("nan"),) * 3, method)
+        if np.trace(form) < 0:
+            form, linear, constant = -form, -linear, -constant
+        eigenvalues, vectors = np.linalg.eigh(form)
+        if not eigenvalues[0] > 1e-12 * abs(eigenvalues[2]):
+            raise _open(eigenvalues, method)
+        centre = vectors @ (vectors.T @ linear / (-2.0 * eigenvalues))
+        level = centre @ form @ centre - constant
+        if not level > 0:
+            raise _open(-eigenvalues, method)
+        return cls(centre, (vectors * np.sqrt(level / eigenvalues)) @ vectors.T)
+
+    def as_quadric(self) -> Floats:
+        """(10,) coefficients, scaled so that xᵀQx + lᵀx + d = |shape⁻¹(x − centre)|² − 1."""
+        root = np.linalg.inv(self.shape)
+        form = root @ root
+        linear = form @ self.centre
+        return np.concatenate([upper(form), -2.0 * linear, [self.centre @ linear - 1.0]])
+
+    def in_frame(self, origin: Floats, scale: float) -> Self:
+        """The same surface where x = origin + scale · z, z being what it was given in."""
+        return type(self)(origin + scale * self.centre, scale * self.shape)
+
+    @property
+    def radius(self) -> float:
+        """Geometric mean of the semi-axes."""
+        return float(np.cbrt(np.linalg.det(self.shape)))
+
+    @property
+    def semi_axes(self) -> Floats:
+        """(3,) semi-axes, ascending."""
+        return np.linalg.eigvalsh(self.shape)
+
+    def isclose(self, other: Ellipsoid, rtol: float = 1e-9) -> bool:
+        """The same surface to a fraction of its radius."""
+        tolerance = rtol * self.radius
+        return bool(
+            np.allclose(self.centre, other.centre, rtol=0, atol=tolerance)
+            and np.allclose(self.shape, other.shape, rtol=0, atol=tolerance)
+        )
+
+    def __repr__(self) -> str:
+        centre = ", ".join(f"{value:.6g}" for value in self.centre)
+        axes = ", ".join(f"{value:.6g}" for value in self.semi_axes)
+        return f"Ellipsoid(centre=({centre}), semi_axes=({axes}))"
+
+
+def symmetric(entries: Floats) -> Floats:
+    """(3, 3) symmetric matrix of its entries 11, 22, 33, 12, 13, 23."""
+    xx, yy, zz, xy, xz, yz = entries
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def upper(matrix: Floats) -> Floats:
+    """(6,) entries 11, 22, 33, 12, 13, 23 of a (3, 3) symmetric matrix."""
+    entries: Floats = matrix.ravel()[[0, 4, 8, 1, 2, 5]]
+    return entries
+
+
+def gathered(vectors: Floats, directions: Floats) -> Floats:
+    """(K, 9) coefficients of v·δb + vᵀ δS u in (δb, δS₁₁, δS₂₂, δS₃₃, δS₁₂, δS₁₃, δS₂₃), for (3, K) v and u."""
+    rows = np.concatenate([vectors, (vectors[:, np.newaxis] * directions).reshape(9, -1)])
+    coefficients: Floats = rows.T @ GATHER
+    return coefficients
+
+
+def _open(eigenvalues: Floats, method: str) -> NotAnEllipsoid:
+    largest = float(np.abs(eigenvalues).max()) or 1.0
+    return NotAnEllipsoid(tuple(float(value) / largest for value in eigenvalues), method)

@@ -1,0 +1,263 @@
+"""Readings of a magnetometer, with what was recorded beside them.
+
+`Samples` is what every reader yields and every fit takes: columns of equal length, in known units
+and axes. A `Recording` is anything that yields the same blocks of samples each time it is asked:
+a file on disk, several files of one sensor, or `Samples` themselves; fits go over it as often as
+they need without holding it in memory.
+
+>>> samples = Samples.of([[0.2, 0.1, -0.4], [0.3, 0.0, -0.3]], unit="G")
+>>> samples.field[0], samples.unit.inside
+(array([ 20.,  10., -40.]), 'uT')
+>>> len(samples), [len(block) for block in samples.blocks()]
+(2, [2])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+
+from flinders.arrays import Floats, column, table
+from flinders.axes import Axes
+from flinders.errors import UnitError
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import ArrayLike
+
+BLOCK: Final = 8192
+"""Rows worked on at a time: long enough for the arithmetic to dominate, short enough for the cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """Rows of a recording that could not be used.
+
+    Attributes
+    ----------
+    reason : str
+        ``"not finite"`` or ``"unreadable"``.
+    rows : int
+        How many.
+    lines : tuple of int
+        Numbers of the first few lines of the file, or rows of the array, counted from 1.
+    example : str
+        What the first of them says, cut short.
+    """
+
+    reason: str
+    rows: int
+    lines: tuple[int, ...] = ()
+    example: str = ""
+
+    def __add__(self, other: Skipped) -> Skipped:
+        """Count both; they must have the same reason."""
+        return replace(self, rows=self.rows + other.rows, lines=(self.lines + other.lines)[:10])
+
+    def __str__(self) -> str:
+        lines = ", ".join(str(line) for line in self.lines[:3]) + (", …" if self.rows > 3 else "")
+        example = f": {self.example!r}" if self.example else ""
+        return f"{self.rows:,} {self.reason} row{'s' * (self.rows != 1)} (line {lines}{example})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Columns of one recording, or of a stretch of it.
+
+    Attributes
+    ----------
+    field : (N, 3) float, in `unit.inside`
+        Raw readings, in `axes`.
+    unit : Unit
+        What the recording was written in, and what `field` is in now.
+    axes : Axes
+        How the recorded axes were turned before they became `field`; acceleration and rate alike.
+    time : (N,) float, s, optional
+        Ascending where the recording is sound.
+    acceleration : (N, 3) float, optional
+        Specific force in any unit: a level sensor at rest with z down reads −g on z.
+    rate : (N, 3) float, rad/s, optional
+        Angular rate of the body.
+    temperature : (N,) float, °C, optional
+    current : (N,) float, A, optional
+    source : str
+        Where it came from, for messages.
+    skipped : tuple of Skipped
+        What was left out while reading.
+    """
+
+    field: Floats
+    unit: Unit = field(default_factory=Unit.of)
+    axes: Axes = Axes()
+    time: Floats | None = None
+    acceleration: Floats | None = None
+    rate: Floats | None = None
+    temperature: Floats | None = None
+    current: Floats | None = None
+    source: str = "array"
+    skipped: tuple[Skipped, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        field: ArrayLike,
+        *,
+        unit: str | Unit = "counts",
+        scale: float | None = None,
+        axes: str | Axes = "x,y,z",
+        time: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        rate: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
+        current: ArrayLike | None = None,
+        source: str = "array",
+    ) -> Samples:
+        """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            Raw readings in `unit`.
+        unit : str or Unit
+            ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``.
+        scale : float, optional
+            Microtesla in one count; only with ``counts``.
+        axes : str or Axes
+            Where each new axis comes from, such as ``"x,-y,-z"``.
+        time, acceleration, rate, temperature, current : array-like, optional
+            As the attributes of the same name; acceleration and rate in the recorded axes.
+
+        Raises
+        ------
+        ArrayError
+            For a wrong shape, or columns of unequal length.
+        UnitError, AxesError
+            For a unit or mapping that is not known.
+        """
+        unit = unit if isinstance(unit, Unit) else Unit.of(unit, scale)
+        axes = axes if isinstance(axes, Axes) else Axes.of(axes)
+        raw = table(field, finite=False)
+        rows = len(raw)
+        samples = cls(
+            field=axes.apply(raw if unit.scale == 1.0 else raw * unit.scale),
+            unit=unit,
+            axes=axes,
+            time=None if time is None else column(time, rows, "time"),
+            acceleration=None if acceleration is None else axes.apply(_beside(acceleration, rows, "acceleration")),
+            rate=None if rate is None else axes.apply(_beside(rate, rows, "rate")),
+            temperature=None if temperature is None else column(temperature, rows, "temperature"),
+            current=None if current is None else column(current, rows, "current"),
+            source=source,
+        )
+        return samples._without_gaps()
+
+    def __len__(self) -> int:
+        return len(self.field)
+
+    def __getitem__(self, rows: slice | Floats | Sequence[int]) -> Samples:
+        """Take some rows: a slice is a view, an index or mask a copy."""
+        return replace(
+            self,
+            field=self.field[rows],
+            time=None if self.time is None else self.time[rows],
+            acceleration=None if self.acceleration is None else self.acceleration[rows],
+            rate=None if self.rate is None else self.rate[rows],
+            temperature=None if self.temperature is None else self.temperature[rows],
+            current=None if self.current is None else self.current[rows],
+        )
+
+    def blocks(self, rows: int = BLOCK) -> Iterator[Samples]:
+        """Yield the rows in order, so many at a time, as views."""
+        for start in range(0, len(self), rows):
+            yield self[start : start + rows]
+
+    def _without_gaps(self) -> Samples:
+        """Leave out the rows whose field is not finite, and note which they were."""
+        # A sum is finite whenever all its terms are: one pass settles the usual case.
+        with np.errstate(over="ignore", invalid="ignore"):
+            if np.isfinite(self.field.sum()):
+                return self
+        whole = np.isfinite(self.field).all(axis=1)
+        if whole.all():
+            return self
+        rows = np.flatnonzero(~whole)
+        noted = Skipped("not finite", len(rows), tuple(int(row) + 1 for row in rows[:10]))
+        return replace(self[whole], skipped=(*self.skipped, noted))
+
+
+class Recording(Protocol):
+    """Blocks of samples that can be gone through again and again."""
+
+    @property
+    def source(self) -> str:
+        """Where it comes from, for messages."""
+
+    @property
+    def unit(self) -> Unit:
+        """What it is written in."""
+
+    @property
+    def axes(self) -> Axes:
+        """How its axes are turned."""
+
+    def blocks(self) -> Iterator[Samples]:
+        """Start again from the first block; all blocks have the same unit, axes and columns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Several recordings of one sensor, one after the other.
+
+    Attributes
+    ----------
+    recordings : tuple of Recording
+        At least one; all in one unit and one set of axes.
+
+    Raises
+    ------
+    UnitError
+        If one is in µT and another in counts.
+    """
+
+    recordings: tuple[Recording, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse recordings whose numbers do not belong together."""
+        first = self.recordings[0]
+        for other in self.recordings[1:]:
+            if other.unit.inside != first.unit.inside:
+                raise UnitError(
+                    f"{other.source} is in {other.unit.inside}, {first.source} in {first.unit.inside}: "
+                    "give --unit (and --scale for counts) so that all are in one unit"
+                )
+
+    @property
+    def source(self) -> str:
+        """The sources, joined."""
+        return " + ".join(recording.source for recording in self.recordings)
+
+    @property
+    def unit(self) -> Unit:
+        """That of the first."""
+        return self.recordings[0].unit
+
+    @property
+    def axes(self) -> Axes:
+        """Those of the first."""
+        return self.recordings[0].axes
+
+    def blocks(self) -> Iterator[Samples]:
+        """Yield the blocks of each in turn."""
+        for recording in self.recordings:
+            yield from recording.blocks()
+
+
+def _beside(values: ArrayLike, rows: int, name: str) -> Floats:
+    """Let through an (N, 3) column that stands beside N readings; its gaps are its own affair."""
+    array = table(values, name, finite=False)
+    column(array[:, 0], rows, name)
+    return array

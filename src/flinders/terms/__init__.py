@@ -1,0 +1,13 @@
+"""Observation terms of the likelihood: each gives residuals and their Jacobian as normal equations.
+
+A calibration is the most probable set of parameters
+
+    θ = (b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃)
+
+where raw = b + S u + noise, u is a unit vector and S symmetric: S = F W⁻¹, all nine in the unit of
+the readings. Each term adds a 9 × 9 matrix Σ JᵀJ and a vector Σ Jᵀr to `NormalEquations`; terms
+know nothing of each other, and the solver knows nothing of what they observe.
+
+- `magnitude`: every corrected reading has the same length (always)
+- `prior`: soft iron is mild unless the readings say otherwise
+"""

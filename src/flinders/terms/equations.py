@@ -1,0 +1,57 @@
+"""Normal equations of a least-squares step: what every observation term adds to.
+
+>>> one = NormalEquations(np.eye(9), np.arange(9.0), 2.0, 3)
+>>> (one + one).step()[:3], (one + one).count
+(array([0., 1., 2.]), 6)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """Sums over residuals r with Jacobian J = −∂r/∂θ.
+
+    Attributes
+    ----------
+    matrix : (9, 9) float
+        Σ JᵀJ.
+    gradient : (9,) float
+        Σ Jᵀr.
+    cost : float
+        Σ r².
+    count : int
+        Residuals added up.
+    """
+
+    matrix: Floats
+    gradient: Floats
+    cost: float
+    count: int
+
+    @classmethod
+    def empty(cls) -> Self:
+        """No residuals."""
+        return cls(np.zeros((9, 9)), np.zeros(9), 0.0, 0)
+
+    def __add__(self, other: NormalEquations) -> Self:
+        return type(self)(
+            self.matrix + other.matrix, self.gradient + other.gradient, self.cost + other.cost, self.count + other.count
+        )
+
+    def step(self) -> Floats:
+        """(9,) change of θ that solves the equations; the smallest one where they leave it open."""
+        scale = np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
+        scaled = self.matrix / np.outer(scale, scale)
+        try:
+            return np.linalg.solve(scaled, self.gradient / scale) / scale
+        except np.linalg.LinAlgError:
+            return np.linalg.lstsq(scaled, self.gradient / scale, rcond=1e-12)[0] / scale

@@ -1,0 +1,148 @@
+"""The field has the same strength whichever way the sensor points.
+
+A reading x has y = S⁻¹(x − b), which would be a unit vector u without noise. Its distance from the
+ellipsoid, to first order and in the unit of the readings, is the Sampson distance
+
+    s = (|y| − 1) / |S⁻¹ y/|y||
+
+With the surface normal n = S⁻¹u/|S⁻¹u| a change of parameters moves the surface towards x by
+n·δb + nᵀ δS u: that is the Jacobian. It is evaluated at the first-order foot point of x on the
+ellipsoid, where it carries no noise of first order.
+
+What remains is of second order: the surface is curved, so noise pushes readings outwards on
+average, by E[s] = ½ σ² ∇²s. `curvature` gives Σ J ½∇²s for the solver to subtract; without it the
+likelihood is biased, by many times its own uncertainty on long recordings.
+
+Source: P. D. Sampson (1982), Computer Graphics and Image Processing 18; bias of estimating
+equations as in Kukush, Markovsky, Van Huffel (2004) §2.
+
+>>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
+>>> distances(np.array([[50.5, 0.0, 0.0], [0.0, 49.0, 0.0]]), sphere)
+array([ 0.5, -1. ])
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.quadric import GATHER, Ellipsoid, gathered
+from flinders.samples import BLOCK
+from flinders.terms.equations import NormalEquations
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from flinders.arrays import Floats
+
+# Rows of a block are n, n_i u_j and s; the last column of the products belongs to s.
+_GATHER: Final = np.zeros((13, 10))
+_GATHER[:12, :9] = GATHER
+_GATHER[12, 9] = 1.0
+
+
+def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid, *, exact: bool = False) -> NormalEquations:
+    """Add up the normal equations over blocks of readings.
+
+    Parameters
+    ----------
+    blocks : iterable of (m, 3) float
+        Raw readings.
+    ellipsoid : Ellipsoid
+        Where to linearise.
+    exact : bool
+        Take the gradient of Σ s² itself instead of the foot-point estimating equation: its root is
+        the minimum of the Sampson cost that other software reports.
+    """
+    inverse = np.linalg.inv(ellipsoid.shape)
+    total = np.zeros((10, 10))
+    count = 0
+    for block in blocks:
+        for start in range(0, len(block), BLOCK):
+            rows = _rows(block[start : start + BLOCK], ellipsoid.centre, inverse, exact=exact)
+            total += _GATHER.T @ (rows @ rows.T) @ _GATHER
+            count += rows.shape[1]
+    return NormalEquations(total[:9, :9], total[:9, 9], float(total[9, 9]), count)
+
+
+def distances(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(N,) Sampson distances of (N, 3) readings, outside positive, in their unit."""
+    inverse = np.linalg.inv(ellipsoid.shape)
+    return _distances(inverse @ (readings - ellipsoid.centre).T, inverse)[0]
+
+
+def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(9,) Σ J ½∇²s over (N, 3) readings: times σ², what noise adds to the gradient on average.
+
+    On the surface ∇²s = (tr K − k₁)/√k₁ − 2 (k₂ − k₁²)/k₁^{3/2} with K = S⁻², k₁ = uᵀKu, k₂ = |Ku|².
+    """
+    inverse = np.linalg.inv(ellipsoid.shape)
+    metric = inverse @ inverse
+    u = inverse @ (readings - ellipsoid.centre).T
+    u /= _lengths(u)
+    normal = inverse @ u
+    bent = metric @ u
+    k1, k2 = _dot(normal, normal), _dot(bent, bent)
+    steepness = np.sqrt(k1)
+    laplacian = (np.trace(metric) - k1) / steepness - 2.0 * (k2 - k1 * k1) / (k1 * steepness)
+    normal *= 0.5 * laplacian / steepness
+    gradient: Floats = np.concatenate([normal.sum(axis=1), (normal @ u.T).ravel()]) @ GATHER
+    return gradient
+
+
+def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(K, 9) Jacobian J at (K, 3) unit directions u: the distance that each parameter moves the surface there."""
+    normals = np.linalg.solve(ellipsoid.shape, directions.T)
+    normals /= _lengths(normals)
+    return gathered(normals, directions.T)
+
+
+def _rows(readings: Floats, centre: Floats, inverse: Floats, *, exact: bool) -> Floats:
+    """(13, m): normal n, the products n_i u_j, and s, for one block."""
+    rows = np.empty((13, len(readings)))
+    y = inverse @ (readings - centre).T
+    s, unit, normal, steepness, length = _distances(y, inverse)
+    if exact:
+        _exact_gradient(rows, s, unit, normal, steepness, length, inverse)
+    else:
+        foot = y - inverse @ normal * s
+        foot /= _lengths(foot)
+        normal = inverse @ foot
+        normal /= _lengths(normal)
+        rows[:3] = normal
+        np.multiply(normal[:, np.newaxis], foot, out=rows[3:12].reshape(3, 3, -1))
+    rows[12] = s
+    return rows
+
+
+def _exact_gradient(
+    rows: Floats, s: Floats, unit: Floats, normal: Floats, steepness: Floats, length: Floats, inverse: Floats
+) -> None:
+    """Fill rows 0–11 with −∂s/∂(b, S) at the readings themselves."""
+    turned = inverse @ normal
+    tangent = inverse @ (turned - unit * _dot(unit, turned)) / steepness
+    rows[:3] = normal - tangent * (s / length)
+    grid = rows[3:12].reshape(3, 3, -1)
+    np.multiply(normal[:, np.newaxis] * length, unit, out=grid)
+    grid -= s * (turned[:, np.newaxis] * normal + tangent[:, np.newaxis] * unit)
+
+
+def _distances(y: Floats, inverse: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """s (m,), u (3, m), n (3, m), |S⁻¹u| (m,) and |y| (m,) of y = S⁻¹(x − b), (3, m)."""
+    length = _lengths(y)
+    unit = y / length
+    normal = inverse @ unit
+    steepness = _lengths(normal)
+    normal /= steepness
+    return (length - 1.0) / steepness, unit, normal, steepness, length
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    products: Floats = np.einsum("ij,ij->j", a, b)
+    return products
+
+
+def _lengths(vectors: Floats) -> Floats:
+    """(m,) lengths of (3, m) vectors; a vector of no length counts as very short, so that dividing is safe."""
+    return np.maximum(np.sqrt(_dot(vectors, vectors)), 1e-150)

@@ -1,0 +1,47 @@
+"""Soft iron is mild unless the readings say otherwise.
+
+Where a recording leaves a direction unseen, nothing but experience speaks for the shape there.
+The prior says that the departure of S/R from the identity (R the mean semi-axis) is about
+`spread`, alike in all directions:
+
+    cost = |dev(S)/R|² / (2 spread²)
+
+with dev(S) = S − R·1 and the Frobenius norm, so that each off-diagonal entry has the standard
+deviation `spread`. It says nothing of the centre and nothing of the size. With readings all around
+it has no effect worth a digit; where they are missing it lets the fit fall back to "no soft iron
+there" with an uncertainty of that size.
+
+>>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
+>>> round(equations(sphere, spread=0.3).cost, 12)
+0.0
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.quadric import Ellipsoid, upper
+from flinders.terms.equations import NormalEquations
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+SPREAD: Final = 0.3
+"""Default departure of the scaled matrix from the identity: the soft iron of ordinary mountings, and more."""
+
+# Deviator of the entries 11, 22, 33, 12, 13, 23; an off-diagonal entry stands twice in the matrix.
+_DEVIATOR: Final = np.zeros((6, 6))
+_DEVIATOR[:3, :3] = np.eye(3) - 1.0 / 3.0
+_DEVIATOR[3:, 3:] = np.sqrt(2.0) * np.eye(3)
+
+
+def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquations:
+    """Give the prior's normal equations, its residuals in standard deviations."""
+    entries = upper(ellipsoid.shape)
+    scale = np.sqrt(2.0) * spread * float(entries[:3].mean())
+    residual: Floats = _DEVIATOR @ entries / scale
+    jacobian = np.zeros((6, 9))
+    jacobian[:, 3:] = -_DEVIATOR / scale
+    return NormalEquations(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 0)

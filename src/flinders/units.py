@@ -1,0 +1,87 @@
+"""Units of a magnetic field, and how a recording's own unit becomes microtesla at the door.
+
+Inside Flinders a field is in µT wherever the recording's unit is known. A recording in raw counts
+without a stated scale stays in ``"counts"``, and nothing claims µT for it.
+
+>>> Unit.of("mG")
+Unit(name='mG', scale=0.1, inside='uT')
+>>> Unit.of("counts", scale=0.15)                     # 0.15 µT for each count
+Unit(name='counts', scale=0.15, inside='uT')
+>>> Unit.of("counts")
+Unit(name='counts', scale=1.0, inside='counts')
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from flinders.errors import UnitError
+
+MICROTESLA: Final = "uT"
+COUNTS: Final = "counts"
+
+PER_UNIT: Final = {"uT": 1.0, "mG": 0.1, "G": 100.0, "nT": 1e-3, "mT": 1e3, "T": 1e6}
+"""Microtesla in one of each unit."""
+
+SPELLINGS: Final = {
+    "ut": "uT", "µt": "uT", "μt": "uT", "microtesla": "uT", "microteslas": "uT",
+    "mg": "mG", "mgauss": "mG", "milligauss": "mG",
+    "g": "G", "gs": "G", "ga": "G", "gauss": "G",
+    "nt": "nT", "nanotesla": "nT", "gamma": "nT",
+    "mt": "mT", "millitesla": "mT", "t": "T", "tesla": "T",
+    "counts": "counts", "count": "counts", "lsb": "counts", "raw": "counts",
+}  # fmt: skip
+"""Lower-case spellings, both code points of µ among them, and the name each stands for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """The unit a recording is written in.
+
+    Attributes
+    ----------
+    name : str
+        ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``.
+    scale : float
+        What one of it is, in the unit used inside.
+    inside : str
+        ``uT``, or ``counts`` where no scale is known.
+    """
+
+    name: str
+    scale: float
+    inside: str
+
+    @classmethod
+    def of(cls, name: str = COUNTS, scale: float | None = None) -> Unit:
+        """Look a unit up by any of its spellings.
+
+        Parameters
+        ----------
+        name : str
+            As a person or a file header writes it: ``µT``, ``uT``, ``mGauss``, ``LSB`` …
+        scale : float, optional
+            Microtesla in one count; only for counts.
+
+        Raises
+        ------
+        UnitError
+            For a name that is not known, a scale that is not positive, or a scale for a unit that has its own.
+        """
+        known = SPELLINGS.get(name.strip().casefold())
+        if known is None:
+            raise UnitError(f"unit {name!r} is not known: use one of {', '.join((*PER_UNIT, COUNTS))}")
+        if scale is not None and not (math.isfinite(scale) and scale > 0):
+            raise UnitError(f"scale is {scale:g}: need a positive number of microtesla a count")
+        if known == COUNTS:
+            return cls(COUNTS, 1.0, COUNTS) if scale is None else cls(COUNTS, float(scale), MICROTESLA)
+        if scale is not None:
+            raise UnitError(f"{known} has a scale of its own: give --scale only with counts")
+        return cls(known, PER_UNIT[known], MICROTESLA)
+
+
+def label(inside: str) -> str:
+    """Write a unit the way a person reads it: ``µT`` or ``counts``."""
+    return "µT" if inside == MICROTESLA else inside
