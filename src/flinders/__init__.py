@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from flinders import errors as errors
@@ -57,14 +57,15 @@ _HOMES: Final = {
 __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name == "__version__":
         return version("flinders")
     if name not in _HOMES:
         raise AttributeError(f"module 'flinders' has no attribute {name!r}")
     home = _HOMES[name]
     module = import_module(f"flinders.{home or name}")
-    return getattr(module, name) if home else module
+    found: object = getattr(module, name) if home else module
+    return found
 
 
 def __dir__() -> list[str]:

@@ -9,7 +9,7 @@ flinders.errors.ArrayError: field has shape (2, 2): need (..., 3), one x, y, z t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,10 @@ from flinders.errors import ArrayError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-Floats: TypeAlias = NDArray[np.float64]
-"""An array of double-precision numbers; its shape and unit are in the docstring that uses it."""
+Floats: TypeAlias = NDArray[np.floating[Any]]
+"""An array of double-precision numbers (of a solution of equations NumPy's types say no more than "floating").
+
+Its shape and unit are in the docstring that uses it."""
 
 
 def floats(values: ArrayLike, name: str = "values") -> Floats:

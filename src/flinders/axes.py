@@ -74,4 +74,6 @@ class Axes:
         return recorded if self.is_identity else recorded[..., list(self.order)] * np.array(self.signs, float)
 
     def __str__(self) -> str:
-        return ",".join(("-" if sign < 0 else "") + NAMES[index] for index, sign in zip(self.order, self.signs, strict=True))
+        return ",".join(
+            ("-" if sign < 0 else "") + NAMES[index] for index, sign in zip(self.order, self.signs, strict=True)
+        )

@@ -15,7 +15,7 @@ directions it covered and to weigh a fit, however long it was.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,9 @@ MAX_CELLS: Final = 4096
 _BITS: Final = 21
 _REACH: Final = 1 << (_BITS - 1)
 _DENSE: Final = 1 << 17
+
+
+_Columns: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,11 +99,11 @@ class Cloud:
         if not len(other):
             return self
         if not len(self):
-            return replace(self, **{name: getattr(other, name) for name in self.__slots__})
+            return type(self)(other.side, *other._columns)
         side = max(self.side, other.side)
         a, b = self._coarsened(side), other._coarsened(side)
-        joined = [np.concatenate([getattr(a, name), getattr(b, name)]) for name in ("keys", "counts", "sums", "first", "last")]
-        return replace(self, side=side, **dict(zip(_COLUMNS, _gathered(*joined), strict=True)))._bounded()
+        keys, counts, sums, first, last = (np.concatenate(pair) for pair in zip(a._columns, b._columns, strict=True))
+        return type(self)(side, *_gathered(keys, counts, sums, first, last))._bounded()
 
     def __mul__(self, factor: float) -> Self:
         """Weigh all readings alike."""
@@ -110,6 +113,10 @@ class Cloud:
     def means(self) -> Floats:
         """(K, 3) mean reading of each cell."""
         return self.sums / self.counts[:, np.newaxis]
+
+    @property
+    def _columns(self) -> _Columns:
+        return self.keys, self.counts, self.sums, self.first, self.last
 
     def _bounded(self) -> Self:
         cloud = self
@@ -123,14 +130,10 @@ class Cloud:
             return self
         halvings = int(np.round(np.log2(side / self.side)))
         keys = _pack((_unpack(self.keys) - _REACH >> min(halvings, _BITS)) + _REACH)
-        gathered = _gathered(keys, self.counts, self.sums, self.first, self.last)
-        return replace(self, side=side, **dict(zip(_COLUMNS, gathered, strict=True)))
+        return type(self)(side, *_gathered(keys, *self._columns[1:]))
 
     def __repr__(self) -> str:
         return f"Cloud({self.counts.sum():g} readings in {len(self)} cells of {self.side:g})"
-
-
-_COLUMNS: Final = ("keys", "counts", "sums", "first", "last")
 
 
 def natural_side(field: Floats) -> float:
@@ -146,9 +149,7 @@ def natural_side(field: Floats) -> float:
     return float(2.0 ** np.round(np.log2(size / 12.0))) if np.isfinite(size) and size > 1e-290 else 1.0
 
 
-def _sort_in(
-    readings: Floats, time: Floats | None, side: float
-) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
+def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:
     """Columns of one block: keys, counts, sums, first, last."""
     axes = np.ascontiguousarray(readings.T)
     places = axes * (1.0 / side) + _REACH
@@ -169,20 +170,19 @@ def _sort_in(
     else:
         keys, flat, found = np.unique(_pack(indices), return_inverse=True, return_counts=True)
         size, cells = len(keys), np.arange(len(keys))
-    counts = found[cells].astype(float)
-    sums = np.stack([np.bincount(flat, weights=axis, minlength=size)[cells] for axis in axes], axis=1)
+    counts: Floats = found[cells].astype(float)
+    sums: Floats = np.stack([np.bincount(flat, weights=axis, minlength=size)[cells] for axis in axes], axis=1)
     if time is None:
-        unknown = np.full(len(cells), np.nan)
+        unknown: Floats = np.full(len(cells), np.nan)
         return keys, counts, sums, unknown, unknown
-    first, last = np.empty(size), np.empty(size)
+    first: Floats = np.empty(size)
+    last: Floats = np.empty(size)
     first[flat[::-1]] = time[::-1]
     last[flat] = time
     return keys, counts, sums, first[cells], last[cells]
 
 
-def _gathered(
-    keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floats, last: Floats
-) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
+def _gathered(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floats, last: Floats) -> _Columns:
     """Add up rows that have the same key."""
     order = np.argsort(keys, kind="stable")
     keys = keys[order]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flinders.arrays import Floats
 
@@ -101,11 +102,13 @@ def directions_of(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(K, 3) unit vectors of (K, 3) readings after correction."""
     corrected = np.linalg.solve(ellipsoid.shape, (readings - ellipsoid.centre).T).T
     lengths = np.sqrt(np.einsum("ij,ij->i", corrected, corrected))
-    return corrected / np.where(lengths > 0.0, lengths, 1.0)[:, np.newaxis]
+    directions: Floats = corrected / np.where(lengths > 0.0, lengths, 1.0)[:, np.newaxis]
+    return directions
 
 
-def cells_of(directions: Floats) -> Floats:
+def cells_of(directions: Floats) -> NDArray[np.int64]:
     """(K,) index of the cell that each unit vector falls into."""
     band = np.searchsorted(-_EDGES, -directions[:, 2])
     turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2.0 * np.pi) % 1.0
-    return _STARTS[band] + np.minimum((turn * _BANDS[band]).astype(int), _BANDS[band] - 1)
+    cells: NDArray[np.int64] = _STARTS[band] + np.minimum((turn * _BANDS[band]).astype(int), _BANDS[band] - 1)
+    return cells

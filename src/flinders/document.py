@@ -34,15 +34,11 @@ or newer
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import json
 import math
 import numbers
 import os
 import re
-import secrets
-import stat
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard
@@ -50,7 +46,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, Typ
 import msgspec
 from msgspec import Meta, Struct
 
-from flinders.errors import DocumentError, OutputError, OutputExists
+from flinders.errors import DocumentError
+from flinders.files import reason, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -256,7 +253,7 @@ def read(path: str | os.PathLike[str]) -> Document:
         with Path(path).open("rb") as file:
             text = file.read(LARGEST + 1)
     except (OSError, ValueError) as error:
-        raise DocumentError(f"{path}: cannot be read: {_reason(error)}") from None
+        raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
     if len(text) > LARGEST:
         raise DocumentError(f"{path}: more than {LARGEST // 2**20} MB is no calibration file: check the name")
     return loads(text, source=os.fspath(path))
@@ -346,101 +343,6 @@ def lay_out(value: object, indent: str = "") -> str:
     if isinstance(value, list | tuple):
         return _bracket("[]", [lay_out(member, deeper) for member in value], deeper)
     return _text(value)
-
-
-def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a text file through a temporary one beside it, so that no reader ever meets half of it.
-
-    A symbolic link stays, and what it points to is written; a file that is replaced keeps its permissions.
-
-    Raises
-    ------
-    OutputExists
-        Where there is a file already, unless `force`.
-    OutputError
-        Where it cannot be written; says why and what to do.
-    """
-    try:
-        target = Path(os.path.realpath(path))
-        permissions = _permissions(target, force=force)
-        temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
-        try:
-            _write_synced(temporary, text, permissions)
-            _publish(temporary, target, force=force)
-        finally:
-            with contextlib.suppress(OSError):
-                temporary.unlink()
-    except FileExistsError:
-        raise OutputExists(path) from None
-    except FileNotFoundError:
-        raise OutputError(f"{path}: cannot be written: no such folder: create it, or check the name") from None
-    except (OSError, ValueError) as error:
-        raise OutputError(f"{path}: cannot be written: {_reason(error)}") from None
-
-
-def _permissions(target: Path, *, force: bool) -> int | None:
-    """Look at what is there: its permissions if it may be replaced, None if there is nothing."""
-    try:
-        mode = target.lstat().st_mode
-    except FileNotFoundError:
-        return None
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(errno.EISDIR, "a directory")
-    if stat.S_ISLNK(mode):
-        raise OSError(errno.ELOOP, "a circle")
-    if not stat.S_ISREG(mode):
-        raise ValueError("it is a device or a pipe: give the name of a file")
-    if not force:
-        raise FileExistsError
-    if not os.access(target, os.W_OK):
-        raise PermissionError(errno.EACCES, "read-only")
-    return stat.S_IMODE(mode)
-
-
-def _write_synced(path: Path, text: str, permissions: int | None) -> None:
-    """Write a new file and wait until it is on the disk."""
-    with path.open("x", encoding="utf-8", newline="\n") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    if permissions is not None:
-        path.chmod(permissions)
-
-
-def _publish(temporary: Path, target: Path, *, force: bool) -> None:
-    """Give a finished file its name; without `force`, a file that appeared meanwhile is kept."""
-    if not force:
-        try:
-            target.hardlink_to(temporary)  # unlike a rename, refuses a name that is taken
-        except FileExistsError:
-            raise
-        except OSError:
-            pass  # a file system without hard links
-        else:
-            return
-    temporary.replace(target)
-
-
-REASONS: Final = {
-    errno.ENOENT: "no such file or folder: check the name",
-    errno.ENOTDIR: "a part of its path is a file, not a folder: check the name",
-    errno.EISDIR: "it is a directory: give the name of a file",
-    errno.EACCES: "no permission: change the permissions, or use another folder",
-    errno.EPERM: "no permission: change the permissions, or use another folder",
-    errno.EROFS: "the file system is read-only: use another folder",
-    errno.ENOSPC: "no space left on the disk: free some, or use another disk",
-    errno.EDQUOT: "the disk quota is used up: free some space, or use another disk",
-    errno.ENAMETOOLONG: "the name is too long: use a shorter one",
-    errno.ELOOP: "its symbolic links lead in a circle: give the name of a file",
-}
-"""What to do about an error of the operating system."""
-
-
-def _reason(error: OSError | ValueError) -> str:
-    """Say what is wrong with a path, and what to do."""
-    if isinstance(error, OSError) and error.errno is not None:
-        return REASONS.get(error.errno, error.strerror or str(error))
-    return str(error)
 
 
 def _parse(text: bytes, source: str) -> object:

@@ -76,13 +76,15 @@ def fit(
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     estimator = _estimator(method, options)
     readings = Readings.of(source)
+    if readings.recording is not None:
+        unit, axes = unit or readings.recording.unit, axes or readings.recording.axes
     estimate = estimator.estimate(readings)
     calibration = Calibration.from_ellipsoid(
         estimate.ellipsoid.centre,
         estimate.ellipsoid.shape,
         field_strength=field_strength,
-        raw=unit or getattr(readings.recording, "unit", Unit.of()),
-        axes=axes or getattr(readings.recording, "axes", Axes()),
+        raw=unit or Unit.of(),
+        axes=axes or Axes(),
         sensor=sensor,
     )
     fitted = _judged(estimate, readings.summary, calibration, target_deg, dip_deg)
@@ -108,9 +110,7 @@ def _estimator(method: str, options: dict[str, Any]) -> Estimator:
         raise UsageError(f"{method} takes {known}; got {', '.join(options)}") from None
 
 
-def _judged(
-    estimate: Estimate, summary: Summary, calibration: Calibration, target_deg: float, dip_deg: float
-) -> Fit:
+def _judged(estimate: Estimate, summary: Summary, calibration: Calibration, target_deg: float, dip_deg: float) -> Fit:
     """Put together what is known and judge it."""
     # A repeated reading is no new evidence.
     repeated = len(summary) / max(len(summary) - summary.health.repeats, 1)
@@ -127,4 +127,4 @@ def _judged(
         target_deg=target_deg,
         held=estimate.held,
     )
-    return replace(fitted, findings=judge(fitted, summary.health))
+    return replace(fitted, findings=judge(fitted, summary))

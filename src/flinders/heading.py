@@ -65,15 +65,46 @@ def level_error(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60
     UsageError
         Within a degree of the magnetic poles, where there is no heading.
     """
-    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
-        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
-    dip = np.deg2rad(dip_deg)
-    heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
-    level = np.cos(dip)
-    directions = np.stack([level * np.cos(heading), -level * np.sin(heading), np.full(HEADINGS, np.sin(dip))])
-    across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / level
+    heading, directions = level_turn(dip_deg)
+    across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / np.cos(np.deg2rad(dip_deg))
     gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
     gradient -= gradient.mean(axis=0)
     variance = np.einsum("ki,ij,kj->k", gradient, covariance, gradient).clip(min=0.0)
     rms, worst = np.sqrt(variance.mean()), np.sqrt(variance.max())
     return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))
+
+
+def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> HeadingError:
+    """What the heading of a level vehicle errs by if its readings are used as they come.
+
+    The heading of b + S u(ψ) less ψ, its mean taken off. Where the offset is larger than the
+    horizontal field the raw heading does not even go round, and the error reaches 180°.
+
+    Raises
+    ------
+    UsageError
+        Within a degree of the magnetic poles.
+    """
+    heading, directions = level_turn(dip_deg)
+    readings = ellipsoid.centre[:, np.newaxis] + ellipsoid.shape @ directions
+    errors = np.exp(1j * (np.arctan2(-readings[1], readings[0]) - heading))
+    mean = errors.mean()
+    errors = np.angle(errors / (mean / abs(mean) if abs(mean) > 0.0 else 1.0))
+    rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
+    return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))
+
+
+def level_turn(dip_deg: float) -> tuple[Floats, Floats]:
+    """(72,) headings ψ and (3, 72) unit fields u(ψ) that a level vehicle meets in a full turn.
+
+    Raises
+    ------
+    UsageError
+        Within a degree of the magnetic poles.
+    """
+    if not abs(dip_deg) <= STEEPEST_DIP_DEG:
+        raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
+    dip = np.deg2rad(dip_deg)
+    heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    level = np.cos(dip)
+    return heading, np.stack([level * np.cos(heading), -level * np.sin(heading), np.full(HEADINGS, np.sin(dip))])

@@ -96,9 +96,7 @@ class Clock:
         if time is None or not len(time):
             return cls()
         steps = np.diff(time)
-        return cls(
-            float(time[0]), float(time[-1]), float(steps.max(initial=0.0)), int(np.count_nonzero(steps < 0.0))
-        )
+        return cls(float(time[0]), float(time[-1]), float(steps.max(initial=0.0)), int(np.count_nonzero(steps < 0.0)))
 
     def __add__(self, other: Clock) -> Self:
         """`other` comes after this."""

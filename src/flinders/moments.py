@@ -27,7 +27,9 @@ from flinders.samples import BLOCK
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-EXPONENTS: Final = np.array(sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=lambda e: (sum(e), e[::-1])))
+EXPONENTS: Final = np.array(
+    sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=lambda e: (sum(e), e[::-1]))
+)
 """(35, 3) int: the powers (i, j, k) of each sum: 1, x, y, z, x², xy, y², xz, yz, z², … in order of degree."""
 
 DEGREES: Final = EXPONENTS.sum(axis=1)
@@ -117,13 +119,21 @@ class Moments:
     @property
     def mean(self) -> Floats:
         """(3,) mean reading."""
-        return self.sums[1:4] / self.sums[0] * self.unit
+        mean: Floats = self.sums[1:4] / self.sums[0] * self.unit
+        return mean
 
     @property
     def spread(self) -> float:
         """Root mean square distance of the readings from their mean."""
         centred = self.about(self.mean, self.unit)
         return float(np.sqrt(max(np.trace(centred[6:9, 6:9]), 0.0) / self.sums[0]) * self.unit)
+
+    @property
+    def principal_variances(self) -> Floats:
+        """(3,) variances of the readings along their principal axes, ascending."""
+        centred = self.about(self.mean, self.unit)
+        variances: Floats = np.linalg.eigvalsh(centred[6:9, 6:9]).clip(min=0.0) / self.sums[0] * self.unit**2
+        return variances
 
     def about(self, origin: ArrayLike, scale: float) -> Floats:
         """Scatter matrix of the ten monomials of a quadric, seen from elsewhere.
@@ -145,14 +155,19 @@ class Moments:
         (10, 10) float
         """
         shift = _shift(np.asarray(origin, float) / self.unit, scale / self.unit)
-        return shift @ self.sums[_PRODUCT] @ shift.T * _DOUBLED
+        scatter: Floats = shift @ self.sums[_PRODUCT] @ shift.T * _DOUBLED
+        return scatter
 
     def _in(self, unit: float) -> Floats:
         """The sums in a larger unit, exact."""
         return self.sums if unit == self.unit else self.sums * (self.unit / unit) ** DEGREES
 
     def __repr__(self) -> str:
-        return f"Moments({self.count:g} readings about {np.array2string(self.mean, precision=4)})" if self.count else "Moments()"
+        return (
+            f"Moments({self.count:g} readings about {np.array2string(self.mean, precision=4)})"
+            if self.count
+            else "Moments()"
+        )
 
 
 def packed(scatter: Floats) -> Floats:
@@ -163,7 +178,8 @@ def packed(scatter: Floats) -> Floats:
 
 def unpacked(sums: Floats) -> Floats:
     """(10, 10) scatter matrix of (35,) moments."""
-    return sums[_PRODUCT] * _DOUBLED
+    scatter: Floats = sums[_PRODUCT] * _DOUBLED
+    return scatter
 
 
 def power_of_two_above(value: float) -> float:
@@ -212,4 +228,5 @@ def _shift(origin: Floats, scale: float) -> Floats:
     shift[4, 6], shift[4, 8] = -z, -x
     shift[5, 7], shift[5, 8] = -z, -y
     shift[6:9, 9] = -origin
-    return shift * (float(scale) ** -FORMS.sum(axis=1, dtype=float))[:, np.newaxis]
+    scaled: Floats = shift * (float(scale) ** -FORMS.sum(axis=1, dtype=float))[:, np.newaxis]
+    return scaled

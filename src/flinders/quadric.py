@@ -20,7 +20,8 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid
 
-from flinders.arrays import Floats
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
 
 GATHER: Final = np.zeros((12, 9))
 """(12, 9): v and the nine products v_i u_j, gathered into coefficients of δb and of a symmetric δS."""

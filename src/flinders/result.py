@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 import numpy as np
 
+from flinders.coverage import CELLS
 from flinders.document import Finding as FindingRecord
 from flinders.document import Fitted, write
 from flinders.document import HeadingError as HeadingErrorRecord
 from flinders.errors import FitError
+from flinders.heading import raw_error
 from flinders.quadric import Ellipsoid
 from flinders.units import label
 
@@ -118,8 +120,23 @@ class Fit:
         """(3,) standard deviation of the offset, in the calibration's unit."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
+    @property
+    def uncorrected_heading_error_deg(self) -> HeadingError:
+        """What the heading of the same vehicle errs by without the calibration, if the calibration is right."""
+        return raw_error(self.ellipsoid, dip_deg=self.heading_error_deg.dip_deg)
+
+    @property
+    def uncorrected_strength(self) -> tuple[float, float]:
+        """Mean length of the raw readings over the directions recorded, and its spread as a fraction of the mean."""
+        readings = self.ellipsoid.centre + CELLS @ self.ellipsoid.shape
+        lengths = np.linalg.norm(readings, axis=1)
+        mean = float(np.average(lengths, weights=self.coverage.counts))
+        spread = float(np.sqrt(np.average((lengths - mean) ** 2, weights=self.coverage.counts)))
+        return mean, spread / mean
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
+        raw = self.uncorrected_heading_error_deg
         return {
             "verdict": self.verdict,
             "method": self.method,
@@ -130,6 +147,7 @@ class Fit:
                 "dip_deg": self.heading_error_deg.dip_deg,
                 "target_deg": self.target_deg,
             },
+            "uncorrected_heading_error_deg": {"rms": raw.rms, "worst": raw.worst},
             "noise": self.noise,
             "samples": self.samples,
             "coverage": self.coverage.as_dict(),

@@ -14,7 +14,8 @@ they need without holding it in memory.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import dataclasses
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -27,7 +28,7 @@ from flinders.units import Unit
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 BLOCK: Final = 8192
 """Rows worked on at a time: long enough for the arithmetic to dominate, short enough for the cache."""
@@ -91,8 +92,8 @@ class Samples:
     """
 
     field: Floats
-    unit: Unit = field(default_factory=Unit.of)
-    axes: Axes = Axes()
+    unit: Unit = dataclasses.field(default_factory=Unit.of)
+    axes: Axes = dataclasses.field(default_factory=Axes)
     time: Floats | None = None
     acceleration: Floats | None = None
     rate: Floats | None = None
@@ -158,7 +159,7 @@ class Samples:
     def __len__(self) -> int:
         return len(self.field)
 
-    def __getitem__(self, rows: slice | Floats | Sequence[int]) -> Samples:
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | Sequence[int]) -> Samples:
         """Take some rows: a slice is a view, an index or mask a copy."""
         return replace(
             self,
@@ -181,7 +182,7 @@ class Samples:
         with np.errstate(over="ignore", invalid="ignore"):
             if np.isfinite(self.field.sum()):
                 return self
-        whole = np.isfinite(self.field).all(axis=1)
+        whole: NDArray[np.bool_] = np.all(np.isfinite(self.field), axis=1)
         if whole.all():
             return self
         rows = np.flatnonzero(~whole)

@@ -17,12 +17,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.health import Health
+    from flinders.moments import Moments
     from flinders.result import Fit, Severity
+    from flinders.summary import Summary
 
 CODES: Final = {
+    "one-plane": "the readings are as flat as a level turn: thickness over width is `number`",
     "heading-error": "the worst heading error to expect, `number` degrees (1 σ), is above the target",
     "coverage": "directions left unseen: the middle of the largest gap is `number` degrees from the nearest reading",
-    "noise": "readings lie `number` of the field (1 σ) off the ellipsoid: something other than iron and noise is at work",
+    "noise": "readings lie `number` of the field (1 σ) off the ellipsoid: not only iron and noise are at work",
     "prior": "the prior, not the readings, speaks for `number` of the least known shape parameter",
     "few-samples": "only `number` readings",
     "saturated": "`number` of the readings sit at the very end of an axis: the sensor was at its limit",
@@ -40,6 +43,7 @@ CODES: Final = {
 REFUSED_AT: Final = 5.0
 """A worst heading error beyond so many times the target is refused."""
 
+FLAT, FLAT_NOISE = 0.01, 3.0
 HOLE_DEG: Final = 60.0
 NOISE_LIMITS, NOISE_REFUSES = 0.05, 0.2
 PRIOR_SHARE: Final = 0.1
@@ -51,19 +55,38 @@ AXIS_RATIO: Final = 2.0
 EARTH_UT: Final = (22.0, 67.0)
 
 
-def judge(fit: Fit, health: Health) -> tuple[Finding, ...]:
+def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
     """Say what there is to know about a fit, gravest first.
 
     Parameters
     ----------
     fit : Fit
         Without findings yet.
-    health : Health
+    summary : Summary
         Of the recording it came from.
     """
-    found = [*_accuracy(fit), *_evidence(fit), *_recording(health), *_shape(fit), *_unknowable(fit)]
+    found = [
+        *_flat(fit, summary.moments),
+        *_accuracy(fit),
+        *_evidence(fit),
+        *_recording(summary.health),
+        *_shape(fit),
+        *_unknowable(fit),
+    ]
     order = ("refuses", "limits", "note")
     return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
+
+
+def _flat(fit: Fit, moments: Moments) -> Iterator[Finding]:
+    """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
+    thickness, _, width = np.sqrt(moments.principal_variances)
+    limit = max(FLAT_NOISE * fit.noise / width, FLAT)
+    if thickness / width < limit:
+        yield Finding(
+            "one-plane", "refuses", thickness / width, limit,
+            "all readings lie in one plane, as in a level turn, and tell nothing of the direction across it: "
+            "also turn the sensor about its other axes, onto its side and upside down",
+        )  # fmt: skip
 
 
 def _accuracy(fit: Fit) -> Iterator[Finding]:
@@ -97,7 +120,7 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
     if fit.held > PRIOR_SHARE:
         yield Finding(
             "prior", "limits", fit.held, PRIOR_SHARE,
-            f"part of the shape rests {fit.held:.0%} on the prior that soft iron is mild, not on readings: {movement(fit)}",
+            f"part of the shape rests to {fit.held:.0%} on the prior that soft iron is mild: {movement(fit)}",
         )  # fmt: skip
     if fit.samples < FEW:
         yield Finding("few-samples", "limits", fit.samples, FEW, f"only {fit.samples} readings: record for longer")
@@ -191,7 +214,9 @@ def _unknowable(fit: Fit) -> Iterator[Finding]:
 def movement(fit: Fit) -> str:
     """Say which way to turn the sensor next, towards the middle of the largest gap."""
     named = [
-        ("+" if part > 0 else "−") + letter for letter, part in zip("xyz", fit.coverage.hole, strict=True) if abs(part) > 0.4
+        ("+" if part > 0 else "−") + letter
+        for letter, part in zip("xyz", fit.coverage.hole, strict=True)
+        if abs(part) > 0.4
     ]
     side = named[0] if len(named) == 1 else f"corner between {' and '.join(named)}" if named else "other side"
     kind = f"{side} side" if len(named) == 1 else side

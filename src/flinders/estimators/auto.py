@@ -28,6 +28,7 @@ class Auto:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from flinders.estimators.estimate import Readings
     >>> directions = np.random.default_rng(1).normal(size=(200, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -40,7 +41,9 @@ class Auto:
 
     name: ClassVar[str] = "auto"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "the default: likelihood, started from the consistent fit; consistent where there are only sums"
+    use: ClassVar[str] = (
+        "the default: likelihood, started from the consistent fit; consistent where there are only sums"
+    )
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

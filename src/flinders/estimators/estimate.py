@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self, TypeGuard, cast
 
 import numpy as np
 
@@ -24,6 +24,63 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import ArrayLike
+
+    from flinders.axes import Axes
+    from flinders.units import Unit
+
+HELD: Final = 500_000
+"""Readings of a recording that are kept in memory; a longer one is gone through again."""
+
+
+class Kept:
+    """A recording that remembers its readings on the first pass, unless there are too many.
+
+    Attributes
+    ----------
+    recording : Recording
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self._fields: list[Floats] | None = None
+
+    @property
+    def source(self) -> str:
+        """That of the recording."""
+        return self.recording.source
+
+    @property
+    def unit(self) -> Unit:
+        """That of the recording."""
+        return self.recording.unit
+
+    @property
+    def axes(self) -> Axes:
+        """Those of the recording."""
+        return self.recording.axes
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording and keep the readings of up to `HELD` rows."""
+        self._fields, rows = [], 0
+        for block in self.recording.blocks():
+            rows += len(block)
+            if rows > HELD:
+                self._fields = None
+            if self._fields is not None:
+                self._fields.append(block.field)
+            yield block
+
+    def samples(self) -> Recording:
+        """The readings in memory, or the recording itself where they were too many."""
+        if not self._fields:
+            return self.recording
+        return Samples(np.concatenate(self._fields), unit=self.unit, axes=self.axes, source=self.source)
+
+
+def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
+    """Anything with blocks is a recording; all else has to be an array."""
+    return hasattr(source, "blocks")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
@@ -41,13 +98,15 @@ class Readings:
 
     @classmethod
     def of(cls, source: Summary | Recording | ArrayLike) -> Self:
-        """Summarise whatever is given, in one pass."""
+        """Summarise whatever is given, in one pass; a recording that is not too long is kept, to be parsed only once."""
         if isinstance(source, Summary):
             return cls(source)
-        if hasattr(source, "blocks"):
-            whole = Summary.of(source) if isinstance(source, Samples) else Summary.through(source)
-            return cls(whole, source)
-        samples = Samples.of(source)
+        if isinstance(source, Samples):
+            return cls(Summary.of(source), source)
+        if is_recording(source):
+            kept = Kept(source)
+            return cls(Summary.through(kept), kept.samples())
+        samples = Samples.of(cast("ArrayLike", source))
         return cls(Summary.of(samples), samples)
 
     def __len__(self) -> int:
@@ -170,7 +229,8 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
     form = np.linalg.matrix_power(np.linalg.inv(ellipsoid.shape / scale), 4)
     steepness = 4.0 * float(np.sum(form * scatter[6:9, 6:9]))
     freedom = max(moments.count - unknowns, 1.0) / moments.count
-    return scale * float(np.sqrt(max(local @ scatter @ local, 0.0) / steepness / freedom))
+    square = max(float(local @ scatter @ local), 0.0) / steepness / freedom
+    return scale * float(np.sqrt(square))
 
 
 def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float, basis: Floats = EVERYTHING) -> Floats:

@@ -27,6 +27,8 @@ PASSES: Final = 3
 STEPS: Final = 50
 LONGEST_STEP: Final = 0.3
 SETTLED: Final = 1e-10
+SHORTEST_AXIS: Final = 1e-4
+"""Of the longest: a flatter surface is no ellipsoid that a sensor makes, and a step into it is cut short."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +100,7 @@ class Likelihood:
             variance = _variance(equations)
             posterior = self._with_prior(equations, variance, ellipsoid)
             step = self._corrected(posterior, some, ellipsoid).step()
-            ellipsoid = _moved(ellipsoid, step)
+            ellipsoid = _closed(ellipsoid, step)
             covariance = np.linalg.pinv(posterior.matrix, hermitian=True)
             if _is_small(step, covariance, ellipsoid.radius):
                 break
@@ -136,7 +138,7 @@ class Likelihood:
         """Take the longest of the step, its half, its quarter … that leaves the surface closed and the fit no worse."""
         for _ in range(30):
             moved = _moved(ellipsoid, step)
-            if moved.semi_axes[0] > 0.0:
+            if moved.semi_axes[0] > SHORTEST_AXIS * moved.semi_axes[2]:
                 tried = self._equations([readings], moved)
                 if tried.cost <= equations.cost * (1.0 + 1e-6):
                     return moved, tried
@@ -175,6 +177,22 @@ def _is_small(step: Floats, covariance: Floats, radius: float) -> bool:
 def _variance(equations: NormalEquations) -> float:
     """Noise variance of the residuals, kept above rounding so that exact readings can be fitted."""
     return max(equations.cost / max(equations.count - 9, 1), np.finfo(float).tiny ** 0.5)
+
+
+def _closed(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
+    """Take a step, or as much of it as leaves the surface closed.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        If hardly any of it does.
+    """
+    for _ in range(30):
+        moved = _moved(ellipsoid, step)
+        if moved.semi_axes[0] > SHORTEST_AXIS * moved.semi_axes[2]:
+            return moved
+        step = step / 2.0
+    raise NotAnEllipsoid(tuple(float(axis / ellipsoid.radius) for axis in ellipsoid.semi_axes), Likelihood.name)
 
 
 def _moved(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:

@@ -52,6 +52,8 @@ class NormalEquations:
         scale = np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
         scaled = self.matrix / np.outer(scale, scale)
         try:
-            return np.linalg.solve(scaled, self.gradient / scale) / scale
+            solution = np.linalg.solve(scaled, self.gradient / scale)
         except np.linalg.LinAlgError:
-            return np.linalg.lstsq(scaled, self.gradient / scale, rcond=1e-12)[0] / scale
+            solution = np.linalg.lstsq(scaled, self.gradient / scale, rcond=1e-12)[0]
+        step: Floats = solution / scale
+        return step

@@ -1,0 +1,153 @@
+"""Speed, as ratios measured in one run, so that a slow machine does not matter; and memory. Prints Markdown.
+
+    python -m benchmarks.speed
+
+A fit is compared with the least that a fit can be: build the N × 9 design in NumPy in one go and solve the normal
+equations. Sums and summaries are compared with ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192.
+Times are medians of interleaved repeats, on one thread.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tracemalloc
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from flinders.moments import Moments
+from flinders.simulate import tumble
+from flinders.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+
+BLOCK: Final = 8192
+MILLION: Final = 1_000_000
+FIT_LIMITS: Final[dict[int, float | None]] = {500: 60.0, 5_000: None, 50_000: 8.0, MILLION: 2.0}
+MOMENTS_LIMIT: Final = 2.0
+SUMMARY_LIMIT: Final = 5.0
+MEMORY_LIMIT_MB: Final = 32.0
+SIZES: Final = (100_000, MILLION, 4_000_000)
+MEMORY_OPTION: Final = "--memory"
+
+
+def normal_equations(field: Floats) -> Floats:
+    """(9,) coefficients of the quadric through (N, 3) readings with constant −1, the plainest way."""
+    x, y, z = field.T
+    design = np.column_stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z])
+    return np.linalg.solve(design.T @ design, design.sum(axis=0))
+
+
+def blocked_products(field: Floats) -> Floats:
+    """(10, 10) products of ten monomials of (N, 3) readings, rows built and multiplied block by block."""
+    products = np.zeros((10, 10))
+    rows = np.empty((10, BLOCK))
+    rows[0] = 1.0
+    for start in range(0, len(field), BLOCK):
+        block = field[start : start + BLOCK].T
+        part = rows[:, : block.shape[1]]
+        part[1:4] = block
+        np.multiply(block, block, out=part[4:7])
+        np.multiply(block[0], block[1:], out=part[7:9])
+        np.multiply(block[1], block[2], out=part[9])
+        products += part @ part.T
+    return products
+
+
+def interleaved(
+    first: Callable[[], object], second: Callable[[], object], *, seconds: float = 3.0
+) -> tuple[float, float]:
+    """Median seconds of each of two calls, made in turn, at least seven times each and for some seconds."""
+    first(), second()
+    times: list[tuple[float, float]] = []
+    end = perf_counter() + seconds
+    while len(times) < 7 or (perf_counter() < end and len(times) < 1000):
+        times.append((_timed(first), _timed(second)))
+    one, other = np.median(times, axis=0).tolist()
+    return one, other
+
+
+def compared(
+    label: str, ours: Callable[[Floats], object], plain: Callable[[Floats], object], n: int, limit: float | None
+) -> str:
+    """Write a row of the table: n readings through both."""
+    field = readings(n)
+    mine, other = interleaved(lambda: ours(field), lambda: plain(field))
+    return f"| {label}, {n:,} readings | {mine * 1e3:.3g} ms | {other * 1e3:.3g} ms | {_judged(mine / other, limit)} |"
+
+
+def readings(n: int) -> Floats:
+    """(n, 3) readings in µT of a random sensor, all directions alike."""
+    return tumble(seed=n, motion="uniform", n=n).samples.field
+
+
+def ratios() -> None:
+    """Print the table of ratios."""
+    print("| what | Flinders | plain | ratio | limit |\n|---|---:|---:|---:|---:|")
+    for n, limit in FIT_LIMITS.items():
+        print(compared("`fit` ÷ normal equations", flinders.fit, normal_equations, n, limit), flush=True)
+    for n in (50_000, MILLION):
+        print(compared("`Moments.of` ÷ `D @ D.T`", Moments.of, blocked_products, n, MOMENTS_LIMIT), flush=True)
+        print(compared("`Summary.of` ÷ `D @ D.T`", Summary.of, blocked_products, n, SUMMARY_LIMIT), flush=True)
+
+
+def linearity() -> None:
+    """Print the time per reading of long recordings."""
+    print("\n| readings | `fit` | ns a reading |\n|---:|---:|---:|")
+    for n in SIZES:
+        field = readings(n)
+        flinders.fit(field)
+        seconds = float(np.median([_timed(partial(flinders.fit, field)) for _ in range(7)]))
+        print(f"| {n:,} | {seconds * 1e3:.3g} ms | {seconds / n * 1e9:.3g} |", flush=True)
+
+
+def memory() -> None:
+    """Print the memory that a fit of a million readings needs beside them, from a process of its own."""
+    command = [sys.executable, "-m", "benchmarks.speed", MEMORY_OPTION]
+    extra = float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    print("\n| extra memory at the peak | MB | limit |\n|---|---:|---:|")
+    print(f"| `fit`, {MILLION:,} readings | {_judged(extra, MEMORY_LIMIT_MB)} |")
+
+
+def extra_megabytes() -> float:
+    """Peak of what NumPy and Python allocate during a fit of a million readings (NumPy reports to tracemalloc)."""
+    field = readings(MILLION)
+    flinders.fit(field[:1000])  # what is imported and cached once is not of the fit
+    tracemalloc.start()
+    flinders.fit(field)
+    return tracemalloc.get_traced_memory()[1] / 1e6
+
+
+def main() -> None:
+    """Print all tables."""
+    if MEMORY_OPTION in sys.argv[1:]:
+        print(extra_megabytes())
+        return
+    ratios()
+    linearity()
+    memory()
+
+
+def _timed(call: Callable[[], object]) -> float:
+    """Seconds that one call takes."""
+    begin = perf_counter()
+    call()
+    return perf_counter() - begin
+
+
+def _judged(value: float, limit: float | None) -> str:
+    """Write a number beside its limit, in bold where it is beyond."""
+    if limit is None:
+        return f"{value:.2f} | –"
+    return f"{value:.2f} | {limit:g}" if value <= limit else f"**{value:.2f}** | {limit:g}"
+
+
+if __name__ == "__main__":
+    main()

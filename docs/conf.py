@@ -1,0 +1,46 @@
+"""How Sphinx builds the documentation."""
+
+import re
+import warnings
+from importlib.metadata import version as installed
+
+project = "Flinders"
+author = "The Flinders developers"
+copyright = "2026, The Flinders developers"
+release = version = installed("flinders")
+
+extensions = ["myst_parser", "numpydoc", "sphinx.ext.autodoc"]
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = f"Flinders {release}"
+html_show_sourcelink = False
+
+myst_heading_anchors = 3
+
+# Docstrings: `single backticks` are code, sections are numpydoc's, shapes like (N, 3) are prose and no links.
+default_role = "literal"
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_default_options = {"members": True, "show-inheritance": True}
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+warnings.filterwarnings("ignore", message="Unknown section Configuration")  # of msgspec.Struct
+
+# Nitpicky about this package's own names; those of Python, NumPy and type checkers are not linked.
+nitpicky = True
+nitpick_ignore_regex = [(r"py:.*", r"(?!flinders\.).*")]
+autodoc_inherit_docstrings = False
+
+
+def keep_bars(_app, _what, _name, _object, _options, lines):
+    """Let |x| in a docstring be a length: reStructuredText would take it for a substitution."""
+    example = False
+    for number, line in enumerate(lines):
+        example = line.lstrip().startswith(">>>") or (example and bool(line.strip()))
+        if not example:
+            prose_and_code = re.split(r"(``.*?``|`.*?`)", line)
+            lines[number] = "".join(p if p.startswith("`") else p.replace("|", r"\|") for p in prose_and_code)
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", keep_bars, priority=400)

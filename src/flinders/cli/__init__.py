@@ -1,0 +1,20 @@
+"""The command line: parse, call the library, print. Results on stdout, talk on stderr.
+
+Nothing here imports NumPy until a command runs, so that help comes at once.
+"""
+
+from __future__ import annotations
+
+import click
+
+from flinders.cli import apply, calibrate, demo, methods
+from flinders.cli._program import EXIT_CODES, Program
+
+main = Program(
+    name="flinders",
+    help="Calibrate a three-axis magnetometer, and know what heading error to expect.",
+    epilog="\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    commands=[calibrate.command, apply.command, demo.command, methods.command],
+)
+main = click.version_option(package_name="flinders", message="flinders %(version)s")(main)

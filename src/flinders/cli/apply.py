@@ -1,0 +1,150 @@
+"""``flinders apply``: correct a recording with a calibration file."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import IO, TYPE_CHECKING, Any
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._talk import print_json, progress, say
+from flinders.errors import InputError, UnitError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.calibration import Calibration
+    from flinders.readers import TextRecording
+
+
+@click.command(
+    "apply",
+    epilog="""\b
+Example:
+  flinders apply calibration.json raw.csv -o corrected.csv
+  tail -f raw.csv | flinders apply calibration.json - > corrected.csv
+""",
+)
+@click.argument("calibration", metavar="CALIBRATION")
+@click.argument("recording", metavar="RECORDING")
+@click.option("-o", "--output", default="-", metavar="FILE", help="Where to write; standard output by default.")
+@click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
+@_options.columns
+@_options.force
+@_options.as_json
+def command(
+    calibration: str, recording: str, output: str, add: bool, columns: str | None, force: bool, as_json: bool
+) -> None:
+    """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
+
+    Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
+    readings are in the calibration's axes. Memory does not grow with the length of the recording.
+    """
+    from flinders.calibration import Calibration
+    from flinders.files import refuse_existing
+    from flinders.readers import TextRecording, open_recording
+
+    if output != "-":
+        refuse_existing(output, force=force)
+    elif as_json:
+        raise UsageError("--json and corrected readings would both go to standard output: name a file with -o")
+    correction = Calibration.load(calibration)
+    with progress("correcting") as watch:
+        source = open_recording(recording, columns=columns, axes=str(correction.axes), progress=watch)
+        if not isinstance(source, TextRecording):
+            raise UsageError(f"{recording} is no text: only text recordings can be corrected")
+        _agree(correction, source)
+        corrector = Corrector(correction, source.source)
+        with _output(output, source, force=force) as file:
+            for line in source.corrected_lines(corrector, add=add):
+                file.write(line)
+    for skipped in source.skipped:
+        say(f"{source.source}: {skipped}")
+    say(str(corrector))
+    if as_json:
+        print_json({**corrector.as_dict(), "skipped": [str(skipped) for skipped in source.skipped]})
+
+
+def _agree(correction: Calibration, source: TextRecording) -> None:
+    """Give the recording the calibration's unit, or refuse where it states another kind.
+
+    Raises
+    ------
+    UnitError
+        If one is in counts and the other in microtesla.
+    """
+    if not source.layout.columns.stated:
+        source.unit = correction.raw
+    if source.unit.inside != correction.unit:
+        raise UnitError(
+            f"{source.source} is in {source.unit.name}, the calibration is for readings in {correction.raw.name}: "
+            "it belongs to another kind of recording; calibrate again from a recording like this one"
+        )
+
+
+class Corrector:
+    """Applies a calibration block by block, and watches whether the result makes sense.
+
+    Attributes
+    ----------
+    rows : int
+        Readings corrected so far.
+    """
+
+    def __init__(self, correction: Calibration, source: str) -> None:
+        self._correction, self._source = correction, source
+        self.rows = 0
+        self._sum = self._sum_of_squares = 0.0
+
+    def __call__(self, readings: Floats) -> Floats:
+        """Correct (N, 3) readings.
+
+        Raises
+        ------
+        InputError
+            If the first of them come out with a length that the calibration contradicts.
+        """
+        import numpy as np
+
+        corrected = self._correction.apply(readings)
+        strength = np.linalg.norm(corrected, axis=1) / self._correction.field_strength
+        if self.rows == 0 and not 1 / 3 < np.median(strength) < 3:
+            raise InputError(
+                f"corrected readings of {self._source} are {np.median(strength):.2g} times as long as the calibration's "
+                f"field ({self._correction.field_strength:.4g}): it is for another sensor, unit or range"
+            )
+        self.rows += len(strength)
+        self._sum += float(strength.sum())
+        self._sum_of_squares += float(strength @ strength)
+        return corrected
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: rows, mean strength as a fraction of the calibration's field, and its spread."""
+        mean = self._sum / max(self.rows, 1)
+        spread = max(self._sum_of_squares / max(self.rows, 1) - mean * mean, 0.0) ** 0.5
+        return {"rows": self.rows, "strength": mean, "spread": spread}
+
+    def __str__(self) -> str:
+        numbers = self.as_dict()
+        return (
+            f"{self.rows:,} readings corrected; their strength is {numbers['strength']:.3f} of the calibration's field, "
+            f"with a spread of {numbers['spread']:.1%}"
+        )
+
+
+@contextlib.contextmanager
+def _output(path: str, source: TextRecording, *, force: bool) -> Iterator[IO[str]]:
+    """Open the output: a file that appears when it is complete, or standard output."""
+    from flinders.files import replacing
+
+    if path != "-":
+        with replacing(path, force=force, encoding=source.layout.encoding, newline="") as file:
+            yield file
+        return
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(encoding=source.layout.encoding, newline="")
+    yield sys.stdout
+    sys.stdout.flush()

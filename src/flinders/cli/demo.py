@@ -1,0 +1,53 @@
+"""``flinders demo``: see what it does, without a sensor."""
+
+from __future__ import annotations
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._program import GOOD, LIMITED
+from flinders.cli._talk import print_fit, print_json, say
+
+
+@click.command(
+    "demo",
+    epilog="""\b
+Example:
+  flinders demo
+  flinders demo --seed 7 --csv tumble.csv && flinders calibrate tumble.csv -o calibration.json
+""",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another sensor.")
+@click.option("--csv", "path", metavar="FILE", help="Also write the simulated recording, to try the other commands on.")
+@_options.judgement
+@_options.force
+@_options.as_json
+def command(seed: int, path: str | None, target_deg: float, dip_deg: float, force: bool, as_json: bool) -> int:
+    """Simulate a sensor that is tumbled by hand for a minute, calibrate it, and compare with the truth."""
+    from flinders.fitting import fit
+    from flinders.simulate import angle_error_deg, tumble
+
+    simulated = tumble(seed=seed, dip_deg=dip_deg)
+    if path:
+        _write(path, simulated.samples.time, simulated.samples.field, force=force)
+        say(f"the recording is in {path}")
+    say(f"simulated: {len(simulated.samples):,} readings in a minute of tumbling, hard and soft iron, 0.5 µT of noise")
+    found = fit(simulated.samples, target_deg=target_deg, dip_deg=dip_deg)
+    error = angle_error_deg(found.calibration.matrix, found.calibration.offset, simulated)
+    if as_json:
+        print_json({**found.as_dict(), "true_direction_error_deg": error})
+    else:
+        print_fit(found)
+        say(f"\nThe truth is known here: over all directions the corrected field is off by {error:.2g}° rms.")
+    return GOOD if found.verdict == "good" else LIMITED
+
+
+def _write(path: str, time: object, field: object, *, force: bool) -> None:
+    """Write the recording the way a logger would."""
+    import numpy as np
+
+    from flinders.files import replacing
+
+    with replacing(path, force=force) as file:
+        file.write("time_s,mag_x_uT,mag_y_uT,mag_z_uT\n")
+        np.savetxt(file, np.column_stack([time, field]), fmt=("%.3f", "%.3f", "%.3f", "%.3f"), delimiter=",")

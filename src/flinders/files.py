@@ -1,0 +1,149 @@
+"""Files written whole or not at all.
+
+What is written goes into a temporary file beside the target first, which takes its name once it is
+complete and on the disk: no reader ever meets half of it, and an interrupted run leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final
+
+from flinders.errors import OutputError, OutputExists
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+REASONS: Final = {
+    errno.ENOENT: "no such file or folder: check the name",
+    errno.ENOTDIR: "a part of its path is a file, not a folder: check the name",
+    errno.EISDIR: "it is a directory: give the name of a file",
+    errno.EACCES: "no permission: change the permissions, or use another folder",
+    errno.EPERM: "no permission: change the permissions, or use another folder",
+    errno.EROFS: "the file system is read-only: use another folder",
+    errno.ENOSPC: "no space left on the disk: free some, or use another disk",
+    errno.EDQUOT: "the disk quota is used up: free some space, or use another disk",
+    errno.ENAMETOOLONG: "the name is too long: use a shorter one",
+    errno.ELOOP: "its symbolic links lead in a circle: give the name of a file",
+}
+"""What to do about an error of the operating system."""
+
+
+def reason(error: OSError | ValueError) -> str:
+    """Say what is wrong with a path, and what to do."""
+    if isinstance(error, OSError) and error.errno is not None:
+        return REASONS.get(error.errno, error.strerror or str(error))
+    return str(error)
+
+
+def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a text file; as `replacing`."""
+    with replacing(path, force=force) as file:
+        file.write(text)
+
+
+def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Find out before a long run whether a file could be written at its end.
+
+    Raises
+    ------
+    OutputExists, OutputError
+        As `replacing`.
+    """
+    with _refusals(path):
+        target = _target(path)
+        _permissions(target, force=force)
+        if not target.parent.is_dir():
+            raise FileNotFoundError
+        if not os.access(target.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, "no permission")
+
+
+@contextlib.contextmanager
+def replacing(
+    path: str | os.PathLike[str], *, force: bool = False, encoding: str = "utf-8", newline: str = "\n"
+) -> Iterator[IO[str]]:
+    """Open a text file for writing that appears under its name when the block ends well.
+
+    A symbolic link stays, and what it points to is written; a file that is replaced keeps its permissions.
+
+    Raises
+    ------
+    OutputExists
+        Where there is a file already, unless `force`.
+    OutputError
+        Where it cannot be written; says why and what to do.
+    """
+    with _refusals(path):
+        target = _target(path)
+        permissions = _permissions(target, force=force)
+        temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
+        try:
+            with temporary.open("x", encoding=encoding, newline=newline) as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            if permissions is not None:
+                temporary.chmod(permissions)
+            _publish(temporary, target, force=force)
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+
+
+@contextlib.contextmanager
+def _refusals(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what the operating system says into what to do about it."""
+    try:
+        yield
+    except FileExistsError:
+        raise OutputExists(path) from None
+    except FileNotFoundError:
+        raise OutputError(f"{path}: cannot be written: no such folder: create it, or check the name") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
+
+
+def _target(path: str | os.PathLike[str]) -> Path:
+    """Follow symbolic links to the file that will be written."""
+    if "\0" in os.fspath(path):
+        raise OSError(errno.EINVAL, "its name holds a null character: check the name")
+    return Path(os.path.realpath(path))
+
+
+def _permissions(target: Path, *, force: bool) -> int | None:
+    """Look at what is there: its permissions if it may be replaced, None if there is nothing."""
+    try:
+        mode = target.lstat().st_mode
+    except FileNotFoundError:
+        return None
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "a directory")
+    if stat.S_ISLNK(mode):
+        raise OSError(errno.ELOOP, "a circle")
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is a device or a pipe: give the name of a file")
+    if not force:
+        raise FileExistsError
+    if not os.access(target, os.W_OK):
+        raise PermissionError(errno.EACCES, "read-only")
+    return stat.S_IMODE(mode)
+
+
+def _publish(temporary: Path, target: Path, *, force: bool) -> None:
+    """Give a finished file its name; without `force`, a file that appeared meanwhile is kept."""
+    if not force:
+        try:
+            target.hardlink_to(temporary)  # unlike a rename, refuses a name that is taken
+        except FileExistsError:
+            raise
+        except OSError:
+            pass  # a file system without hard links
+        else:
+            return
+    temporary.replace(target)

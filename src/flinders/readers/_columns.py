@@ -1,0 +1,273 @@
+"""Which columns of a table are the magnetometer, and what stands beside it.
+
+>>> chosen = by_name(["t_s", "mag_x_mG", "mag_y_mG", "mag_z_mG"], np.zeros((2, 4)))
+>>> chosen.field.cells, chosen.field.names, chosen.unit, chosen.time.names
+((1, 2, 3), ('mag_x_mG', 'mag_y_mG', 'mag_z_mG'), 'mG', ('t_s',))
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import UsageError
+from flinders.readers._names import (
+    ACCELERATION,
+    CURRENT,
+    FACTORS,
+    FIELD,
+    RATE,
+    TEMPERATURE,
+    TIME,
+    Meaning,
+    field_stem,
+    meaning,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+
+EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
+"""From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096."""
+LONG: Final = 1e8
+"""Seconds after which a time is taken to count from 1970 and not from the start of the recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column, or three of one sensor.
+
+    Attributes
+    ----------
+    kind : str
+        As in `Meaning`.
+    cells : tuple of int
+        Places in a line, counted from 0; x, y, z.
+    names : tuple of str
+        As the header has them, or their numbers counted from 1.
+    factor : float
+        What one unit of it is in the unit used inside.
+    start : float
+        What is taken from it before, in its own unit.
+    """
+
+    kind: str
+    cells: tuple[int, ...]
+    names: tuple[str, ...]
+    factor: float = 1.0
+    start: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """The columns that are read.
+
+    Attributes
+    ----------
+    field : Column
+        The magnetometer.
+    unit, scale : str, float or None
+        Its unit as the header states it, or as the format has it by convention; µT in a count where that is known.
+    stated : bool
+        The unit stands in the header, and must not be contradicted.
+    beside : tuple of Column
+        At most one of each other kind.
+    left_out : tuple of str
+        Columns that were recognised and cannot be used, each with the reason.
+    """
+
+    field: Column
+    unit: str = ""
+    scale: float | None = None
+    stated: bool = False
+    beside: tuple[Column, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def time(self) -> Column | None:
+        """When each reading was taken, where that is known."""
+        return self.of_kind(TIME)
+
+    def of_kind(self, kind: str) -> Column | None:
+        """Find the column of a kind."""
+        return next((column for column in self.beside if column.kind == kind), None)
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """All places in a line that are read, in order."""
+        return tuple(sorted({cell for column in (self.field, *self.beside) for cell in column.cells}))
+
+
+def names_magnetometer(names: Sequence[str]) -> bool:
+    """Tell whether three of these names are those of a magnetometer."""
+    return bool(_triple(names, [meaning(name) for name in names], FIELD))
+
+
+def by_name(names: Sequence[str], values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
+    """Choose columns by their names.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The header.
+    values : (N, len(names)) float
+        The first rows, NaN where a cell is not a number.
+    wanted : three int, optional
+        Places of the magnetometer's columns, where the user said which.
+
+    Returns
+    -------
+    Columns or None
+        None where no magnetometer is recognised.
+    """
+    meanings = [meaning(name) for name in names]
+    field = tuple(wanted) or _triple(names, meanings, FIELD)
+    if not field:
+        return None
+    free = [Meaning("") if place in field else found for place, found in enumerate(meanings)]
+    units = {meanings[cell].unit for cell in field if meanings[cell].kind == FIELD}
+    unit = units.pop() if len(units) == 1 else ""
+    beside, left_out = _beside(names, free, values)
+    return Columns(
+        field=Column(FIELD, field, tuple(names[cell].strip() for cell in field)),
+        unit=unit or _by_convention(names, field),
+        stated=bool(unit),
+        beside=beside,
+        left_out=left_out,
+    )
+
+
+def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
+    """Choose columns of a table without a header: three are x, y, z; of four, a first that ascends is the time.
+
+    Parameters
+    ----------
+    values : (N, width) float
+        The first rows, NaN where a cell is not a number.
+    wanted : three int, optional
+        Places of the magnetometer's columns, where the user said which.
+    """
+    width = values.shape[1]
+    timed = width == 4 and not wanted and _ascends(values[:, 0])
+    field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
+    if not field:
+        return None
+    time = (_time(Column(TIME, (0,), ("1",)), "", values[:, 0]),) if timed else ()
+    return Columns(Column(FIELD, field, tuple(str(cell + 1) for cell in field)), beside=time)
+
+
+def wanted_places(columns: str, names: Sequence[str], width: int) -> tuple[int, ...]:
+    """Look up what the user asked for: three names, or three numbers counted from 1.
+
+    Raises
+    ------
+    UsageError
+        Listing the columns there are.
+    """
+    asked = [part.strip() for part in columns.split(",")]
+    known = [name.strip() for name in names]
+    if len(asked) != 3 or len({part.casefold() for part in asked}) != 3:
+        raise UsageError(f"columns {columns!r}: need three different ones, such as 'mx,my,mz' or '4,5,6'")
+    places = tuple(_place(part, known, width) for part in asked)
+    if len(set(places)) != 3:
+        raise UsageError(f"columns {columns!r} name one column twice: need three different ones")
+    return places
+
+
+def _place(asked: str, names: list[str], width: int) -> int:
+    if asked in names:
+        return names.index(asked)
+    folded = [name.casefold() for name in names]
+    if asked.casefold() in folded:
+        return folded.index(asked.casefold())
+    if asked.isdecimal() and 1 <= int(asked) <= width:
+        return int(asked) - 1
+    there = f"its columns are {', '.join(names)}" if names else f"it has no header and {width} columns"
+    raise UsageError(f"there is no column {asked!r}: {there}; give three names or numbers from 1 to {width}")
+
+
+def _triple(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> tuple[int, ...]:
+    """Find the three columns of one sensor; of several sensors the one with the smallest rank, then the first."""
+    sensors: dict[str, dict[str, int]] = defaultdict(dict)
+    for place, found in enumerate(meanings):
+        if found.kind == kind and found.axis:
+            sensors[field_stem(names[place], found.axis)].setdefault(found.axis, place)
+    complete = [
+        tuple(axes[letter] for letter in letters)
+        for axes in sensors.values()
+        for letters in ("xyz", "012", "123")
+        if set(letters) <= axes.keys()
+    ]
+    return min(complete, key=lambda cells: (meanings[cells[0]].rank, min(cells)), default=())
+
+
+def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
+    """Tell the unit that a known format has without saying so: ROS messages, the app Sensor Logger."""
+    first = names[field[0]].casefold()
+    if first.endswith("magnetic_field.x"):
+        return "T"
+    return "uT" if {name.strip().casefold() for name in names} >= {"seconds_elapsed", "x", "y", "z"} else ""
+
+
+def _beside(
+    names: Sequence[str], meanings: Sequence[Meaning], values: Floats
+) -> tuple[tuple[Column, ...], tuple[str, ...]]:
+    """Find what stands beside the magnetometer, and what has to be left out."""
+    found = [
+        Column(kind, cells, tuple(names[cell].strip() for cell in cells))
+        for kind in (ACCELERATION, RATE)
+        if (cells := _triple(names, meanings, kind))
+    ]
+    left_out: list[str] = []
+    for kind in (TIME, TEMPERATURE, CURRENT):
+        places = [place for place, known in enumerate(meanings) if known.kind == kind and not known.axis]
+        for place in sorted(places, key=lambda place: meanings[place].rank):
+            if _numeric(values[:, place]):
+                found.append(Column(kind, (place,), (names[place].strip(),)))
+                break
+            left_out.append(f"{names[place].strip()} (not numbers)")
+    scaled: list[Column] = []
+    for column in found:
+        unit = meanings[column.cells[0]].unit
+        if column.kind == TIME:
+            scaled.append(_time(column, unit, values[:, column.cells[0]]))
+        elif column.kind == RATE and not unit:
+            left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
+        else:
+            scaled.append(replace(column, factor=FACTORS[column.kind].get(unit, 1.0)))
+    return tuple(scaled), tuple(left_out)
+
+
+def _numeric(values: Floats) -> bool:
+    """Tell whether at least half of the first values are numbers."""
+    return len(values) == 0 or bool(np.isfinite(values).mean() >= 0.5)
+
+
+def _ascends(values: Floats) -> bool:
+    values = values[np.isfinite(values)]
+    return len(values) > 1 and bool((np.diff(values) > 0).all())
+
+
+def _time(column: Column, unit: str, values: Floats) -> Column:
+    """Find the factor to seconds, and where a clock that counts from 1970 starts."""
+    values = values[np.isfinite(values)]
+    first = float(values[0]) if len(values) else 0.0
+    step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
+    factor = FACTORS[TIME][unit] if unit else _seconds(first, step)
+    return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
+
+
+def _seconds(first: float, step: float) -> float:
+    """Guess the unit of a time from its size, then from its steps: seconds, ms, µs or ns.
+
+    Readings are taken to come between every 10 µs and every 10 s.
+    """
+    for least, factor in EPOCHS:
+        if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
+            return factor
+    return 1.0 if step < 2 else 1e-3 if step < 1e3 else 1e-6 if step < 5e5 else 1e-9

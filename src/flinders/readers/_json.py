@@ -1,0 +1,149 @@
+"""JSON recordings, turned into a table of comma-separated lines on the disk, one a record.
+
+A list of triples, a list of objects, or one of either a line; the keys of the first object become
+the header, those of objects and lists inside it joined with a dot.
+
+>>> flat({"t": 1, "mag": {"x": 2, "y": [3]}})
+{'t': 1, 'mag.x': 2, 'mag.y.0': 3}
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from itertools import chain, islice
+from typing import TYPE_CHECKING, Final
+
+from flinders.errors import UnreadableInput
+from flinders.readers._source import Lines, Source, shown, spooled
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+LARGEST: Final = 256 << 20
+"""Bytes of a whole-file JSON document that are still read; JSON lines may be of any length."""
+LOOKED_AT: Final = 1000
+"""Records looked through for the first that is an object."""
+OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
+"""How JSON with readings in it begins; ``[INFO] …`` is a line of a log."""
+
+
+def is_json(text: str) -> bool:
+    """Tell whether a text begins like JSON with readings in it."""
+    return OPENING.match(text.lstrip()) is not None
+
+
+def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
+    """Copy the records of a JSON file to a table in a temporary file.
+
+    Returns
+    -------
+    Source, tuple of str
+        The table, and the names of its columns; none where records are lists.
+
+    Raises
+    ------
+    UnreadableInput
+        For broken JSON, a document above `LARGEST`, and one that is not a list of records.
+    """
+    lines = source.lines(encoding)
+    first = next(lines)
+    records = _by_line(first, lines) if _a_record_a_line(first) else iter(_whole(source, encoding))
+    seen: list[object] = []
+    for record in islice(records, LOOKED_AT):
+        seen.append(record)
+        if isinstance(record, dict):
+            break
+    names = tuple(flat(seen[-1])) if seen and isinstance(seen[-1], dict) else ()
+    return spooled(source.name, _encoded(chain(seen, records), names)), names
+
+
+def flat(record: dict[str, object]) -> dict[str, object]:
+    """Bring what lies inside objects and lists to the top, with dots in its name."""
+    found: dict[str, object] = {}
+    for key, value in record.items():
+        if isinstance(value, list):
+            inside = flat({str(place): inner for place, inner in enumerate(value)})
+        elif isinstance(value, dict):
+            inside = flat(value)
+        else:
+            inside = {}
+            found[key] = value
+        found.update({f"{key}.{inner}": leaf for inner, leaf in inside.items()})
+    return found
+
+
+def _a_record_a_line(first: Lines) -> bool:
+    """Tell JSON lines from a document: the first line is an object or list of plain values by itself."""
+    text = next((text for text in first.texts if text.strip()), "")
+    record = _parsed(text)
+    if isinstance(record, dict):
+        return len(first.texts) > 1 or not any(isinstance(value, list) for value in record.values())
+    return isinstance(record, list) and bool(record) and not any(isinstance(value, (list, dict)) for value in record)
+
+
+def _by_line(first: Lines, others: Iterator[Lines]) -> Iterator[object]:
+    for lines in chain([first], others):
+        for text in lines.texts:
+            yield _parsed(text) if text.strip() else None
+
+
+def _parsed(text: str) -> object:
+    """Parse one line; what is not JSON stays text, to be counted as unreadable."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return shown(text)
+
+
+def _whole(source: Source, encoding: str) -> list[object]:
+    with source.opened() as (_, stream):
+        content = stream.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        raise UnreadableInput(
+            f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
+            "write one record a line (JSON lines) or CSV"
+        )
+    try:
+        document = json.loads(content.decode(encoding, "replace"))
+    except json.JSONDecodeError as error:
+        raise UnreadableInput(
+            f"{source.name} begins like JSON and is not ({error.msg}, line {error.lineno}): "
+            "need a list of [x, y, z] or of objects"
+        ) from None
+    except (ValueError, RecursionError) as error:
+        raise UnreadableInput(
+            f"{source.name} is JSON that cannot be read ({error}): need a list of [x, y, z]"
+        ) from None
+    if not isinstance(document, list) or not document:
+        kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
+        raise UnreadableInput(f"{source.name} is JSON with {kind} in it: need a list of [x, y, z] or of objects")
+    return document
+
+
+def _encoded(records: Iterable[object], names: tuple[str, ...]) -> Iterator[bytes]:
+    """Write records as lines, some thousand at a time."""
+    page = io.StringIO()
+    writer = csv.writer(page, lineterminator="\n")
+    for record in records:
+        if record is None:
+            page.write("\n")
+        else:
+            writer.writerow(_cells(record, names))
+        if page.tell() > 1 << 18:
+            yield page.getvalue().encode()
+            page.seek(0)
+            page.truncate()
+    yield page.getvalue().encode()
+
+
+def _cells(record: object, names: tuple[str, ...]) -> list[object]:
+    """Bring one record into the order of the columns; something else than a record becomes one cell of text."""
+    if isinstance(record, dict) and names:
+        values = flat(record)
+        return [values.get(name) for name in names]
+    if isinstance(record, list) and not names:
+        return ["?" if isinstance(value, (list, dict, bool)) else value for value in record]
+    return [shown(str(record))]

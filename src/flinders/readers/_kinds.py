@@ -1,0 +1,91 @@
+r"""What a file is, by its first bytes, where it is not text.
+
+>>> foreign_kind(b"\x89PNG\r\n\x1a\n....")
+Kind(name='a PNG image', advice='give the recording itself')
+>>> foreign_kind(b"mx,my,mz\n1,2,3\n") is None
+True
+"""
+
+from __future__ import annotations
+
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, BOM_UTF32_BE, BOM_UTF32_LE
+from typing import Final, NamedTuple
+
+GZIP: Final = b"\x1f\x8b"
+WIDE_BOMS: Final = (BOM_UTF32_LE, BOM_UTF32_BE, BOM_UTF16_LE, BOM_UTF16_BE)
+CONTROLS: Final = bytes(set(range(32)) - {9, 10, 12, 13, 27}) + b"\x7f"
+"""Bytes that text does not hold: all but tab, line ends, form feed and escape."""
+MOST_CONTROLS: Final = 0.02
+"""Share of control bytes up to which a file still counts as text; random bytes have 0.11."""
+
+
+class Kind(NamedTuple):
+    """A kind of file, and what to do with one."""
+
+    name: str
+    advice: str
+
+
+_ITSELF = "give the recording itself"
+_EXPORT = "export it as CSV"
+_UNPACK = "unpack it and give the recording inside"
+
+MAGIC: Final[dict[bytes, Kind]] = {
+    b"\x89PNG\r\n\x1a\n": Kind("a PNG image", _ITSELF),
+    b"\xff\xd8\xff": Kind("a JPEG image", _ITSELF),
+    b"GIF8": Kind("a GIF image", _ITSELF),
+    b"BM": Kind("a BMP image", _ITSELF),
+    b"II*\x00": Kind("a TIFF image", _ITSELF),
+    b"MM\x00*": Kind("a TIFF image", _ITSELF),
+    b"RIFF": Kind("a sound, film or image file", _ITSELF),
+    b"%PDF": Kind("a PDF document", _ITSELF),
+    b"{\\rtf": Kind("an RTF document", "save it as plain text"),
+    b"\xd0\xcf\x11\xe0": Kind("an old Office document", _EXPORT),
+    b"PK\x03\x04": Kind("a ZIP archive or a spreadsheet", "unzip it, or export the sheet as CSV"),
+    b"PK\x05\x06": Kind("an empty ZIP archive", _ITSELF),
+    b"Rar!": Kind("a RAR archive", _UNPACK),
+    b"7z\xbc\xaf\x27\x1c": Kind("a 7z archive", _UNPACK),
+    b"BZh": Kind("bzip2-compressed", "unpack it with bunzip2"),
+    b"\xfd7zXZ\x00": Kind("xz-compressed", "unpack it with unxz"),
+    b"\x28\xb5\x2f\xfd": Kind("zstd-compressed", "unpack it with unzstd"),
+    b"\x1f\x8b": Kind("gzip-compressed twice", "unpack it with gunzip"),
+    b"\x7fELF": Kind("a program", _ITSELF),
+    b"MZ": Kind("a program", _ITSELF),
+    b"\x89HDF": Kind("an HDF5 or MATLAB 7.3 file", _EXPORT),
+    b"MATLAB 5.0": Kind("a MATLAB file", "export it with writematrix"),
+    b"\x93NUMPY": Kind("a NumPy array", "load it and hand over the array"),
+    b"SQLite format 3": Kind("an SQLite database", _EXPORT),
+    b"PAR1": Kind("a Parquet table", _EXPORT),
+    b"ULog\x01\x12\x35": Kind("a PX4 ULog", "export the topic sensor_mag as CSV with ulog2csv"),
+    b"\xa3\x95": Kind("an ArduPilot DataFlash log", "export its MAG messages as CSV with mavlogdump.py"),
+    b"#ROSBAG": Kind("a ROS 1 bag", "export the topic as CSV with rostopic echo -p"),
+    b"\x89MCAP": Kind("an MCAP recording", "export the topic as CSV"),
+}
+"""First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
+
+PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
+_WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
+"""Starts that plain text may have too (``BM``, ``MZ``): they count only in a file that is binary."""
+
+
+def foreign_kind(head: bytes) -> Kind | None:
+    """Name what starts with these bytes, or None where they may be text."""
+    binary = is_binary(head)
+    for start, kind in MAGIC.items():
+        if head.startswith(start) and (binary or start not in _WORDS):
+            return kind
+    opening = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:20].lower()
+    for start, name in PAGES.items():
+        if opening.startswith(start):
+            return Kind(name, "download the raw file it shows")
+    return Kind("a binary file", "give a text recording with three columns of numbers") if binary else None
+
+
+def is_binary(head: bytes) -> bool:
+    """Tell whether these bytes hold what text does not; zeros that fill up the end are let pass."""
+    if head.startswith(WIDE_BOMS):
+        return False
+    filled = head.rstrip(b"\x00")
+    if not filled:
+        return bool(head)
+    return len(filled) - len(filled.translate(None, CONTROLS)) > MOST_CONTROLS * len(filled)

@@ -1,0 +1,208 @@
+"""What the name of a column says: which sensor, which axis, which unit.
+
+Names are taken apart into words, so that no list of known headers is needed, and matched without
+regard to case or to how badly µ survived the journey.
+
+>>> meaning("magADC[0]")
+Meaning(kind='field', axis='0', unit='', rank=0)
+>>> meaning("MAGNETIC FIELD Y (î¼T)")
+Meaning(kind='field', axis='y', unit='uT', rank=1)
+>>> meaning("gyro_z_dps"), meaning("Time (s)").unit, meaning("mag_x_cal").rank > meaning("mag_x").rank
+(Meaning(kind='rate', axis='z', unit='dps', rank=1), 's', True)
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final, NamedTuple
+
+from flinders.units import SPELLINGS
+
+FIELD: Final = "field"
+ACCELERATION: Final = "acceleration"
+RATE: Final = "rate"
+TIME: Final = "time"
+TEMPERATURE: Final = "temperature"
+CURRENT: Final = "current"
+
+_DEGREES = math.pi / 180
+
+FACTORS: Final[dict[str, dict[str, float]]] = {
+    FIELD: {name: 1.0 for name in SPELLINGS if name != "raw"},
+    ACCELERATION: dict.fromkeys(("m/s2", "m/s²", "m/s^2", "mps2", "ms2", "ms-2", "m/s/s", "g", "mg"), 1.0),
+    RATE: {
+        **dict.fromkeys(("rad/s", "radps", "rads", "rad/sec", "rad/s/s"), 1.0),
+        **dict.fromkeys(("deg/s", "dps", "degps", "degs", "deg/sec", "°/s", "º/s", "/s", "°/sec"), _DEGREES),
+        "mdps": _DEGREES / 1000,
+    },
+    TIME: {
+        **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+        **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
+        **dict.fromkeys(("us", "µs", "μs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
+        **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), 1e-9),
+    },
+    TEMPERATURE: dict.fromkeys(("c", "°c", "degc", "celsius"), 1.0),
+    CURRENT: {**dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0), "ma": 1e-3},
+}
+"""Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`."""
+
+_UNITS = frozenset(unit for units in FACTORS.values() for unit in units)
+_LETTERS: Final = {"m": FIELD, "h": FIELD, "b": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE}
+"""Sensors that go by one letter, as in ``mx`` or ``B_x``."""
+_OTHERS: Final = re.compile(
+    r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
+)
+"""Words of columns that stand beside readings and are none."""
+_CALIBRATED: Final = re.compile(r"(cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filtered)$")
+_RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
+_TIMES: Final = re.compile(r"(t|time.*|.*time|timestamp|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
+_NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
+_ATTACHED: Final = re.compile(
+    r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
+    r"|compass|[mhbagw])([xyz])"
+)
+_BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")
+"""How µT reads where its bytes were decoded as something else."""
+
+
+class Meaning(NamedTuple):
+    """What a name says.
+
+    Attributes
+    ----------
+    kind : str
+        ``field``, ``acceleration``, ``rate``, ``time``, ``temperature``, ``current``, or nothing.
+    axis : str
+        ``x``, ``y`` or ``z``; ``0`` to ``3`` where axes are counted; or nothing.
+    unit : str
+        In lower case, as found in `FACTORS`; a field's as `Unit` calls it; or nothing.
+    rank : int
+        Which to take where there are several: the smallest.
+    """
+
+    kind: str
+    axis: str = ""
+    unit: str = ""
+    rank: int = 0
+
+
+def meaning(name: str) -> Meaning:
+    """Tell what a column name says; the kind is empty where nothing is recognised."""
+    words, units = _words(name)
+    folded = [word.casefold() for word in words]
+    if not folded and not units:
+        return Meaning("")
+    folded, axis = _without_axis(folded)
+    if any(_OTHERS.match(word) for word in folded):
+        return Meaning("")
+    kind, rank = _vector(folded, units) if axis else _scalar(folded, units)
+    if kind == FIELD and axis and any(_CALIBRATED.match(word) for word in folded):
+        rank += 10
+    return Meaning(kind, axis, _unit(kind, units), rank)
+
+
+def field_stem(name: str, axis: str) -> str:
+    """Take the axis out of a name, so that the three columns of one sensor are left with the same text."""
+    folded = name.strip().casefold()
+    places = [match.start() for match in re.finditer(axis, folded)]
+    alone = [place for place in places if not _letters_around(folded, place)] or places
+    place = alone[-1] if alone else 0
+    return f"{folded[:place]}*{folded[place + 1 :]}"
+
+
+def _letters_around(text: str, place: int) -> bool:
+    """Tell whether the letter or digit at this place stands inside a longer word."""
+    return text[max(place - 1, 0) : place].isalpha() or text[place + 1 : place + 2].isalpha()
+
+
+def _words(name: str) -> tuple[list[str], list[str]]:
+    """Take a name apart into its words and, in the order of trust, the units it may state."""
+    units = []
+    inside = re.search(r"[(\[]([^)\]]*)[)\]]?\s*$", name)
+    if inside and not inside[1].strip().isdigit():
+        units.append(inside[1].strip())
+        name = name[: inside.start()]
+    words: list[str] = []
+    for piece in re.split(r"[\s_.,:;%#\-\[\](){}'\"]+", name):
+        if piece.casefold() in _UNITS and (words or piece.casefold() in FACTORS[TIME]):
+            units.append(piece)
+        else:
+            parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+", piece)
+            if len(parts) > 1 and parts[0].casefold() == "time" and parts[-1].casefold() in FACTORS[TIME]:
+                units.append(parts.pop())
+            words += parts
+    return words, units
+
+
+def _without_axis(words: list[str]) -> tuple[list[str], str]:
+    """Find the axis in a name's words: a word of its own, the end or start of one, or a small number."""
+    if sum(word in {"x", "y", "z"} for word in words) == 1:
+        axis = next(word for word in words if word in {"x", "y", "z"})
+        return [word for word in words if word != axis], axis
+    for place, word in enumerate(words):
+        if attached := _ATTACHED.fullmatch(word):
+            return [*words[:place], attached[1], *words[place + 1 :]], attached[2]
+        ahead = re.fullmatch(r"([xyz])(mag|acc|gyro)", word)
+        if ahead:
+            return [*words[:place], ahead[2], *words[place + 1 :]], ahead[1]
+    if len(words) > 1 and words[-1] in {"0", "1", "2", "3"}:
+        return words[:-1], words[-1]
+    return words, ""
+
+
+def _vector(words: list[str], units: list[str]) -> tuple[str, int]:
+    """Tell which three-axis sensor the words name, and how good a source of its raw readings this is."""
+    raw = 0 if any(_RAW.match(word) for word in words) else 1
+    names = [word for word in words if not word.isdigit()]
+    for word in names:
+        if word.startswith("mag") or word == "compass":
+            return FIELD, raw
+        if word.startswith("acc"):
+            return ACCELERATION, raw + 5 * ("linear" in words)
+        if word.startswith(("gyr", "angular")):
+            return RATE, raw
+    bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word))]
+    if len(bare) == 1 and bare[0] in _LETTERS:
+        return _LETTERS[bare[0]], raw + 2
+    if bare in (["field"], ["field", "strength"]):
+        return FIELD, raw + 2
+    return (_plain(units), raw + 4) if not bare else ("", 0)
+
+
+def _plain(units: list[str]) -> str:
+    """Tell what a name that is only an axis may be: a field, unless its unit is that of something else."""
+    for unit in units:
+        if unit in {"g", "mg"}:  # lower case: of gravity
+            return ACCELERATION
+        for kind in (RATE, ACCELERATION):
+            if unit.casefold() in FACTORS[kind] and unit.casefold() not in FACTORS[FIELD]:
+                return kind
+    return FIELD if not units or _unit(FIELD, units) else ""
+
+
+def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
+    if any(word.startswith(("temp", "tmp")) for word in words) and words != ["temps"]:
+        return TEMPERATURE, 0
+    if any(word in {"curr", "current", "amps", "amp", "ampere"} for word in words):
+        return CURRENT, 0
+    if any(_NO_TIMES.match(word) for word in words):
+        return "", 0
+    timed = any(_TIMES.match(word) for word in words)
+    alone = not words and all(unit.casefold() in FACTORS[TIME] for unit in units)
+    return (TIME, 0 if _unit(TIME, units) else 1) if timed or alone or (units and "elapsed" in words) else ("", 0)
+
+
+def _unit(kind: str, units: list[str]) -> str:
+    """Pick the unit that this kind of column can have, in the spelling of `FACTORS` or, for a field, of `Unit`."""
+    for unit in units:
+        folded = unit.casefold()
+        if kind == FIELD and folded != "raw":
+            known = SPELLINGS.get(folded) or ("uT" if _BROKEN_MICRO.fullmatch(folded) else "")
+            if known and not (known == "T" and unit == "t"):
+                return known
+        elif kind == RATE and folded.encode("ascii", "ignore") == b"/s":
+            return "°/s"
+        elif folded in FACTORS.get(kind, {}):
+            return folded
+    return ""

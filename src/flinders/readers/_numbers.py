@@ -1,0 +1,179 @@
+"""Lines of text into numbers: a block at once where all its lines are sound, else line by line.
+
+>>> split("1;2,5;nan", ";"), number("2,5", ","), number("two", ".")
+(['1', '2,5', 'nan'], 2.5, None)
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.readers._source import CUT_OFF
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+
+SPACES: Final = " "
+"""The delimiter that stands for any run of spaces and tabs."""
+MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})
+"""What loggers write where there is no value."""
+PIECE: Final = 128
+"""Lines that go the slow way together when one of them is unsound."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """How a line is cut into cells, and which of them are read.
+
+    Attributes
+    ----------
+    delimiter : str
+        One character; `SPACES` for any run of spaces and tabs.
+    decimal : str
+        ``"."`` or ``","``.
+    width : int
+        Cells in a line; 0 where that differs from line to line.
+    cells : tuple of int
+        The ones that are read, counted from 0.
+    needed : frozenset of int
+        The ones of them without which a line cannot be used; in others, text reads as NaN.
+    """
+
+    delimiter: str
+    decimal: str
+    width: int
+    cells: tuple[int, ...]
+    needed: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """What was read from some lines.
+
+    Attributes
+    ----------
+    values : (N, len(cells)) float
+        As written, NaN where a cell is empty.
+    lines : sequence of N int
+        The line each row came from.
+    unreadable : list of (int, str)
+        Number and text of lines that are not rows.
+    """
+
+    values: Floats
+    lines: Sequence[int]
+    unreadable: list[tuple[int, str]]
+
+
+def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
+    """Read lines that are neither blank nor comments."""
+    if not texts:
+        return Rows(np.empty((0, len(grid.cells))), [], [])
+    try:
+        return Rows(_at_once(texts, grid), lines, [])
+    except ValueError:
+        if len(texts) <= PIECE:
+            return _one_by_one(texts, lines, grid)
+    pieces = [
+        rows_of(texts[start : start + PIECE], lines[start : start + PIECE], grid)
+        for start in range(0, len(texts), PIECE)
+    ]
+    return Rows(
+        np.concatenate([piece.values for piece in pieces]),
+        [line for piece in pieces for line in piece.lines],
+        [line for piece in pieces for line in piece.unreadable],
+    )
+
+
+def split(text: str, delimiter: str) -> list[str]:
+    """Cut a line into cells, quotes taken off and spaces around them left on."""
+    if text.endswith(CUT_OFF):
+        return [text]
+    if delimiter == SPACES:
+        return text.replace('"', "").split()
+    if '"' not in text:
+        return text.split(delimiter)
+    try:
+        return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:
+        return [text]
+
+
+def number(cell: str, decimal: str) -> float | None:
+    """Read a cell: NaN where it is empty or says so, None where it is text."""
+    text = cell.strip()
+    if text.casefold() in MISSING:
+        return math.nan
+    if decimal == ",":
+        if text.endswith(","):
+            return None
+        text = text.replace(",", ".")
+    try:
+        return None if "_" in text else float(text)
+    except ValueError:
+        return None
+
+
+def fits(found: list[str], width: int) -> bool:
+    """Tell whether a line has as many cells as the others; a delimiter at its end does no harm."""
+    return len(found) == width or (len(found) > width and not any(cell.strip() for cell in found[width:]))
+
+
+def _at_once(texts: list[str], grid: Grid) -> Floats:
+    """Read lines that all have the same number of cells, all of the read ones numbers; else ValueError."""
+    spaces = grid.delimiter == SPACES
+    if grid.width:
+        widths = {len(text.split()) for text in texts} if spaces else {text.count(grid.delimiter) + 1 for text in texts}
+        if widths != {grid.width}:
+            raise ValueError
+    elif any(text.endswith(CUT_OFF) for text in texts):
+        raise ValueError
+    if grid.decimal == ",":
+        if grid.delimiter == ",":
+            raise ValueError  # quotes tell the two kinds of comma apart
+        texts = [text.replace(",", ".") for text in texts]
+    values = np.loadtxt(
+        texts,
+        delimiter=None if spaces else grid.delimiter,
+        quotechar='"' if '"' in texts[0] else None,
+        comments=None,
+        usecols=grid.cells,
+        ndmin=2,
+    )
+    if len(values) != len(texts):
+        raise ValueError
+    return values
+
+
+def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
+    values: list[list[float]] = []
+    kept: list[int] = []
+    unreadable: list[tuple[int, str]] = []
+    for line, text in zip(lines, texts, strict=True):
+        row = _row(split(text, grid.delimiter), grid)
+        if row is None:
+            unreadable.append((line, text))
+        else:
+            values.append(row)
+            kept.append(line)
+    return Rows(np.array(values, dtype=float).reshape(-1, len(grid.cells)), kept, unreadable)
+
+
+def _row(found: list[str], grid: Grid) -> list[float] | None:
+    """Read the cells of one line, or None where it has the wrong number of them or text in a needed one."""
+    if not fits(found, grid.width) if grid.width else len(found) <= max(grid.needed):
+        return None
+    row = []
+    for cell in grid.cells:
+        value = number(found[cell], grid.decimal) if cell < len(found) else math.nan
+        if value is None and cell in grid.needed:
+            return None
+        row.append(math.nan if value is None else value)
+    return row

@@ -1,0 +1,132 @@
+"""The lines of a recording once more, with other numbers in the place of the magnetometer's."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+from flinders.readers._numbers import SPACES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.readers._numbers import Rows
+    from flinders.readers._sniff import Layout
+    from flinders.readers._source import Lines
+
+WRITTEN: Final = "%.9g"
+"""Nine significant digits: as many as a float32 has."""
+SUFFIX: Final = "_cal"
+
+
+class Rewriter:
+    """Puts numbers into lines and leaves the rest of them alone.
+
+    Parameters
+    ----------
+    layout : Layout
+        How the lines are written.
+    add : bool
+        Write the numbers after each line; else in place of those there.
+    """
+
+    def __init__(self, layout: Layout, *, add: bool) -> None:
+        self._layout, self._add = layout, add
+        self._delimiter = layout.grid.delimiter
+        mark = re.escape(self._delimiter)
+        self._cell = re.compile(rf'(\s*"(?:[^"]|"")*"\s*(?={mark}|$)|[^{mark}]*)(?:{mark}|$)')
+
+    def opening(self) -> Iterator[str]:
+        """Yield a header, where the recording has names and no line that says them."""
+        header = self._layout.header
+        if header and not self._layout.header_line:
+            yield self._named(",".join(f'"{name}"' if "," in name else name for name in header)) + self._layout.newline
+
+    def lines(self, lines: Lines, rows: Rows, field: Floats) -> Iterator[str]:
+        """Yield these lines with their ends.
+
+        Parameters
+        ----------
+        lines : Lines
+            As they are in the file.
+        rows : Rows
+            What was read from them.
+        field : (len(rows.lines), 3) float
+            What to write, in the unit of the recording.
+        """
+        layout = self._layout
+        texts: list[str | None] = [None] * len(lines.texts) if layout.prefix else list(lines.texts)
+        if self._add:
+            self._rename(texts, lines.first)
+        for line, _ in rows.unreadable:
+            texts[line - lines.first] = None
+        for line, reading in zip(rows.lines, field.tolist(), strict=True):
+            place = line - lines.first
+            texts[place] = self._changed(layout.without_prefix(lines.texts[place]), self._written(reading))
+        for text in texts:
+            if text is not None:
+                yield text + layout.newline
+
+    def _written(self, reading: list[float]) -> list[str]:
+        cells = [WRITTEN % value for value in reading]
+        return [cell.replace(".", ",") for cell in cells] if self._layout.grid.decimal == "," else cells
+
+    def _changed(self, text: str, reading: list[str]) -> str:
+        """Put three numbers into a line, or after it."""
+        cells = self._cut(text)
+        places = self._layout.columns.field.cells
+        if self._add:
+            quote = '"' if '"' in cells[places[0]] or (self._layout.grid.decimal == self._delimiter) else ""
+            return self._appended(text, [f"{quote}{value}{quote}" for value in reading])
+        for place, value in zip(places, reading, strict=True):
+            old = cells[place]
+            bare = old.strip().strip('"')
+            cells[place] = value if bare == old else old.replace(bare, value, 1) if bare else old + value
+        return self._joined(cells)
+
+    def _rename(self, texts: list[str | None], first: int) -> None:
+        """Name added columns, wherever the header stands."""
+        layout = self._layout
+        for place, text in enumerate(texts):
+            if layout.header_line and text == layout.header_text and first + place >= layout.header_line:
+                texts[place] = self._named(text)
+
+    def _named(self, header: str) -> str:
+        """Add names to a header."""
+        if not self._add:
+            return header
+        cells = self._cut(header)
+        shift = len(cells) - len(self._layout.header) if self._delimiter == SPACES else 0  # the sign of a comment
+        names = [cells[place + max(shift, 0)].strip().lstrip("#%/ ") for place in self._layout.columns.field.cells]
+        return self._appended(
+            header, [f'{name[:-1]}{SUFFIX}"' if name[-1:] == '"' else name + SUFFIX for name in names]
+        )
+
+    def _appended(self, text: str, cells: list[str]) -> str:
+        """Write three cells after a line, in the style of its delimiters."""
+        text = text.rstrip(" ")
+        if self._delimiter == SPACES:
+            between = "\t" if "\t" in text else " "
+            return between.join([text.rstrip(), *cells])
+        between = self._delimiter + " " * (f"{self._delimiter} " in text)
+        closed = text.endswith(self._delimiter) and 0 < self._layout.grid.width < len(self._cut(text))
+        return text + ("" if closed else between) + between.join(cells)
+
+    def _cut(self, text: str) -> list[str]:
+        """Cut a line into cells that `_joined` puts together again: spaces and quotes stay on."""
+        if self._delimiter == SPACES:
+            return re.findall(r"\s*\S+", text)
+        if '"' not in text:
+            return text.split(self._delimiter)
+        cells: list[str] = []
+        at = 0
+        while match := self._cell.match(text, at):
+            cells.append(match[1])
+            at = match.end()
+            if match.end(1) == len(text):
+                break
+        return cells
+
+    def _joined(self, cells: list[str]) -> str:
+        return "".join(cells) if self._delimiter == SPACES else self._delimiter.join(cells)

@@ -1,0 +1,314 @@
+"""How a text recording is laid out: delimiter, decimal sign, header, where the readings start.
+
+Every way of cutting lines is tried on the first few hundred; the one that yields the most lines of
+numbers is taken. What stands above the first such line is preamble, and a header if it has as many
+cells as the readings and its names, as `_names` reads them, hold a magnetometer.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.readers._columns import Column, Columns, by_name, by_place, names_magnetometer, wanted_places
+from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, meaning
+from flinders.readers._numbers import SPACES, Grid, fits, number, split
+from flinders.readers._source import CUT_OFF, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+
+DIALECTS: Final = (
+    (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
+)  # fmt: skip
+"""Delimiters and decimal signs; of equally good ones the first is taken."""
+TRIED: Final = 400
+"""Lines that dialects are tried on."""
+SAMPLED: Final = 200
+"""Rows looked at to tell numbers from text, and ascending times."""
+SAME_WIDTH: Final = 0.9
+"""Share of rows with the same number of cells from which on others count as broken."""
+COMMENTS: Final = ("#", "%", "//")
+SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
+
+PREFIXES: Final = {
+    "Raw": re.compile(r"(?:.* -> )?\s*Raw\s*[: ]\s*(?=[-+.\d]+\s*,)", re.IGNORECASE),
+    "Uni": re.compile(r"(?:.* -> )?\s*Uni\s*[: ]\s*(?=[-+.\d]+\s*,)", re.IGNORECASE),
+}
+"""Starts of the lines MotionCal and Adafruit's sketches exchange; a serial monitor may put the time before."""
+MOTIONCAL: Final = ("ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How a recording is written.
+
+    Attributes
+    ----------
+    grid : Grid
+        Delimiter, decimal sign, cells of a line.
+    columns : Columns
+        Which column is what.
+    start : int
+        Number of the first line with readings.
+    header : tuple of str
+        Names of the columns; empty where there are none.
+    header_line : int
+        Where they stand; 0 where nowhere.
+    header_text : str
+        That line, as it is.
+    prefix : str
+        ``"Raw"`` or ``"Uni"``: only lines starting so are read.
+    encoding, newline : str
+        As Python calls them.
+    """
+
+    grid: Grid
+    columns: Columns
+    start: int = 1
+    header: tuple[str, ...] = ()
+    header_line: int = 0
+    header_text: str = ""
+    prefix: str = ""
+    encoding: str = "utf-8"
+    newline: str = "\n"
+
+    def select(self, first: int, texts: list[str]) -> tuple[list[str], Sequence[int]]:
+        """Pick the lines that should be readings, with their numbers.
+
+        Parameters
+        ----------
+        first : int
+            Number of the first line.
+        texts : list of str
+            It and those after it.
+        """
+        skip = max(self.start - first, 0)
+        first, texts = first + skip, texts[skip:]
+        if self.prefix:
+            pattern = PREFIXES[self.prefix]
+            marked = [place for place, text in enumerate(texts) if pattern.match(text)]
+            return [self.without_prefix(texts[place]) for place in marked], [first + place for place in marked]
+        kept = [text for text in texts if (bare := text.lstrip()) and not bare.startswith(COMMENTS)]
+        if self.header_text and self.header_text in kept:
+            kept = [text for text in kept if text != self.header_text]
+        if len(kept) == len(texts):
+            return texts, range(first, first + len(texts))
+        lines = [first + place for place, text in enumerate(texts) if self.is_reading(text)]
+        return kept, lines
+
+    def is_reading(self, text: str) -> bool:
+        """Tell whether a line below the header should be a reading: no blank, comment or header come again."""
+        bare = text.lstrip()
+        return bool(bare) and not bare.startswith(COMMENTS) and not (self.header_text and text == self.header_text)
+
+    def without_prefix(self, text: str) -> str:
+        """Take off what stands before the numbers of a line."""
+        return PREFIXES[self.prefix].sub("", text, count=1) if self.prefix else text
+
+    def __str__(self) -> str:
+        parts = [f"{self.prefix}: lines"] if self.prefix else [] if self.header else ["no header"]
+        parts.append(f"{SPOKEN[self.grid.delimiter]}-separated")
+        return ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
+
+
+def sniff(name: str, texts: list[str], columns: str | None = None, header: Sequence[str] = ()) -> Layout:
+    """Recognise how a recording is laid out.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording, for messages.
+    texts : list of str
+        Its first lines.
+    columns : str, optional
+        Names or numbers of the magnetometer's columns, if the user said which.
+    header : sequence of str, optional
+        Names of the columns, if they are known from elsewhere.
+
+    Raises
+    ------
+    UnreadableInput
+        Where no lines of numbers are found.
+    NoMagnetometer
+        Where they are, and which of the columns are the magnetometer is not clear.
+    UsageError
+        Where `columns` asks for columns that there are not.
+    """
+    for prefix, pattern in PREFIXES.items():
+        if any(pattern.match(text) for text in texts):
+            return _prefixed(prefix, columns)
+    lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
+    if not lines:
+        blank = not any(text.strip() for text in texts)
+        raise UnreadableInput(
+            f"{name} holds only {'blank lines' if blank else 'comments'}: need lines of numbers, one reading each"
+        )
+    for stretch in (lines[:TRIED], lines):
+        delimiter, decimal = max(DIALECTS, key=lambda dialect: _score(stretch, dialect))
+        rows = _rows(stretch, (delimiter, decimal))
+        if rows:
+            return _table(name, texts, rows=rows, dialect=(delimiter, decimal), columns=columns, known=header)
+    raise _nothing(name, lines)
+
+
+def _table(
+    name: str,
+    texts: list[str],
+    *,
+    rows: dict[int, list[str]],
+    dialect: tuple[str, str],
+    columns: str | None,
+    known: Sequence[str],
+) -> Layout:
+    """Lay out a table from the lines that are rows of numbers."""
+    width, often = Counter(map(len, rows.values())).most_common(1)[0]
+    like = {place: cells for place, cells in rows.items() if len(cells) == width}
+    start = min(like)
+    closed = not any(cells[-1].strip() for cells in like.values())
+    place, header = (-1, list(known)) if known else _header(texts[:start], dialect[0], width, closed=closed)
+    width -= closed and len(header) != width  # each line ends with a delimiter
+    values = _values(list(like.values())[:SAMPLED], width, dialect[1])
+    wanted = wanted_places(columns, header, width) if columns is not None else ()
+    chosen = by_name(header, values, wanted) if header else by_place(values, wanted)
+    if chosen is None:
+        raise _no_magnetometer(name, header, width, (start + 1, texts[start]))
+    return Layout(
+        grid=_grid(chosen, dialect, width if often >= SAME_WIDTH * len(rows) else 0),
+        columns=chosen,
+        start=start + 1,
+        header=tuple(header),
+        header_line=place + 1,
+        header_text=texts[place] if place >= 0 else "",
+    )
+
+
+def _grid(columns: Columns, dialect: tuple[str, str], width: int) -> Grid:
+    time = columns.time
+    needed = frozenset((*columns.field.cells, *(time.cells if time else ())))
+    return Grid(*dialect, width, columns.cells, needed)
+
+
+def _prefixed(prefix: str, columns: str | None) -> Layout:
+    """Lay out lines of nine numbers: counts of MotionCal after ``Raw:``, units of Adafruit after ``Uni:``."""
+    raw = prefix == "Raw"
+    field = wanted_places(columns, MOTIONCAL, 9) if columns is not None else (6, 7, 8)
+    beside = (
+        Column(ACCELERATION, (0, 1, 2), MOTIONCAL[:3], 1 / 8192 if raw else 1.0),
+        Column(RATE, (3, 4, 5), MOTIONCAL[3:6], FACTORS[RATE]["dps"] / 16 if raw else 1.0),
+    )
+    chosen = Columns(
+        field=Column(FIELD, field, tuple(MOTIONCAL[cell] for cell in field)),
+        unit="counts" if raw else "uT",
+        scale=0.1 if raw else None,
+        beside=tuple(column for column in beside if not set(column.cells) & set(field)),
+    )
+    return Layout(_grid(chosen, (",", "."), 9), chosen, header=MOTIONCAL, prefix=prefix)
+
+
+def _is_comment(text: str) -> bool:
+    return text.lstrip().startswith(COMMENTS)
+
+
+def _rows(lines: list[tuple[int, str]], dialect: tuple[str, str], least: int = 3) -> dict[int, list[str]]:
+    """Pick the lines that hold at least so many numbers, and more numbers than words."""
+    delimiter, decimal = dialect
+    rows = {}
+    for place, text in lines:
+        cells = split(text, delimiter)
+        filled = [cell for cell in cells if cell.strip()]
+        numbers = sum(number(cell, decimal) is not None for cell in filled)
+        if numbers >= least and 2 * numbers >= len(filled):
+            rows[place] = cells
+    return rows
+
+
+def _score(lines: list[tuple[int, str]], dialect: tuple[str, str]) -> tuple[int, int]:
+    """Rate a dialect: lines of numbers, then numbers in them."""
+    rows = _rows(lines, dialect)
+    numbers = sum(number(cell, dialect[1]) is not None for cells in rows.values() for cell in cells if cell.strip())
+    return len(rows), numbers
+
+
+def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
+    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
+    fallback: tuple[int, list[str]] = (-1, [])
+    for place in range(len(above) - 1, -1, -1):
+        names = [cell.strip() for cell in split(_uncommented(above[place]), delimiter)]
+        if not (fits(names, width) or (closed and len(names) == width - 1)):
+            continue
+        names = names[:width]
+        if names_magnetometer(names):
+            return place, names
+        if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
+            fallback = place, names
+    return fallback
+
+
+def _could_name(names: list[str], delimiter: str) -> bool:
+    """Tell a header from a sentence: no numbers and, where spaces part the cells, a name that means something."""
+    if not any(names) or any(name and number(name, ".") is not None for name in names):
+        return False
+    return delimiter != SPACES or any(meaning(name).kind for name in names)
+
+
+def _uncommented(text: str) -> str:
+    bare = text.lstrip()
+    for sign in COMMENTS:
+        if bare.startswith(sign):
+            return bare[len(sign) :].lstrip()
+    return text
+
+
+def _values(rows: list[list[str]], width: int, decimal: str) -> Floats:
+    """Read the first rows, NaN for text."""
+    read = [[number(cell, decimal) for cell in cells[:width]] for cells in rows]
+    return np.array([[np.nan if value is None else value for value in row] for row in read], dtype=float)
+
+
+def _no_magnetometer(name: str, header: list[str], width: int, line: tuple[int, str]) -> NoMagnetometer:
+    if header:
+        return NoMagnetometer(
+            f"no magnetometer among the columns of {name}: {', '.join(header)}; "
+            f"say which three it is by name or number, such as --columns {_example(width)}"
+        )
+    return NoMagnetometer(
+        f"{name} has {width} columns and no header (line {line[0]}: {shown(line[1])!r}): need three, x y z, "
+        f"or four with the time first; say which are the magnetometer, such as --columns {_example(width)}"
+    )
+
+
+def _example(width: int) -> str:
+    return ",".join(str(width - 2 + place) for place in range(3)) if width > 5 else "2,3,4" if width > 3 else "1,2,3"
+
+
+def _nothing(name: str, lines: list[tuple[int, str]]) -> Exception:
+    """Say what a file without rows of three numbers holds instead."""
+    place, text = lines[0]
+    few = max((_rows(lines, dialect, 1) for dialect in DIALECTS), key=len)
+    headed = next((at for at, line in lines for cut, _ in DIALECTS if names_magnetometer(split(line, cut))), None)
+    if headed is not None:
+        return UnreadableInput(
+            f"{name} has a header (line {headed + 1}) and no readings below it: record again, or check what was saved"
+        )
+    if 2 * len(few) >= len(lines):
+        place, text = next((place, text) for place, text in lines if place in few)
+        return NoMagnetometer(
+            f"{name} has fewer than three numbers a line (line {place + 1}: {shown(text)!r}): "
+            "need three, x y z, one reading a line"
+        )
+    if text.endswith(CUT_OFF):
+        return UnreadableInput(
+            f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
+        )
+    return UnreadableInput(
+        f"no lines of numbers in {name} (line {place + 1}: {shown(text)!r}): "
+        "need three columns of numbers, one reading a line"
+    )

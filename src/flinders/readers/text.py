@@ -1,0 +1,280 @@
+r"""Recordings as text: tables with any delimiter, decimal sign and header, MotionCal captures, JSON.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
+>>> _ = file.write_text("t_s,mag_x,mag_y,mag_z\n0.0,217,4,-586\n0.1,217,2,-587\n")
+>>> from flinders.readers._source import find
+>>> recording = open_text(find(file), unit="mG")
+>>> print(recording)
+tumble.csv: columns mag_x, mag_y, mag_z in mG, time in t_s; comma-separated
+>>> [len(block) for block in recording.blocks()], recording.skipped
+([2], ())
+"""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+from flinders.axes import Axes
+from flinders.errors import UnitError, UnreadableInput
+from flinders.readers._json import is_json, table_of
+from flinders.readers._kinds import foreign_kind
+from flinders.readers._names import ACCELERATION, CURRENT, RATE, TEMPERATURE, TIME
+from flinders.readers._numbers import Rows, rows_of
+from flinders.readers._rewrite import Rewriter
+from flinders.readers._skipping import Tally, added, left_out_of
+from flinders.readers._sniff import Layout, sniff
+from flinders.readers._source import Lines, Source, encoding_of, newline_of
+from flinders.samples import Samples
+from flinders.units import COUNTS, Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.readers._columns import Column, Columns
+    from flinders.samples import Skipped
+
+Progress: TypeAlias = "Callable[[int, int | None], None]"
+"""Called once a block with the bytes read so far and, where it is known, those there are."""
+
+
+@dataclass(slots=True, eq=False)
+class TextRecording:
+    """A text file that yields its readings again and again, in bounded memory.
+
+    Attributes
+    ----------
+    file : Source
+        Where its lines are.
+    layout : Layout
+        What was recognised: delimiter, decimal sign, header, which column is what.
+    unit : Unit
+        What the magnetometer's columns are written in.
+    axes : Axes
+        How the recorded axes are turned.
+    progress : callable, optional
+        Called once a block with the bytes read so far and those there are.
+    skipped : tuple of Skipped
+        What the last pass over the file has left out so far.
+    """
+
+    file: Source
+    layout: Layout
+    unit: Unit
+    axes: Axes = field(default_factory=Axes)
+    progress: Progress | None = None
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)
+
+    @property
+    def source(self) -> str:
+        """The name of the file."""
+        return self.file.name
+
+    def blocks(self) -> Iterator[Samples]:
+        """Yield the readings from the first on, about 8192 at a time.
+
+        Raises
+        ------
+        UnreadableInput
+            Where the file cannot be read to its end; at its end, where more than half of the lines that
+            should be readings are not, or no reading is left.
+        """
+        pending: tuple[Skipped, ...] = ()
+        for stretch in self._pass():
+            pending = added(pending, stretch.left_out)
+            if stretch.usable.any():
+                yield replace(self._samples(stretch), skipped=pending)
+                pending = ()
+
+    def corrected_lines(self, correct: Callable[[Floats], Floats], *, add: bool = False) -> Iterator[str]:
+        """Yield the lines of the file with corrected readings in place of the recorded ones.
+
+        All else stays: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Lines that
+        cannot be read are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON
+        and captures of ``Raw:`` lines become comma-separated tables. Lines carry their ends: write them with
+        ``newline=""`` and, for the same characters, `layout.encoding`.
+
+        Parameters
+        ----------
+        correct : (N, 3) to (N, 3)
+            Takes and gives readings as in `Samples.field`: in `unit.inside` and in `axes`.
+        add : bool
+            Add three columns, named with ``_cal`` where there is a header, and keep the recorded ones.
+
+        Raises
+        ------
+        UnreadableInput
+            As `blocks`.
+        """
+        rewriter = Rewriter(self.layout, add=add)
+        yield from rewriter.opening()
+        for lines, rows, usable, _ in self._pass():
+            corrected = np.full((len(usable), 3), np.nan)
+            if usable.any():
+                recorded = self._taken(rows.values[usable], self.layout.columns.field) * self.unit.scale
+                corrected[usable] = correct(self.axes.apply(recorded)) / self.unit.scale + 0.0  # no −0
+            yield from rewriter.lines(lines, rows, corrected)
+
+    def describe(self) -> str:
+        """Say in one line what was recognised and is used."""
+        columns = self.layout.columns
+        unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
+        time = f", time in {columns.time.names[0]}" if columns.time else ""
+        mapped = "" if self.axes.is_identity else f"; axes {self.axes}"
+        missing = f"; left out {', '.join(columns.left_out)}" if columns.left_out else ""
+        names = ", ".join(columns.field.names)
+        return f"{self.source}: columns {names} in {unit}{time}; {self.layout}{mapped}{missing}"
+
+    def __str__(self) -> str:
+        return self.describe()
+
+    def _pass(self) -> Iterator[_Stretch]:
+        """Go over the file once, noting what is left out, and judge it at the end."""
+        tally = Tally()
+        self.skipped = ()
+        for lines in self.file.lines(self.layout.encoding):
+            rows = rows_of(*self.layout.select(lines.first, lines.texts), self.layout.grid)
+            usable = self._usable(rows)
+            left_out = left_out_of(lines, rows, usable)
+            tally.add(rows, usable)
+            self.skipped = added(self.skipped, left_out)
+            if self.progress:
+                self.progress(lines.done, self.file.size)
+            yield _Stretch(lines, rows, usable, left_out)
+        tally.judge(self.source, self.skipped)
+
+    def _usable(self, rows: Rows) -> NDArray[np.bool_]:
+        """Tell which rows have a field, and a time where there is one, that is finite also in `unit.inside`."""
+        columns = self.layout.columns
+        with np.errstate(over="ignore"):
+            usable = np.isfinite(self._taken(rows.values, columns.field) * self.unit.scale)
+        if columns.time:
+            usable = usable & np.isfinite(self._taken(rows.values, columns.time))
+        return np.asarray(usable.all(axis=1), dtype=np.bool_)
+
+    def _taken(self, values: Floats, column: Column) -> Floats:
+        """Pick the cells of a column from what was read."""
+        return values[:, [self.layout.columns.cells.index(cell) for cell in column.cells]]
+
+    def _samples(self, stretch: _Stretch) -> Samples:
+        """Make samples of the rows that can be used."""
+        values = stretch.rows.values if stretch.usable.all() else stretch.rows.values[stretch.usable]
+        return Samples.of(
+            self._taken(values, self.layout.columns.field),
+            unit=self.unit,
+            axes=self.axes,
+            time=self._beside(values, TIME),
+            acceleration=self._beside(values, ACCELERATION),
+            rate=self._beside(values, RATE),
+            temperature=self._beside(values, TEMPERATURE),
+            current=self._beside(values, CURRENT),
+            source=self.source,
+        )
+
+    def _beside(self, values: Floats, kind: str) -> Floats | None:
+        """Take what stands beside the field, in the units of `Samples`, if it is there."""
+        column = self.layout.columns.of_kind(kind)
+        if column is None:
+            return None
+        taken = (self._taken(values, column) - column.start) * column.factor
+        return taken[:, 0] if len(column.cells) == 1 else taken
+
+
+class _Stretch(NamedTuple):
+    """Some lines, what was read from them, which of the rows can be used, and what is left out."""
+
+    lines: Lines
+    rows: Rows
+    usable: NDArray[np.bool_]
+    left_out: tuple[Skipped, ...]
+
+
+def open_text(
+    file: Source,
+    *,
+    columns: str | None = None,
+    unit: str | None = None,
+    scale: float | None = None,
+    axes: str | Axes = "x,y,z",
+    progress: Progress | None = None,
+) -> TextRecording:
+    """Recognise a text recording from its first lines.
+
+    Parameters
+    ----------
+    file : Source
+        As `find` gives it.
+    columns : str, optional
+        Three names, or numbers from 1, of the magnetometer's columns: ``"mx,my,mz"``, ``"4,5,6"``.
+    unit : str, optional
+        What they are in, where the file does not say.
+    scale : float, optional
+        Microtesla in one count.
+    axes : str or Axes
+        Where each new axis comes from, such as ``"x,-y,-z"``.
+    progress : callable, optional
+        Called once a block with the bytes read so far and those there are.
+
+    Raises
+    ------
+    UnreadableInput
+        For a file that is not text, or not lines of numbers.
+    NoMagnetometer
+        Where it is not clear which columns are the magnetometer.
+    UsageError
+        For columns that there are not; its `UnitError` for a unit that contradicts the header.
+    """
+    axes = axes if isinstance(axes, Axes) else Axes.of(axes)
+    head = file.head()
+    if kind := foreign_kind(head):
+        raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
+    encoding, newline = encoding_of(head), newline_of(head)
+    table, names = file, tuple[str, ...]()
+    if is_json(head.decode(encoding, "replace").removeprefix("\ufeff")):
+        table, names = table_of(file, encoding)
+        encoding, newline = "utf-8", "\n"
+    with closing(table.lines(encoding)) as stretches:
+        first = next(stretches, Lines(1, [], 0))
+        is_all = next(stretches, None) is None
+    layout = replace(sniff(file.name, first.texts, columns, names), encoding=encoding, newline=newline)
+    recording = TextRecording(table, layout, unit_of(layout.columns, file.name, unit, scale), axes)
+    if is_all:
+        for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
+            pass
+    recording.progress = progress
+    recording.skipped = ()
+    return recording
+
+
+def sniff_text(head: bytes) -> bool:
+    """Tell whether a file with these first bytes may be text."""
+    return foreign_kind(head) is None
+
+
+def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
+    """Settle the unit between what the header says and what the user says.
+
+    Raises
+    ------
+    UnitError
+        Where they contradict each other, or a unit is not known.
+    """
+    if unit is not None:
+        chosen = Unit.of(unit, scale)
+        if columns.stated and chosen.name != columns.unit:
+            raise UnitError(
+                f"the header of {name} says {columns.unit} ({columns.field.names[0]}) and unit {unit!r} was given: "
+                "leave it out, or correct the header"
+            )
+        return chosen
+    if scale is not None:
+        return Unit.of(columns.unit if columns.stated else COUNTS, scale)
+    return Unit.of(columns.unit or COUNTS, columns.scale)

@@ -1,0 +1,1 @@
+"""Renderings of the same `Fit`; they compute nothing."""

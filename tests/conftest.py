@@ -1,0 +1,65 @@
+"""What all tests share: real recordings, golden files, hypothesis profiles."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ROOT = Path(__file__).resolve().parent.parent
+GOLDEN = ROOT / "tests" / "golden" / "files"
+ON_CI = bool(os.environ.get("CI"))
+
+# A shared machine is sometimes slow for a moment: no deadline. On CI the same examples every time.
+settings.register_profile("default", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("ci" if ON_CI else "default")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--regenerate", action="store_true", help="rewrite the golden files instead of comparing")
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Callable[[str], Path]:
+    """Find a real recording: ``recordings("michaelwro_fxos8700/mag-readings.txt")``.
+
+    They live in the folder that FLINDERS_DATA names, else in ``shared/data`` beside the project. Without them a test
+    is skipped; on CI it fails.
+    """
+    folder = Path(os.environ.get("FLINDERS_DATA") or ROOT.parent / "shared" / "data")
+
+    def find(name: str) -> Path:
+        path = folder / name
+        if path.exists():
+            return path
+        message = f"no recording {path}: set FLINDERS_DATA to the folder that holds {name}"
+        if ON_CI:
+            pytest.fail(message)
+        pytest.skip(message)
+
+    return find
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
+    """Compare a text with a reviewed file: ``golden("cli/demo.txt", output)``; ``pytest --regenerate`` rewrites it."""
+    regenerate = bool(request.config.getoption("--regenerate", default=False))
+
+    def check(name: str, text: str) -> None:
+        path = GOLDEN / name
+        if regenerate:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(text.encode())
+            return
+        if not path.exists():
+            pytest.fail(f"no golden file {path}: write it with `uv run pytest --regenerate` and review it")
+        assert text == path.read_bytes().decode(), f"{name} differs: `uv run pytest --regenerate`, then review the diff"
+
+    return check

@@ -1,0 +1,129 @@
+"""Whatever a user can name is documented, and the README's example works as written."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import pytest
+
+import flinders
+from flinders.errors import FlindersError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+
+
+def page(name: str) -> str:
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
+def commands(group: click.Group, name: str) -> Iterator[tuple[str, click.Command]]:
+    yield name, group
+    for word, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, f"{name} {word}")
+        else:
+            yield f"{name} {word}", command
+
+
+def section(text: str, heading: str) -> str:
+    """What stands under a heading that holds `heading` in backticks, up to the next of its level."""
+    found = re.search(
+        rf"^(#+) [^\n]*`{re.escape(heading)}`[^\n]*\n(.*?)(?=^#{{1,2}} |\Z)", text, re.MULTILINE | re.DOTALL
+    )
+    return found[2] if found else ""
+
+
+def tree(error: type[FlindersError]) -> Iterator[type[FlindersError]]:
+    yield error
+    for child in error.__subclasses__():
+        if child.__module__.startswith("flinders."):
+            yield from tree(child)
+
+
+def test_every_command_and_option_is_documented() -> None:
+    from flinders.cli import main
+
+    text = page("cli.md")
+    missing = []
+    for name, command in commands(main, "flinders"):
+        if name == "flinders":
+            described = text
+        else:
+            described = section(text, name)
+            missing += [] if described else [name]
+        for parameter in command.params:
+            if isinstance(parameter, click.Option) and not parameter.hidden:
+                spelled = [word for word in (*parameter.opts, *parameter.secondary_opts) if word.startswith("--")]
+                missing += [f"{name} {word}" for word in spelled if not re.search(rf"`{word}[ =`]", described)]
+    assert not missing, f"docs/cli.md does not describe {missing}"
+
+
+def test_every_error_is_documented_with_its_exit_code() -> None:
+    text = page("errors.md")
+    rows = {error: f"| `{error.code}` | `{error.__name__}` | {error.exit_code} |" for error in tree(FlindersError)}
+    missing = [row for row in rows.values() if row not in text]
+    assert not missing, f"docs/errors.md lacks rows that begin {missing}"
+
+
+def test_every_public_name_is_documented() -> None:
+    text = page("api.md")
+    missing = [name for name in flinders.__all__ if f"`flinders.{name}`" not in text and not name.startswith("__")]
+    assert not missing, f"docs/api.md does not name {missing}"
+
+
+def test_every_method_is_documented() -> None:
+    from flinders.estimators import METHODS
+
+    missing = [name for name in METHODS if f"| `{name}` |" not in page("methods.md")]
+    assert not missing, f"docs/methods.md lacks rows for {missing}"
+
+
+def test_every_finding_is_documented() -> None:
+    from flinders.verdict import CODES
+
+    missing = [code for code in CODES if f"| `{code}` |" not in page("findings.md")]
+    assert not missing, f"docs/findings.md lacks rows for {missing}"
+
+
+def test_exit_codes_are_the_same_in_readme_and_docs() -> None:
+    def table(text: str) -> str:
+        return text[text.index("| exit code | meaning |") :].partition("\n\n")[0].strip()
+
+    assert table((ROOT / "README.md").read_text(encoding="utf-8")) == table(page("errors.md"))
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_links_between_pages_lead_somewhere(path: Path) -> None:
+    targets = re.findall(r"\]\((?!\w+:|#)([^)#]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8"))
+    assert [target for target in targets if not (path.parent / target).exists()] == []
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_an_example_ends_before_its_fence(path: Path) -> None:
+    """doctest reads Markdown as plain text and would take a fence right after an example for expected output."""
+    blocks = re.findall(r"^```python\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    assert [block for block in blocks if ">>> " in block and not block.endswith("\n\n")] == []
+
+
+def test_the_example_of_the_readme_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from flinders import simulate
+
+    rows = (",".join(f"{value:.4f}" for value in row) for row in simulate.tumble(seed=1).samples.field)
+    (tmp_path / "tumble.csv").write_text("\n".join(["mx_uT,my_uT,mz_uT", *rows]) + "\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)
+    scripts = [block for block in blocks if ">>> " not in block]
+    assert scripts, "the README has no script in Python"
+    for script in scripts:
+        exec(compile(script, "README.md", "exec"), {"__name__": "readme"})
+    assert (tmp_path / "calibration.json").exists()

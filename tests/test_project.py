@@ -1,0 +1,118 @@
+"""The project agrees with itself: one version, one set of commands, light imports, no foreign hosts."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import flinders
+
+ROOT = Path(__file__).resolve().parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PINS = (ROOT / "requirements-dev.txt").read_text(encoding="utf-8")
+MAIN_COMMAND = "pip install uv && uv run flinders demo"
+TEST_COMMAND = "pip install uv && uv run pytest"
+
+# Sites that prose may refer to. Nobody fetches packages or data from them.
+KNOWN_SITES = "keepachangelog.com|semver.org|doi.org|github.com|json-schema.org|www.w3.org|localhost|127.0.0.1"
+
+
+def own_files() -> list[Path]:
+    """All files that git tracks or would track."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a checkout: nothing says which files are the project's own")
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+    ).stdout.decode()
+    return [path for name in listed.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+def python(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, *arguments], check=False, capture_output=True, text=True, encoding="utf-8")
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_version_is_the_same_everywhere() -> None:
+    newest = re.search(r"^## \[(\d[^\]]*)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert newest
+    assert PYPROJECT["project"]["version"] == newest[1] == flinders.__version__ == metadata.version("flinders")
+
+
+def test_no_file_names_a_host_or_a_place_on_a_machine() -> None:
+    host = re.compile(rf"(?:https?|ftp)://(?!(?:{KNOWN_SITES})(?![\w.-]))")
+    place = re.compile(r"(?<![\w.])/(?:work|root|home/\w+|opt/fl)/|file:///\w")
+    wrong = []
+    for path in own_files():
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except UnicodeDecodeError:
+            continue
+        wrong += [
+            f"{path.relative_to(ROOT)}:{number}: {line.strip()[:100]}"
+            for number, line in enumerate(lines, 1)
+            if host.search(line) or place.search(line)
+        ]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_every_pin_has_its_hashes() -> None:
+    pins = [entry.split("\n") for entry in PINS.replace("\\\n", "\n").strip().split("\n\n")]
+    lines = [line.strip() for entry in pins for line in entry if line.strip()]
+    names = [index for index, line in enumerate(lines) if not line.startswith("--hash=sha256:")]
+    assert names
+    for here, following in zip(names, [*names[1:], len(lines)], strict=True):
+        assert re.fullmatch(r"[a-z0-9-]+==\S+(?: ; .+)?", lines[here]), lines[here]
+        assert following > here + 1, f"{lines[here]} has no hash"
+
+
+def test_every_dependency_is_pinned_and_both_lists_of_tools_agree() -> None:
+    tools = PYPROJECT["dependency-groups"]["dev"]
+    assert tools == PYPROJECT["project"]["optional-dependencies"]["dev"]
+    pinned = set(re.findall(r"^([a-z0-9-]+)==", PINS, re.MULTILINE))
+    asked = {
+        re.split(r"[<>=!~ ;\[]", line, maxsplit=1)[0].lower()
+        for line in [*PYPROJECT["project"]["dependencies"], *tools]
+    }
+    assert asked <= pinned, f"renew requirements-dev.txt (see CONTRIBUTING.md): {asked - pinned}"
+
+
+def test_readme_has_the_two_commands_and_ci_runs_them() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    for command in (MAIN_COMMAND, TEST_COMMAND):
+        assert re.search(rf"^{re.escape(command)}(?:\s|$)", readme, re.MULTILINE)
+        assert re.search(rf"^\s+{re.escape(command)}$", ci, re.MULTILINE)
+
+
+def test_import_flinders_does_not_import_scipy() -> None:
+    loaded = python("-c", "import sys, flinders; print(*sorted(sys.modules))").split()
+    assert "flinders" in loaded
+    assert "scipy" not in loaded
+
+
+def test_help_does_not_import_numpy() -> None:
+    code = "import sys, flinders.cli as cli; cli.main(['--help'], standalone_mode=False); print(*sorted(sys.modules))"
+    loaded = python("-c", code).split()
+    assert "flinders.cli" in loaded
+    assert "numpy" not in loaded
+
+
+def test_flinders_fit_is_a_function_after_every_submodule_was_imported() -> None:
+    code = """
+import importlib, pkgutil, flinders
+for module in pkgutil.walk_packages(flinders.__path__, "flinders."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+assert callable(flinders.fit) and not hasattr(flinders.fit, "__path__"), flinders.fit
+"""
+    python("-c", code)

@@ -1,0 +1,540 @@
+"""Text recordings: what is recognised in real ones, and what comes out of written ones."""
+
+from __future__ import annotations
+
+import gc
+import gzip
+import io
+import json
+import math
+import os
+import sys
+import tempfile
+import tracemalloc
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders.errors import AxesError, NoMagnetometer, UnitError, UnreadableInput, UsageError
+from flinders.readers import READERS, TextRecording, open_recording, read
+from flinders.samples import BLOCK, Joined
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+
+X_Y_Z = ("1", "2", "3")
+MX_MY_MZ = ("mx", "my", "mz")
+MAG = ("mag_x", "mag_y", "mag_z")
+ADC = ("magADC_x", "magADC_y", "magADC_z")
+IN_MG = ("mag_x_mG", "mag_y_mG", "mag_z_mG")
+IN_G = ("mag_x_G", "mag_y_G", "mag_z_G")
+
+REAL = [
+    # file, columns, rows, unit, what stands beside
+    ("aleksandrbazhin_ellipsoid/mag_out.txt", X_Y_Z, 347, "counts", ""),
+    ("ckexplorer_acc_mag/acc_mag_log.csv", MX_MY_MZ, 12_000, "counts", "acceleration"),
+    ("dronekit_log171_3mags/log171_MAG.csv", IN_MG, 2384, "mG", "time current"),
+    ("dronekit_log171_3mags/log171_MAG2.csv", IN_MG, 2384, "mG", "time current"),
+    ("dronekit_log171_3mags/log171_MAG3.csv", IN_MG, 2383, "mG", "time current"),
+    ("fhoevi_ellipsoid/mag_out.txt", X_Y_Z, 1587, "counts", ""),
+    ("hightower70_magcal/mag.txt", X_Y_Z, 25_599, "counts", ""),
+    ("jremington_icm20948/icm_20948_cal_mag.csv", X_Y_Z, 300, "counts", ""),
+    ("jremington_icm20948/icm_20948_cal_acc.csv", X_Y_Z, 300, "counts", ""),
+    ("jremington_icm20948/mag3_raw.csv", X_Y_Z, 541, "counts", ""),
+    ("jremington_mpu9250/mag.txt", X_Y_Z, 301, "counts", ""),
+    ("jremington_mpu9250/acc.txt", X_Y_Z, 301, "counts", ""),
+    ("michaelwro_fxos8700/mag-readings.txt", X_Y_Z, 324, "counts", ""),
+    ("nliaudat_hmc5883l/mag_out_sample.txt", X_Y_Z, 243, "counts", ""),
+    ("pichim_betaflight/20231008_apex5_mag_gyro_dedup.csv", ADC, 21_383, "counts", "rate"),
+    ("pichim_betaflight/20231014_apex5_mag_on_tpu_02.csv", ADC, 4867, "counts", "time acceleration rate"),
+    ("pichim_betaflight/20231015_ctzsnooze_PR_Cal_3.csv", ADC, 16_921, "counts", "time acceleration rate"),
+    ("pichim_betaflight/CalCareful_2282320.csv", ADC, 4688, "counts", "time acceleration rate"),
+    ("pichim_betaflight/calTest1_198_253_-9.csv", ADC, 4486, "counts", "time acceleration rate"),
+    ("pichim_betaflight/calTest1_208_249_-2.csv", ADC, 4589, "counts", "time acceleration rate"),
+    ("pichim_betaflight/calTest1_215_253_0.csv", ADC, 4682, "counts", "time acceleration rate"),
+    ("pichim_betaflight/calTest1_222_240_-8.csv", ADC, 4509, "counts", "time acceleration rate"),
+    ("px4_pyulog_auavx21/sample_mag.csv", IN_G, 6759, "G", "time acceleration"),
+    ("px4_pyulog_cubeorange/vehicle_magnetometer.csv", IN_G, 319, "G", "time"),
+    ("risherlock_handheld/raw_data.csv", X_Y_Z, 612, "counts", ""),
+    ("sunsided_hmc5883l/full-sphere.csv", MAG, 8190, "counts", "time acceleration temperature"),
+    ("sunsided_hmc5883l/roll-and-tilt-at-45-90.csv", MAG, 2836, "counts", "time acceleration temperature"),
+    ("sunsided_hmc5883l/unmoved-10min_dec8.csv", MAG, 6301, "counts", "time temperature"),
+    ("timspi_imu_gnss/imu_gnss_data.csv", ("magx", "magy", "magz"), 1252, "counts", "time acceleration temperature"),
+    ("tomisuarez_qmc5883l/filtered_raw_data.csv", MX_MY_MZ, 22_745, "counts", ""),
+    ("tomisuarez_qmc5883l/noisy_raw_data.csv", MX_MY_MZ, 22_743, "counts", ""),
+    ("uutzinger_gearvr/Officemag.txt", X_Y_Z, 16_386, "counts", ""),
+    ("uutzinger_gearvr/acc_data.txt", X_Y_Z, 10_301, "counts", ""),
+    ("uutzinger_gearvr/mag_data.txt", X_Y_Z, 3953, "counts", ""),
+    (
+        "xio_fusion/sensor_data.csv",
+        ("Magnetometer X (uT)", "Magnetometer Y (uT)", "Magnetometer Z (uT)"),
+        13_514,
+        "uT",
+        "time acceleration rate",
+    ),
+]
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[..., Path]:
+    """Write text or bytes to a file."""
+
+    def write(content: str | bytes, name: str = "recording.csv") -> Path:
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return write
+
+
+def opened(path: Path, **options: object) -> TextRecording:
+    recording = open_recording(path, **options)  # type: ignore[arg-type]
+    assert isinstance(recording, TextRecording)
+    return recording
+
+
+def rewritten(path: Path, *, add: bool = False, **options: object) -> str:
+    """Double every reading."""
+    return "".join(opened(path, **options).corrected_lines(lambda field: 2 * field, add=add))
+
+
+# What is recognised ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "columns", "rows", "unit", "beside"), REAL, ids=[row[0] for row in REAL])
+def test_real_recordings_are_recognised(
+    recordings: Callable[[str], Path], name: str, columns: tuple[str, ...], rows: int, unit: str, beside: str
+) -> None:
+    """Every text recording at hand gives its columns, all its rows, its unit and what stands beside."""
+    recording = opened(recordings(name))
+    samples = read(recordings(name))
+    kinds = ("time", "acceleration", "rate", "temperature", "current")
+    assert recording.layout.columns.field.names == columns
+    assert (len(samples), recording.unit.name, samples.skipped) == (rows, unit, ())
+    assert {kind for kind in kinds if getattr(samples, kind) is not None} == set(beside.split())
+    if samples.time is not None:
+        assert (np.diff(samples.time) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pichim_betaflight/20231014_apex5_mag_gyro.txt",
+        "jremington_icm20948/icm_20948_get_cal_data_OUTPUT.txt",
+        "px4_ecl_flight/ekf_gsf_reset.csv",
+        "jremington_planar2d/mag2d_raw_header.csv",
+    ],
+)
+def test_real_recordings_that_do_not_say_which_columns_are_refused(
+    recordings: Callable[[str], Path], name: str
+) -> None:
+    """Six columns without a header are not guessed, and two are not three."""
+    with pytest.raises(NoMagnetometer, match="need three|columns"):
+        open_recording(recordings(name))
+
+
+def test_columns_of_a_capture_with_sentences_above_can_be_named(recordings: Callable[[str], Path]) -> None:
+    """The capture of accelerometer and magnetometer has the same readings as the file of the magnetometer."""
+    both = read(recordings("jremington_icm20948/icm_20948_get_cal_data_OUTPUT.txt"), columns="4,5,6")
+    alone = read(recordings("jremington_icm20948/icm_20948_cal_mag.csv"))
+    npt.assert_array_equal(both.field, alone.field)
+
+
+@pytest.mark.parametrize(
+    ("header", "cells"),
+    [
+        ("x,y,z", (0, 1, 2)),
+        ("t_s,mx,my,mz", (1, 2, 3)),
+        ("z,y,x", (2, 1, 0)),
+        ("time,seconds_elapsed,z,y,x", (4, 3, 2)),
+        ("hx,hy,hz,ax,ay,az", (0, 1, 2)),
+        ("ax,ay,az,bx,by,bz", (3, 4, 5)),
+        ("magADC[0],magADC[1],magADC[2]", (0, 1, 2)),
+        ("loopIteration,time (us),gyroADC[0],gyroADC[1],gyroADC[2],magADC[0],magADC[1],magADC[2]", (5, 6, 7)),
+        ("ACCELEROMETER X (m/s²),MAGNETIC FIELD X (î¼t),MAGNETIC FIELD Y (î¼t),MAGNETIC FIELD Z (î¼t)", (1, 2, 3)),
+        (
+            '"Time (s)","Magnetic Field x (µT)","Magnetic Field y (µT)","Magnetic Field z (µT)","Absolute field (µT)"',
+            (1, 2, 3),
+        ),
+        ("%time,field.header.seq,field.magnetic_field.x,field.magnetic_field.y,field.magnetic_field.z", (2, 3, 4)),
+        ("mag_x_cal,mag_y_cal,mag_z_cal,mag_x,mag_y,mag_z", (3, 4, 5)),
+        ("mag_x,mag_y,mag_z,mag_x_raw,mag_y_raw,mag_z_raw", (3, 4, 5)),
+        ("mag_x_cal,mag_y_cal,mag_z_cal", (0, 1, 2)),
+        ("xacc,yacc,zacc,xgyro,ygyro,zgyro,xmag,ymag,zmag", (6, 7, 8)),
+        ("TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ", (2, 3, 4)),
+        ("pos_x,pos_y,pos_z,compass_x,compass_y,compass_z", (3, 4, 5)),
+        ("mag1,mag2,mag3", (0, 1, 2)),
+    ],
+)
+def test_headers_in_use_are_understood(written: Callable[..., Path], header: str, cells: tuple[int, ...]) -> None:
+    """Each header leads to the raw readings of the magnetometer, wherever they stand."""
+    width = header.count(",") + 1
+    row = ",".join(map(str, range(1, width + 1)))
+    recording = opened(written(f"{header}\n{row}\n{row}\n"))
+    assert recording.layout.columns.field.cells == cells
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("mx,my,mz", "counts"),
+        ("mag_x_mG,mag_y_mG,mag_z_mG", "mG"),
+        ("x (µT),y (µT),z (µT)", "uT"),
+        ("x (\u03bcT),y (\u03bcT),z (\u03bcT)", "uT"),
+        ("MAGNETIC FIELD X (IT),MAGNETIC FIELD Y (IT),MAGNETIC FIELD Z (IT)", "uT"),
+        ("mx [nT],my [nT],mz [nT]", "nT"),
+        ("mx_G,my_G,mz_G", "G"),
+        ("mx (LSB),my (LSB),mz (LSB)", "counts"),
+        ("mx (T),my (T),mz (T)", "T"),
+        ("magnetic_field.x,magnetic_field.y,magnetic_field.z", "T"),
+    ],
+)
+def test_the_unit_is_taken_from_the_header(written: Callable[..., Path], header: str, unit: str) -> None:
+    """Units in names, parentheses and brackets are found, with either code point of µ and with neither."""
+    assert opened(written(f"{header}\n1,2,3\n")).unit.name == unit
+
+
+def test_a_unit_that_contradicts_the_header_is_refused(written: Callable[..., Path]) -> None:
+    """The same unit may be repeated; another one is a mistake somewhere."""
+    path = written("mag_x_mG,mag_y_mG,mag_z_mG\n1,2,3\n")
+    assert opened(path, unit="milligauss").unit.name == "mG"
+    with pytest.raises(UnitError, match="says mG.*unit 'uT'"):
+        open_recording(path, unit="uT")
+
+
+def test_a_scale_turns_counts_into_microtesla(written: Callable[..., Path]) -> None:
+    """0.15 µT in a count."""
+    samples = read(written("100,200,-300\n"), scale=0.15)
+    npt.assert_allclose(samples.field, [[15, 30, -45]])
+    assert samples.unit.inside == "uT"
+
+
+@pytest.mark.parametrize(
+    ("header", "times", "seconds"),
+    [
+        ("t_s", ("10", "10.5"), (10, 10.5)),
+        ("time_ms", ("1000", "1500"), (1, 1.5)),
+        ("TimeUS", ("1000000", "1500000"), (1, 1.5)),
+        ("time", ("0", "0.02"), (0, 0.02)),
+        ("time", ("1700000000000000000", "1700000000500000000"), (0, 0.5)),
+        ("time", ("1700000000000000", "1700000000500000"), (0, 0.5)),
+        ("timestamp", ("1700000000000", "1700000000500"), (0, 0.5)),
+        ("timestamp", ("1700000000", "1700000000.5"), (0, 0.5)),
+        ("timestamp", ("4000", "14000"), (0.004, 0.014)),
+        ("millis", ("20", "40"), (0.02, 0.04)),
+    ],
+)
+def test_times_become_seconds(
+    written: Callable[..., Path], header: str, times: tuple[str, str], seconds: tuple[float, float]
+) -> None:
+    """The name's unit counts, else size and steps; a clock that counts from 1970 starts with the recording."""
+    samples = read(written(f"{header},mx,my,mz\n" + "".join(f"{time},1,2,3\n" for time in times)))
+    assert samples.time is not None
+    npt.assert_allclose(samples.time, seconds, atol=1e-6)
+
+
+def test_what_stands_beside_is_in_the_units_of_samples(written: Callable[..., Path]) -> None:
+    """Rate in rad/s, current in A, temperature in °C, acceleration as it is; all in the axes asked for."""
+    samples = read(
+        written("mx,my,mz,ax,ay,az,gx_dps,gy_dps,gz_dps,temp_C,curr_mA\n1,2,3,4,5,6,180,90,45,21.5,250\n"),
+        axes="x,-y,-z",
+    )
+    npt.assert_allclose(samples.field, [[1, -2, -3]])
+    assert samples.acceleration is not None
+    assert samples.rate is not None
+    assert samples.temperature is not None
+    assert samples.current is not None
+    npt.assert_allclose(samples.acceleration, [[4, -5, -6]])
+    npt.assert_allclose(samples.rate, [[math.pi, -math.pi / 2, -math.pi / 4]])
+    npt.assert_allclose(np.append(samples.temperature, samples.current), [21.5, 0.25])
+
+
+def test_a_rate_without_a_unit_is_left_out_and_said(written: Callable[..., Path]) -> None:
+    """Degrees and radians cannot be told apart, and a factor of 57 is not guessed."""
+    path = written("mx,my,mz,gyro_x,gyro_y,gyro_z\n1,2,3,4,5,6\n")
+    assert read(path).rate is None
+    assert "left out gyro_x, gyro_y, gyro_z (neither deg/s nor rad/s" in opened(path).describe()
+
+
+def test_motioncal_lines_are_read_as_users_send_them(written: Callable[..., Path]) -> None:
+    """With and without colon, with decimals and spaces, between echoes and lines of the other kind."""
+    samples = read(
+        written(
+            "Raw:8192,0,-8192,16,-160,0,100,200,-300\r\nUni:1,2,3,4,5,6,7,8,9\r\nCal1:0.1,0.2\r\n"
+            "Raw 1,2,3,4,5,6,10.5,20,30\n12:00:01.5 -> Raw: 1, 2, 3, 4, 5, 6, 7, 8, 9\n"
+        )
+    )
+    npt.assert_allclose(samples.field, [[10, 20, -30], [1.05, 2, 3], [0.7, 0.8, 0.9]])
+    assert samples.acceleration is not None
+    assert samples.rate is not None
+    npt.assert_allclose(samples.acceleration[0], [1, 0, -1])
+    npt.assert_allclose(samples.rate[0], np.radians([1, -10, 0]))
+    assert samples.skipped == ()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        json.dumps([[1, 2, 3], [4, 5, 6]]),
+        json.dumps([{"x": 1, "y": 2, "z": 3}, {"z": 6, "y": 5, "x": 4}], indent=2),
+        '{"t": 0, "mag": [1, 2, 3]}\n{"t": 1, "mag": [4, 5, 6]}\n',
+        '{"t": 0, "mag": {"x": "1", "y": "2", "z": "3"}}\n{"t": 1, "mag": {"x": 4, "y": 5, "z": 6}}\n',
+        "[1, 2, 3]\n[4, 5, 6]\n",
+        "[0.0, 1, 2, 3]\n[0.1, 4, 5, 6]\n",
+    ],
+)
+def test_json_of_several_shapes_is_read(written: Callable[..., Path], content: str) -> None:
+    """A list of triples or objects, or one of them a line."""
+    npt.assert_array_equal(read(written(content, "mag.json")).field, [[1, 2, 3], [4, 5, 6]])
+
+
+def test_the_description_says_what_was_recognised(written: Callable[..., Path]) -> None:
+    """One line: file, columns, unit, time, how it is written."""
+    path = written("t_s;mag_x_mG;mag_y_mG;mag_z_mG\n0,1;1,5;2;3\n0,2;1,5;2;3\n", "tumble.csv")
+    assert str(opened(path)) == (
+        "tumble.csv: columns mag_x_mG, mag_y_mG, mag_z_mG in mG, time in t_s; semicolon-separated, decimal comma"
+    )
+
+
+# How it is read ------------------------------------------------------------------------------------------------------
+
+
+def test_blocks_are_bounded_and_come_again(written: Callable[..., Path]) -> None:
+    """Twice the same blocks, none longer than `BLOCK`, with what was skipped in each."""
+    rows = [f"{row},{row + 1},{row + 2}" for row in range(3 * BLOCK)]
+    rows[5], rows[BLOCK + 7] = "nan,1,2", "what?"
+    recording = opened(written("\n".join(rows)))
+    first, second = list(recording.blocks()), list(recording.blocks())
+    assert [len(block) for block in first] == [BLOCK - 1, BLOCK - 1, BLOCK]
+    npt.assert_array_equal(
+        np.concatenate([block.field for block in first]), np.concatenate([block.field for block in second])
+    )
+    assert [str(entry) for block in first for entry in block.skipped] == [
+        "1 not finite row (line 6: 'nan,1,2')",
+        f"1 unreadable row (line {BLOCK + 8}: 'what?')",
+    ]
+    assert [entry.reason for entry in recording.skipped] == ["not finite", "unreadable"]
+
+
+def test_a_long_file_takes_no_more_memory_than_a_short_one(written: Callable[..., Path]) -> None:
+    """Peak memory stays below a few blocks on a file of 12 MB."""
+    recording = opened(written("10.25,-20.5,30.75\n" * 700_000))
+    tracemalloc.start()
+    rows = sum(len(block) for block in recording.blocks())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert rows == 700_000
+    assert peak < 12_000_000
+
+
+def test_a_line_without_end_takes_bounded_memory(written: Callable[..., Path]) -> None:
+    """Ten megabytes without a line end are cut, counted as one line, and do not lose the readings around."""
+    path = written(b"1,2,3\n" * 5 + b"x" * 10_000_000 + b"\n4,5,6\n")
+    tracemalloc.start()
+    samples = read(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(samples) == 6
+    assert samples.skipped[0].lines == (6,)
+    assert len(samples.skipped[0].example) == 60
+    assert peak < 40_000_000
+
+
+def test_progress_is_called_once_a_block(written: Callable[..., Path]) -> None:
+    """With bytes done and bytes there are; at the end they are equal."""
+    calls: list[tuple[int, int | None]] = []
+    path = written("1,2,3\n" * (2 * BLOCK + 1))
+    recording = opened(path, progress=lambda done, total: calls.append((done, total)))
+    assert calls == []
+    blocks = len(list(recording.blocks()))
+    assert len(calls) == blocks
+    assert calls[-1] == (path.stat().st_size, path.stat().st_size)
+
+
+def test_standard_input_is_read_again_and_its_copy_goes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A pipe is copied to a temporary file, which lives as long as the recording."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"1,2,3\n4,5,6\n")))
+    recording = open_recording("-")
+    assert recording.source == "standard input"
+    assert len(list(tmp_path.iterdir())) == 1
+    assert [sum(map(len, recording.blocks())) for _ in range(2)] == [2, 2]
+    del recording
+    gc.collect()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_with_a_name_is_read(tmp_path: Path) -> None:
+    """What cannot be read twice is copied first, whatever it is called."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    keep = os.open(pipe, os.O_RDWR)
+    os.write(keep, b"1,2,3\n4,5,6\n")
+    reader = os.open(pipe, os.O_RDONLY)
+    os.close(keep)
+    samples = read(f"/dev/fd/{reader}")
+    os.close(reader)
+    assert len(samples) == 2
+
+
+def test_several_recordings_are_joined(written: Callable[..., Path]) -> None:
+    """In the order given; columns that not all have are left out."""
+    one = written("mx_uT,my_uT,mz_uT,temp_C\n1,2,3,20\nbad\n4,5,6,20\n", "one.csv")
+    two = written("mx_uT,my_uT,mz_uT\n7,8,9\n", "two.csv")
+    assert isinstance(open_recording([one, two]), Joined)
+    samples = read([one, two])
+    npt.assert_array_equal(samples.field[:, 0], [1, 4, 7])
+    assert (samples.source, samples.temperature) == ("one.csv + two.csv", None)
+    assert samples.skipped[0].rows == 1
+
+
+def test_recordings_in_unlike_units_are_not_joined(written: Callable[..., Path]) -> None:
+    """The error names both."""
+    one, two = written("mx_uT,my_uT,mz_uT\n1,2,3\n", "one.csv"), written("mx_G,my_G,mz_G\n1,2,3\n", "two.csv")
+    with pytest.raises(UnitError, match=r"one.csv is in uT and two.csv in G"):
+        open_recording([one, two])
+
+
+def test_options_that_cannot_be_used_are_refused(written: Callable[..., Path]) -> None:
+    """Each with what there is."""
+    path = written("t,mx,my,mz\n0,1,2,3\n1,4,5,6\n")
+    with pytest.raises(UsageError, match="no column 'foo': its columns are t, mx, my, mz"):
+        open_recording(path, columns="mx,my,foo")
+    with pytest.raises(UsageError, match="numbers from 1 to 4"):
+        open_recording(path, columns="2,3,5")
+    with pytest.raises(UsageError, match="three different"):
+        open_recording(path, columns="mx,my")
+    with pytest.raises(UsageError, match="one column twice"):
+        open_recording(path, columns="mx,2,my")
+    with pytest.raises(UsageError, match="no recording"):
+        open_recording([])
+    with pytest.raises(AxesError):
+        open_recording(path, axes="x,y")
+
+
+def test_columns_are_found_by_name_and_number(written: Callable[..., Path]) -> None:
+    """Whatever the case, and mixed."""
+    path = written("t,A,B,C\n0,1,2,3\n1,4,5,6\n")
+    npt.assert_array_equal(read(path, columns="c,B,2").field, [[3, 2, 1], [6, 5, 4]])
+
+
+def test_a_file_that_is_gone_or_forbidden_is_refused_while_reading(
+    written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No error of the operating system gets out."""
+    path = written("1,2,3\n")
+    recording = open_recording(path)
+
+    def forbid(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "open", forbid)
+        with pytest.raises(UnreadableInput, match="may not be read"):
+            open_recording(path)
+    path.unlink()
+    with pytest.raises(UnreadableInput, match="does not exist"):
+        list(recording.blocks())
+
+
+def test_broken_gzip_data_are_refused(written: Callable[..., Path]) -> None:
+    """Cut short, and wrong in the middle."""
+    whole = gzip.compress("".join(f"{i},{i * i % 97},{i * 7 % 89}\n" for i in range(5000)).encode())
+    with pytest.raises(UnreadableInput, match="cut short"):
+        read(written(whole[:-30], "cut.gz"))
+    broken = bytearray(whole)
+    broken[len(whole) // 2] ^= 0xFF
+    with pytest.raises(UnreadableInput, match="gzip|not readings|no lines"):
+        read(written(bytes(broken), "broken.gz"))
+
+
+def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whole document is held in memory, so its size is bounded; JSON lines are not."""
+    monkeypatch.setattr("flinders.readers._json.LARGEST", 1 << 20)
+    triples = [[row, row, row] for row in range(100_000)]
+    with pytest.raises(UnreadableInput, match="more than 1 MB"):
+        open_recording(written(json.dumps(triples), "big.json"))
+    assert len(read(written("\n".join(map(json.dumps, triples)), "big.jsonl"))) == 100_000
+
+
+def test_every_reader_has_a_name_and_suffixes() -> None:
+    """The table of formats is complete."""
+    assert all(row.name and row.suffixes for row in READERS)
+
+
+# Corrected copies ----------------------------------------------------------------------------------------------------
+
+KEPT = [
+    ("1,2,3\n4,5,6\n", "2,4,6\n8,10,12\n"),
+    ("1,2,3\r\n4,5,6\r\n", "2,4,6\r\n8,10,12\r\n"),
+    ("x;y;z\n1,5;2;-3\n", "x;y;z\n3;4;-6\n"),
+    (
+        "t,mx,my,mz,note\n0,1,2,3,ok\n# pause\n\n1,4,5,6,so so\n",
+        "t,mx,my,mz,note\n0,2,4,6,ok\n# pause\n\n1,8,10,12,so so\n",
+    ),
+    ('"a b","mx","my","mz"\n"p,q","1","2","3"\n', '"a b","mx","my","mz"\n"p,q","2","4","6"\n'),
+    ("  1   2 3\n 4\t5 6\n", "  2   4 6\n 8\t10 12\n"),
+    ("Fs,50.00\nmx,my,mz\n1,2,3\n", "Fs,50.00\nmx,my,mz\n2,4,6\n"),
+    ("z,y,x\n3,2,1\n", "z,y,x\n6,4,2\n"),
+    ("1,2,3\nnan,5,6\nbad\n7,8,9\n", "2,4,6\nnan,nan,nan\n14,16,18\n"),
+    ("1,2,3,\n4,5,6,\n", "2,4,6,\n8,10,12,\n"),
+    ("[[1,2,3],[4,5,6]]", "2,4,6\n8,10,12\n"),
+    ("Raw:1,2,3,4,5,6,7,8,9\r\n", "ax,ay,az,gx,gy,gz,mx,my,mz\r\n1,2,3,4,5,6,14,16,18\r\n"),
+]
+
+
+@pytest.mark.parametrize(("before", "after"), KEPT)
+def test_a_corrected_copy_keeps_all_else(written: Callable[..., Path], before: str, after: str) -> None:
+    """Other columns, delimiters, decimal signs, headers, comments, quotes, spaces and line ends stay."""
+    assert rewritten(written(before)) == after
+
+
+ADDED = [
+    ("1,2,3\n", "1,2,3,2,4,6\n"),
+    ("mx;my;mz\n1,5;2;3\n", "mx;my;mz;mx_cal;my_cal;mz_cal\n1,5;2;3;3;4;6\n"),
+    ('"mx","my","mz"\n"1","2","3"\n', '"mx","my","mz","mx_cal","my_cal","mz_cal"\n"1","2","3","2","4","6"\n'),
+    ("# mx my mz\n1 2 3\n", "# mx my mz mx_cal my_cal mz_cal\n1 2 3 2 4 6\n"),
+    ("1\t2\t3\n", "1\t2\t3\t2\t4\t6\n"),
+    ("mx,my,mz\n1,2,3,\n", "mx,my,mz,mx_cal,my_cal,mz_cal\n1,2,3,2,4,6\n"),
+    ("mx, my, mz\n1, 2, 3\n", "mx, my, mz, mx_cal, my_cal, mz_cal\n1, 2, 3, 2, 4, 6\n"),
+]
+
+
+@pytest.mark.parametrize(("before", "after"), ADDED)
+def test_corrected_columns_can_be_added(written: Callable[..., Path], before: str, after: str) -> None:
+    """After the others, in the style of the file, with names only where it has names."""
+    assert rewritten(written(before), add=True) == after
+
+
+def test_a_corrected_copy_is_in_the_unit_of_the_recording(written: Callable[..., Path]) -> None:
+    """The correction sees µT in the axes asked for, the file keeps mG."""
+    recording = opened(written("mx_mG,my_mG,mz_mG\n100,200,300\n"), axes="y,x,-z")
+    seen: list[Floats] = []
+
+    def correct(field: Floats) -> Floats:
+        seen.append(field)
+        return field + 1.0
+
+    assert "".join(recording.corrected_lines(correct)) == "mx_mG,my_mG,mz_mG\n210,110,-290\n"
+    npt.assert_allclose(seen[0], [[20, 10, -30]])
+
+
+def test_a_corrected_copy_of_a_real_recording_reads_back(recordings: Callable[[str], Path], tmp_path: Path) -> None:
+    """All rows, all other columns, the field corrected."""
+    path = recordings("timspi_imu_gnss/imu_gnss_data.csv")
+    copy = tmp_path / "copy.csv"
+    copy.write_text(rewritten(path), newline="")
+    before, after = read(path), read(copy)
+    npt.assert_allclose(after.field, 2 * before.field)
+    assert before.acceleration is not None
+    assert after.acceleration is not None
+    npt.assert_array_equal(after.acceleration, before.acceleration)
+    assert [line.split(",")[:6] for line in copy.read_text().splitlines()] == [
+        line.split(",")[:6] for line in path.read_text().splitlines()
+    ]
