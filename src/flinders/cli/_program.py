@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import contextlib
-import json
+import io
 import os
-import platform
+import signal
 import sys
-import tempfile
-import traceback
-from importlib.metadata import version
+import threading
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.errors import FitError, FlindersError, OutputError
+from flinders.cli._talk import print_fit, print_json, say
+from flinders.errors import FitError, FlindersError, OutputError, UsageError
+from flinders.files import reason
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
 GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
 
@@ -39,33 +39,43 @@ class Program(click.Group):
     def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> Any:
         """Run a command line and exit."""
         words = list(sys.argv[1:] if args is None else args)
+        as_json = "--json" in words[: words.index("--") if "--" in words else None]
         extra["standalone_mode"] = False
+        _let_no_letter_fail()
         try:
-            code = super().main(words, prog_name, **extra)
-        except click.ClickException as error:
-            error.show()
+            with _stopped_cleanly():
+                code = super().main(words, prog_name, **extra)
+        except click.exceptions.NoArgsIsHelpError as error:
+            say(error.format_message())
             code = USAGE
+        except click.ClickException as error:
+            code = _told(UsageError(_in_a_line(error)), as_json=as_json)
         except (click.Abort, KeyboardInterrupt):
-            click.echo("interrupted", err=True)
+            say("interrupted: nothing was written")
             code = INTERRUPTED
         except FlindersError as error:
-            code = _told(error, as_json="--json" in words)
-        except BrokenPipeError:
-            _silence_stdout()
+            code = _told(error, as_json=as_json)
+        except SystemExit:  # how click ends when whoever read our output has gone
             code = UNWRITABLE
         except OSError as error:
-            code = _told(OutputError(f"output cannot be written: {error.strerror or error}"), as_json=False)
+            code = _told(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
+            _silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _confessed(error)
         sys.exit(code if isinstance(code, int) else GOOD)
 
 
 def _told(error: FlindersError, *, as_json: bool) -> int:
-    """Print an error in a line, and in full as JSON where that was asked for."""
-    message = str(error).replace("\n", " ")
-    click.echo(f"{'refused' if isinstance(error, FitError) else 'error'}: {message}", err=True)
+    """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for."""
+    fit = getattr(error, "fit", None)
+    if fit is not None and not as_json:
+        print_fit(fit, err=True)
+    else:
+        message = " ".join(str(error).splitlines())
+        say(f"{'refused' if isinstance(error, FitError) else 'error'}: {message}")
     if as_json:
-        click.echo(json.dumps(_as_dict(error), default=str))
+        with contextlib.suppress(OSError):
+            print_json(_as_dict(error))
     return error.exit_code
 
 
@@ -79,21 +89,58 @@ def _as_dict(error: FlindersError) -> dict[str, Any]:
     return fields
 
 
+def _in_a_line(error: click.ClickException) -> str:
+    """What click found, and where help is."""
+    context = getattr(error, "ctx", None)
+    found = " ".join(error.format_message().split()).rstrip(".")
+    return f"{found}; see {context.command_path if context else 'flinders'} --help"
+
+
 def _confessed(error: Exception) -> int:
     """Say that the fault is ours, keep the details in a file, and ask for a report."""
-    details = "".join(traceback.format_exception(error))
+    import platform
+    import tempfile
+    import traceback
+    from importlib.metadata import version
+
     about = f"flinders {version('flinders')}, Python {platform.python_version()}, {platform.platform()}\n\n"
-    with tempfile.NamedTemporaryFile("w", prefix="flinders-", suffix=".txt", delete=False, encoding="utf-8") as file:
-        file.write(about + details)
-    click.echo(
-        f"internal error: {type(error).__name__}: {error}\n"
-        f"This is a fault in Flinders, not in your recording. Please report it with {file.name}",
-        err=True,
-    )
+    details = about + "".join(traceback.format_exception(error))
+    say(f"internal error: {type(error).__name__}: {error}")
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="flinders-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
+            file.write(details)
+        what = file.name
+    except OSError:
+        say(details)
+        what = "the lines above"
+    say(f"This is a fault in Flinders, not in your recording. Please report it with {what}")
     return INTERNAL
 
 
+@contextlib.contextmanager
+def _stopped_cleanly() -> Iterator[None]:
+    """Let those who end a program from outside (kill, timeout, a closed terminal) leave as little behind as Ctrl-C."""
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        names = []
+    before = {name: signal.signal(getattr(signal, name), signal.default_int_handler) for name in names}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)
+
+
+def _let_no_letter_fail() -> None:
+    """Print "?" for a letter that a terminal does not have, such as σ."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 def _silence_stdout() -> None:
-    """Whoever read our output has gone: let the interpreter flush into nothing."""
-    with contextlib.suppress(OSError):
+    """What could not be written will not be tried again at exit: let the interpreter flush into nothing."""
+    with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

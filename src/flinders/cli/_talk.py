@@ -1,47 +1,84 @@
-"""What the program says beside its results, on stderr; and how results look on stdout."""
+"""What the program says beside its results, on stderr; and how results look on stdout.
+
+Colours and bars are for terminals only, and there for those who have not set NO_COLOR.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import json
+import io
+import math
+import os
+import shutil
 import sys
-from typing import TYPE_CHECKING, Any, Final
+from typing import IO, TYPE_CHECKING, Any, Final
 
 import click
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
     from flinders.result import Fit
 
 WORTH_A_BAR: Final = 4_000_000
 """Bytes from which on a progress bar is shown."""
+WIDTH, WIDEST = 80, 100
+"""Columns of what goes into a file, and the most that are used of a terminal: longer lines are hard to read."""
 
 
 def say(message: str) -> None:
-    """Say something in passing."""
-    click.echo(message, err=True)
+    """Say something in passing; whoever closed stderr does not want to hear it."""
+    with contextlib.suppress(OSError, ValueError):
+        click.echo(message, err=True)
 
 
 def print_json(fields: dict[str, Any]) -> None:
     """Print a result for programs."""
-    click.echo(json.dumps(fields, indent=2, default=str))
+    from flinders.document import lay_out
+
+    click.echo(lay_out(plain(fields)))
 
 
-def print_fit(fit: Fit) -> None:
-    """Print a fit for people."""
+def print_fit(fit: Fit, *, err: bool = False) -> None:
+    """Print a fit for people; on stderr where it is no result, because it was refused."""
     from flinders.report.text import page
 
-    console().print(page(fit))
+    text = drawn(page(fit), sys.stderr if err else sys.stdout)
+    if err:
+        say(text)
+    else:
+        click.echo(text)
 
 
-def console() -> Console:
-    """A console on stdout; as wide as the terminal, or a hundred columns into a file."""
+def drawn(content: RenderableType, stream: IO[str]) -> str:
+    """Draw for a stream: as wide as its terminal and in colour, or plain for a file."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 100, highlight=False, soft_wrap=False)
+    terminal = stream.isatty()
+    page = io.StringIO()
+    width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST) if terminal else WIDTH
+    console = Console(file=page, width=width, force_terminal=terminal and _coloured(), highlight=False, emoji=False)
+    console.print(content, markup=False)
+    return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
+
+
+def plain(value: object) -> Any:
+    """Turn a result into what JSON has: no tuples, no numbers of NumPy, null for what is not finite.
+
+    >>> plain({"axes": ("x",), "worst": float("inf")})
+    {'axes': ['x'], 'worst': None}
+    """
+    if isinstance(value, dict):
+        return {str(key): plain(member) for key, member in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(member) for member in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, str | int | None) else str(value)
 
 
 @contextlib.contextmanager
@@ -53,14 +90,25 @@ def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=_live_console(), transient=True) as bar:
         task = bar.add_task(title, total=None, visible=False)
 
         def update(done: int, total: int | None) -> None:
             bar.update(task, completed=done, total=total, visible=(total or done) >= WORTH_A_BAR)
 
         yield update
+
+
+def _live_console() -> Console:
+    """A console on stderr that bars are drawn on."""
+    from rich.console import Console
+
+    return Console(stderr=True, color_system="auto" if _coloured() else None)
+
+
+def _coloured() -> bool:
+    """Whether the person at the terminal wants colours, and it has any."""
+    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -7,14 +7,16 @@ grows with σ² and with what the recording leaves unseen.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final, Literal
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import numpy as np
 
-from flinders.arrays import Floats
 from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance, algebraic_noise
-from flinders.moments import Moments
 from flinders.quadric import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.moments import Moments
 
 _TRACE_FREE: Final = np.concatenate(
     [[[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], *np.zeros((7, 2))], np.eye(10)[:, 3:]], axis=1

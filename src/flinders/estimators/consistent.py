@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.arrays import Floats
 from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance
 from flinders.moments import EXPONENTS, packed, unpacked
 from flinders.quadric import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
 
 STEPS: Final = 50
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self, TypeGuard, ca
 
 import numpy as np
 
-from flinders.arrays import Floats
 from flinders.coverage import directions_of
 from flinders.errors import NeedsSamples, StuckAxis, TooFewSamples
 from flinders.quadric import Ellipsoid
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from flinders.arrays import Floats
     from flinders.axes import Axes
     from flinders.units import Unit
 
@@ -98,7 +98,7 @@ class Readings:
 
     @classmethod
     def of(cls, source: Summary | Recording | ArrayLike) -> Self:
-        """Summarise whatever is given, in one pass; a recording that is not too long is kept, to be parsed only once."""
+        """Summarise whatever is given, in one pass; a recording that is not too long is kept in memory."""
         if isinstance(source, Summary):
             return cls(source)
         if isinstance(source, Samples):

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.arrays import Floats
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance, algebraic_noise
 from flinders.quadric import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
 
 LARGEST_K: Final = 2.0**20
 STEPS: Final = 40

@@ -26,7 +26,12 @@ ENOUGH: Final = 20_000
 PASSES: Final = 3
 STEPS: Final = 50
 LONGEST_STEP: Final = 0.3
+HALVINGS: Final = 30
 SETTLED: Final = 1e-10
+ROUNDING: Final = 1e-14
+NO_WORSE: Final = 0.01
+"""In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
+
 SHORTEST_AXIS: Final = 1e-4
 """Of the longest: a flatter surface is no ellipsoid that a sensor makes, and a step into it is cut short."""
 
@@ -92,68 +97,104 @@ class Likelihood:
         """
         readings.require(self.unknowns, self.name)
         some = readings.thinned(ENOUGH, self.name)
-        ellipsoid, equations = self._settled(some, start(readings))
-        whole = len(some) == len(readings)
-        for _ in range(1 if whole else PASSES):
-            if not whole:
-                equations = self._equations(readings.blocks(self.name), ellipsoid)
-            variance = _variance(equations)
-            posterior = self._with_prior(equations, variance, ellipsoid)
-            step = self._corrected(posterior, some, ellipsoid).step()
-            ellipsoid = _closed(ellipsoid, step)
-            covariance = np.linalg.pinv(posterior.matrix, hermitian=True)
-            if _is_small(step, covariance, ellipsoid.radius):
+        found = self._settled(some, start(readings))
+        long = len(some) < len(readings)
+        for _ in range(PASSES if long else 1):
+            if long:
+                found = self._seen(readings.blocks(self.name), found.ellipsoid)
+            step = self._unbiased(found, some).step()
+            ellipsoid = _closed(found.ellipsoid, step)
+            if _is_small(step, found.covariance, ellipsoid.radius):
                 break
-        return Estimate(ellipsoid, covariance, float(np.sqrt(variance)), self.name, self._held(covariance, ellipsoid))
+        return Estimate(ellipsoid, found.covariance, float(np.sqrt(found.variance)), self.name, self._held(found))
 
-    def _corrected(self, posterior: NormalEquations, some: Floats, ellipsoid: Ellipsoid) -> NormalEquations:
+    def _settled(self, readings: Floats, ellipsoid: Ellipsoid) -> _Posterior:
+        """Iterate until the steps vanish or none makes the fit better."""
+        now = self._seen([readings], ellipsoid)
+        for _ in range(STEPS):
+            step = now.equations.step()
+            largest = float(np.abs(step).max()) / now.ellipsoid.radius
+            better = (
+                self._improved(readings, now, step * min(1.0, LONGEST_STEP / largest)) if largest > SETTLED else None
+            )
+            if better is None:
+                break
+            now = better
+        return now
+
+    def _improved(self, readings: Floats, now: _Posterior, step: Floats) -> _Posterior | None:
+        """Take the longest of a step, its half, its quarter … that leaves the surface closed and the fit no worse."""
+        for _ in range(HALVINGS):
+            moved = _moved(now.ellipsoid, step)
+            if _is_closed(moved):
+                tried = self._seen([readings], moved)
+                if tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
+                    return tried
+            step = step / 2.0
+        return None
+
+    def _seen(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> _Posterior:
+        """Linearise the likelihood and the prior at an ellipsoid."""
+        plain = magnitude.equations(blocks, ellipsoid, exact=not self.bias_correction)
+        nothing = NormalEquations.empty()
+        return _Posterior(
+            ellipsoid, plain, nothing if self.prior is None else prior.equations(ellipsoid, spread=self.prior)
+        )
+
+    def _unbiased(self, found: _Posterior, some: Floats) -> NormalEquations:
         """Take off the mean of the gradient that noise causes; a part of the readings speaks for all."""
+        equations = found.equations
         if not self.bias_correction:
-            return posterior
-        share = posterior.count / len(some)
-        return replace(posterior, gradient=posterior.gradient - share * magnitude.curvature(some, ellipsoid))
+            return equations
+        share = found.likelihood.count / len(some)
+        return replace(equations, gradient=equations.gradient - share * magnitude.curvature(some, found.ellipsoid))
 
-    def _held(self, covariance: Floats, ellipsoid: Ellipsoid) -> float:
+    def _held(self, found: _Posterior) -> float:
         """Largest share of the information about any combination of parameters that comes from the prior."""
-        if self.prior is None:
-            return 0.0
-        shares = np.linalg.eigvals(covariance @ prior.equations(ellipsoid, spread=self.prior).matrix)
+        shares = np.linalg.eigvals(found.covariance @ found.prior.matrix)
         return float(np.clip(np.real(shares).max(), 0.0, 1.0))
 
-    def _settled(self, readings: Floats, ellipsoid: Ellipsoid) -> tuple[Ellipsoid, NormalEquations]:
-        """Iterate until the steps vanish; where a step makes the fit worse, go back half of it."""
-        equations = self._equations([readings], ellipsoid)
-        for _ in range(STEPS):
-            step = self._with_prior(equations, _variance(equations), ellipsoid).step()
-            largest = float(np.abs(step).max()) / ellipsoid.radius
-            if largest < SETTLED:
-                break
-            step *= min(1.0, LONGEST_STEP / largest)
-            ellipsoid, equations = self._improved(readings, ellipsoid, equations, step)
-        return ellipsoid, equations
 
-    def _improved(
-        self, readings: Floats, ellipsoid: Ellipsoid, equations: NormalEquations, step: Floats
-    ) -> tuple[Ellipsoid, NormalEquations]:
-        """Take the longest of the step, its half, its quarter … that leaves the surface closed and the fit no worse."""
-        for _ in range(30):
-            moved = _moved(ellipsoid, step)
-            if moved.semi_axes[0] > SHORTEST_AXIS * moved.semi_axes[2]:
-                tried = self._equations([readings], moved)
-                if tried.cost <= equations.cost * (1.0 + 1e-6):
-                    return moved, tried
-            step = step / 2.0
-        return ellipsoid, equations
+@dataclass(frozen=True, slots=True, eq=False)
+class _Posterior:
+    """What the readings and the prior say near an ellipsoid.
 
-    def _equations(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> NormalEquations:
-        return magnitude.equations(blocks, ellipsoid, exact=not self.bias_correction)
+    Attributes
+    ----------
+    ellipsoid : Ellipsoid
+        Where they were linearised.
+    likelihood : NormalEquations
+        Of the readings, in their unit.
+    prior : NormalEquations
+        In standard deviations.
+    """
 
-    def _with_prior(self, equations: NormalEquations, variance: float, ellipsoid: Ellipsoid) -> NormalEquations:
-        """Equations in standard deviations of the noise, and the prior's."""
-        weighed = NormalEquations(
-            equations.matrix / variance, equations.gradient / variance, equations.cost / variance, equations.count
+    ellipsoid: Ellipsoid
+    likelihood: NormalEquations
+    prior: NormalEquations
+
+    @property
+    def variance(self) -> float:
+        """Noise variance of the residuals, kept above rounding so that exact readings can be fitted."""
+        freedom = max(self.likelihood.count - 9, 1)
+        return max(self.likelihood.cost / freedom, (ROUNDING * self.ellipsoid.radius) ** 2)
+
+    @property
+    def equations(self) -> NormalEquations:
+        """Of both, in standard deviations."""
+        weight = 1.0 / self.variance
+        return self.prior + replace(
+            self.likelihood, matrix=weight * self.likelihood.matrix, gradient=weight * self.likelihood.gradient
         )
-        return weighed if self.prior is None else weighed + prior.equations(ellipsoid, spread=self.prior)
+
+    @property
+    def covariance(self) -> Floats:
+        """(9, 9) covariance of the parameters, in unit²."""
+        return self.equations.inverse()
+
+    def cost(self, variance: float) -> float:
+        """χ² of the readings for a noise variance, and the prior's."""
+        return self.likelihood.cost / variance + self.prior.cost
 
 
 def start(readings: Readings) -> Ellipsoid:
@@ -174,11 +215,6 @@ def _is_small(step: Floats, covariance: Floats, radius: float) -> bool:
     return bool(np.all(step**2 / radius <= 0.05 * np.sqrt(np.diag(covariance))))
 
 
-def _variance(equations: NormalEquations) -> float:
-    """Noise variance of the residuals, kept above rounding so that exact readings can be fitted."""
-    return max(equations.cost / max(equations.count - 9, 1), np.finfo(float).tiny ** 0.5)
-
-
 def _closed(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
     """Take a step, or as much of it as leaves the surface closed.
 
@@ -187,12 +223,17 @@ def _closed(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
     NotAnEllipsoid
         If hardly any of it does.
     """
-    for _ in range(30):
+    for _ in range(HALVINGS):
         moved = _moved(ellipsoid, step)
-        if moved.semi_axes[0] > SHORTEST_AXIS * moved.semi_axes[2]:
+        if _is_closed(moved):
             return moved
         step = step / 2.0
     raise NotAnEllipsoid(tuple(float(axis / ellipsoid.radius) for axis in ellipsoid.semi_axes), Likelihood.name)
+
+
+def _is_closed(ellipsoid: Ellipsoid) -> bool:
+    axes = ellipsoid.semi_axes
+    return bool(axes[0] > SHORTEST_AXIS * axes[2])
 
 
 def _moved(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:

@@ -2,6 +2,8 @@
 
 >>> with_uncertainty(28.5571, 0.0432), with_uncertainty(-0.00234, 1.2)
 ('28.557 ± 0.043', '0.0 ± 1.2')
+>>> on_the_point(["-69.788 ± 0.017", "0.911712", "12"])
+['-69.788 ± 0.017', '  0.911712     ', ' 12            ']
 """
 
 from __future__ import annotations
@@ -10,9 +12,10 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from flinders.units import label
+from flinders.verdict import movement
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from rich.console import RenderableType
 
@@ -20,22 +23,27 @@ if TYPE_CHECKING:
     from flinders.result import Finding, Fit
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
-WORDS: Final = {
-    "good": "within the target at every heading",
-    "limited": "usable with the limits below",
-    "refused": "not fit for use",
-}
 MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("·", "dim")}
+DECIMALS: Final = 6
+"""Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
 
 def page(fit: Fit) -> RenderableType:
-    """Lay out a fit for a rich console."""
-    from rich.console import Group
-    from rich.padding import Padding
+    """Lay out a fit for a rich console.
 
-    parts: list[RenderableType] = [_before_and_after(fit), "", _numbers(fit), "", _verdict(fit)]
-    if fit.findings:
-        parts += [Padding(_findings(fit.findings), (0, 0, 0, 2))]
+    A refused one has no offset and no matrix on it, which nobody shall copy into a firmware, and no notes:
+    it says why, and how to do better.
+    """
+    from rich.console import Group
+
+    refused = fit.verdict == "refused"
+    shown = [finding for finding in fit.findings if not refused or finding.severity != "note"]
+    parts: list[RenderableType] = ["", _before_and_after(fit), ""]
+    if not refused:
+        parts += [_numbers(fit), ""]
+    parts.append(_verdict(fit))
+    if shown:
+        parts.append(_findings(shown, movement(fit)))
     return Group(*parts)
 
 
@@ -43,14 +51,36 @@ def with_uncertainty(value: float, sigma: float) -> str:
     """Write a number to the second digit of its standard deviation."""
     if not (math.isfinite(sigma) and sigma > 0.0):
         return f"{value:.6g}"
+    if max(abs(value), sigma) >= 1e9:
+        return f"{value:.6g} ± {sigma:.2g}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
+    if digits > DECIMALS:
+        return f"{value:.{DECIMALS}f} ± {sigma:.1g}"
     shown = round(value, digits) + 0.0
     return f"{shown:.{digits}f} ± {sigma:.{digits}f}"
 
 
 def degrees(angle: float) -> str:
-    """Write an angle of error: two digits, and no more than anyone could mean."""
-    return f"{angle:.2g}°" if angle < 10 else f"{min(angle, 180):.0f}°" if angle < 100 else "> 100°"
+    """Write an angle of error: two digits, and no more than anyone could mean.
+
+    >>> degrees(0.0664), degrees(12.3), degrees(float("nan"))
+    ('0.066°', '12°', '> 100°')
+    """
+    return f"{angle:.2g}°" if angle < 10 else f"{angle:.0f}°" if angle < 100 else "> 100°"
+
+
+def on_the_point(numbers: Sequence[str]) -> list[str]:
+    """Pad numbers so that they stand below each other at their decimal points."""
+    cut = [(number, _point(number)) for number in numbers]
+    before = max(point for _, point in cut)
+    after = max(len(number) - point for number, point in cut)
+    return [" " * (before - point) + number + " " * (after - len(number) + point) for number, point in cut]
+
+
+def _point(number: str) -> int:
+    """Where the decimal point of a number stands, or would stand."""
+    value = number.partition(" ")[0]
+    return value.find(".") if "." in value else len(value)
 
 
 def _before_and_after(fit: Fit) -> RenderableType:
@@ -60,12 +90,12 @@ def _before_and_after(fit: Fit) -> RenderableType:
     unit = label(fit.calibration.unit)
     raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
     strength, spread = fit.uncorrected_strength
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    field = fit.calibration.field_strength
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
     table.add_column("")
     for heading in ("strength", "spread", "heading error, rms", "worst"):
         table.add_column(heading, justify="right")
     table.add_row("before", f"{strength:.4g} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
-    field = fit.calibration.field_strength
     table.add_row(
         "after", f"{field:.4g} {unit}", f"{fit.noise / field:.1%}", degrees(error.rms), degrees(error.worst),
         style="bold",
@@ -74,44 +104,69 @@ def _before_and_after(fit: Fit) -> RenderableType:
 
 
 def _numbers(fit: Fit) -> RenderableType:
+    """Offset above matrix, in columns x, y and z, each on its decimal points."""
     from rich.table import Table
 
-    grid = Table.grid(padding=(0, 3))
-    grid.add_column(style="dim")
-    for _ in range(3):
-        grid.add_column(justify="right")
-    grid.add_column(style="dim")
+    unit = label(fit.calibration.unit)
     offset = [with_uncertainty(*pair) for pair in zip(fit.calibration.offset, fit.offset_sigma, strict=True)]
-    grid.add_row("offset", *offset, label(fit.calibration.unit))
-    for title, row in zip(("matrix", "", ""), fit.calibration.matrix, strict=True):
-        grid.add_row(title, *_entries(row), "")
-    grid.add_row("noise", f"{fit.noise:.3g}", "", "", label(fit.calibration.unit))
+    rows = [offset, *_entries(fit.calibration.matrix)]
+    columns = [on_the_point(column) for column in zip(*rows, strict=True)]
+    grid = Table.grid(padding=(0, 3))
+    grid.add_column(style="dim", no_wrap=True)
+    for _ in "xyz":
+        grid.add_column(no_wrap=True)
+    grid.add_column(style="dim", no_wrap=True)
+    for title, cells, ending in zip(
+        ("offset", "matrix", "", ""), zip(*columns, strict=True), (unit, "", "", ""), strict=True
+    ):
+        grid.add_row(title, *cells, ending)
+    grid.add_row("noise", on_the_point([f"{fit.noise:.3g}", offset[0]])[0].rstrip(), "", "", unit)
     return grid
 
 
-def _entries(row: Floats) -> Iterable[str]:
-    return (f"{float(value):.6f}" for value in row)
+def _entries(matrix: Floats) -> list[list[str]]:
+    """Write a matrix with as many decimals everywhere: seven digits of its largest entry."""
+    largest = float(abs(matrix).max())
+    decimals = DECIMALS - math.floor(math.log10(largest))
+    if not 0 <= decimals <= 2 * DECIMALS:
+        return [[f"{value:.{DECIMALS}e}" for value in row.tolist()] for row in matrix]
+    return [[f"{round(value, decimals) + 0.0:.{decimals}f}" for value in row.tolist()] for row in matrix]
 
 
 def _verdict(fit: Fit) -> RenderableType:
+    """Say what it is good for, and for whom the number holds."""
+    from rich.table import Table
     from rich.text import Text
 
     error = fit.heading_error_deg
-    text = Text.assemble((fit.verdict.upper(), f"bold {COLOURS[fit.verdict]}"), f"  {WORDS[fit.verdict]}")
-    text.append(
-        f" (level vehicle, dip {error.dip_deg:g}°, target {fit.target_deg:g}°, 1 σ; {fit.samples:,} readings, "
-        f"{fit.coverage.fraction:.0%} of the sphere seen)",
-        style="dim",
+    words = {
+        "good": f"heading within {degrees(error.worst)} (1 σ) at the worst heading; {fit.target_deg:g}° was asked for",
+        "limited": f"good for a heading within {degrees(error.worst)} (1 σ), and with the limits below; "
+        f"{fit.target_deg:g}° was asked for",
+        "refused": "not fit for use, nothing was written",
+    }[fit.verdict]
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(no_wrap=True)
+    grid.add_column()
+    basis = (
+        f"{fit.samples:,} readings, {fit.coverage.fraction:.0%} of the sphere seen, method {fit.method}; "
+        f"for a level vehicle where the field dips by {abs(error.dip_deg):g}°"
     )
-    return text
+    grid.add_row(Text(fit.verdict.upper(), f"bold {COLOURS[fit.verdict]}"), words)
+    grid.add_row("", Text(basis, "dim"))
+    return grid
 
 
-def _findings(findings: Iterable[Finding]) -> RenderableType:
+def _findings(findings: Iterable[Finding], turn: str) -> RenderableType:
+    """Say what limits it and what to do; how to turn the sensor is said once."""
     from rich.table import Table
     from rich.text import Text
 
     grid = Table.grid(padding=(0, 1))
+    said = False
     for finding in findings:
         mark, style = MARKS[finding.severity]
-        grid.add_row(Text(mark, style=style), Text(finding.advice, style="dim" if style == "dim" else ""))
+        advice = finding.advice.replace(turn, "turn the sensor as said above") if said else finding.advice
+        said = said or turn in finding.advice
+        grid.add_row(Text(f"  {mark}", style=style), Text(advice, style="dim" if style == "dim" else ""))
     return grid

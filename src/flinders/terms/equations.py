@@ -49,11 +49,23 @@ class NormalEquations:
 
     def step(self) -> Floats:
         """(9,) change of θ that solves the equations; the smallest one where they leave it open."""
-        scale = np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
-        scaled = self.matrix / np.outer(scale, scale)
+        scale = self._scale
         try:
-            solution = np.linalg.solve(scaled, self.gradient / scale)
+            solution = np.linalg.solve(self.matrix / np.outer(scale, scale), self.gradient / scale)
         except np.linalg.LinAlgError:
-            solution = np.linalg.lstsq(scaled, self.gradient / scale, rcond=1e-12)[0]
+            return self.inverse() @ self.gradient
         step: Floats = solution / scale
         return step
+
+    def inverse(self) -> Floats:
+        """(9, 9) inverse of the matrix, the pseudo-inverse where it is singular: the covariance of θ."""
+        scale = self._scale
+        inverse = np.linalg.pinv(self.matrix / np.outer(scale, scale), rcond=1e-15, hermitian=True)
+        covariance: Floats = inverse / np.outer(scale, scale)
+        return covariance
+
+    @property
+    def _scale(self) -> Floats:
+        """Root of the diagonal: in this scale the matrix has ones there, whatever the units."""
+        scale: Floats = np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
+        return scale
