@@ -45,7 +45,7 @@ def test_what_is_written_is_read(
     header: tuple[str, ...],
     encoding: str,
     end: str,
-    packed: bool,  # noqa: FBT001
+    packed: bool,
 ) -> None:
     """Any numbers, delimiter, decimal sign, header, encoding, line end and packing: the same numbers, bit for bit."""
     content = end.join([*written(table, dialect, header), ""]).encode(encoding)
@@ -99,10 +99,13 @@ def test_any_bytes_are_read_or_refused_in_one_line(tmp_path: Path, content: byte
     """Whatever the file holds, only errors of the tree get out, and their message is one line."""
     path = tmp_path / "table.csv"
     path.write_bytes(content)
+    refused: FlindersError | None = None
     try:
         samples = read(path)
     except FlindersError as error:
-        assert "\n" not in str(error)
+        refused = error
+    if refused:
+        assert "\n" not in str(refused)
     else:
         assert len(samples) > 0
         assert np.isfinite(samples.field).all()

@@ -14,7 +14,7 @@ from flinders.readers import read
 if TYPE_CHECKING:
     from pathlib import Path
 
-TWO = [[1, 2, 3], [4, 5, 6]]
+TWO = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 GOOD = b"1,2,3\n4,5,6\n"
 
 READ: dict[str, tuple[bytes, list[list[float]], int]] = {
@@ -28,7 +28,7 @@ READ: dict[str, tuple[bytes, list[list[float]], int]] = {
     "no line end at the end": (b"1,2,3\n4,5,6", TWO, 0),
     "CR LF": (b"1,2,3\r\n4,5,6\r\n", TWO, 0),
     "CR alone": (b"1,2,3\r4,5,6\r", TWO, 0),
-    "all line ends mixed": (b"1,2,3\r\n4,5,6\r7,8,9\n", [*TWO, [7, 8, 9]], 0),
+    "all line ends mixed": (b"1,2,3\r\n4,5,6\r7,8,9\n", [*TWO, [7.0, 8.0, 9.0]], 0),
     "a delimiter at the end of each line": (b"1,2,3,\n4,5,6,\n", TWO, 0),
     "a delimiter at the end of some lines": (b"1,2,3\n4,5,6,\n", TWO, 0),
     "blank lines between": (b"\n1,2,3\n\n \n4,5,6\n\n", TWO, 0),

@@ -13,7 +13,10 @@ from flinders.cli._program import EXIT_CODES, Program
 main = Program(
     name="flinders",
     help="Calibrate a three-axis magnetometer, and know what heading error to expect.",
-    epilog="\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
+    epilog="\b\nExample:\n"
+    "  flinders calibrate tumble.csv -o calibration.json\n"
+    "  flinders apply calibration.json raw.csv -o corrected.csv\n"
+    "\n\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     commands=[calibrate.command, apply.command, demo.command, methods.command],
 )

@@ -32,37 +32,44 @@ EXIT_CODES: Final = {
     INTERRUPTED: "interrupted",
 }
 
+FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
+"""What every result of ``calibrate --json`` has."""
+
 
 class Program(click.Group):
     """A group of commands that ends with a code of the table, whatever happens."""
 
-    def main(self, args: Sequence[str] | None = None, prog_name: str | None = None, **extra: Any) -> Any:
-        """Run a command line and exit."""
+    def main(  # type: ignore[override]  # click's overloads only tell what `standalone_mode` does
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: object,
+    ) -> int:
+        """Run a command line and exit; without `standalone_mode`, return the code."""
         words = list(sys.argv[1:] if args is None else args)
         as_json = "--json" in words[: words.index("--") if "--" in words else None]
-        extra["standalone_mode"] = False
-        _let_no_letter_fail()
+        _make_streams_forgiving()
         try:
             with _stopped_cleanly():
-                code = super().main(words, prog_name, **extra)
-        except click.exceptions.NoArgsIsHelpError as error:
-            say(error.format_message())
-            code = USAGE
+                code = super().main(words, prog_name, complete_var, standalone_mode=False, **extra)
         except click.ClickException as error:
-            code = _told(UsageError(_in_a_line(error)), as_json=as_json)
+            code = _misused(error, as_json=as_json)
         except (click.Abort, KeyboardInterrupt):
-            say("interrupted: nothing was written")
+            say("interrupted")
             code = INTERRUPTED
         except FlindersError as error:
             code = _told(error, as_json=as_json)
-        except SystemExit:  # how click ends when whoever read our output has gone
-            code = UNWRITABLE
+        except SystemExit as end:  # 1 is how click ends when whoever read our output has gone
+            code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
             code = _told(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
             _silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _confessed(error)
-        sys.exit(code if isinstance(code, int) else GOOD)
+        code = code if isinstance(code, int) else GOOD
+        return sys.exit(code) if standalone_mode else code
 
 
 def _told(error: FlindersError, *, as_json: bool) -> int:
@@ -80,20 +87,24 @@ def _told(error: FlindersError, *, as_json: bool) -> int:
 
 
 def _as_dict(error: FlindersError) -> dict[str, Any]:
-    """The error as a result: a refusal has the keys of a fit as far as there is one."""
-    fields: dict[str, Any] = {"error": {"code": error.code, "message": str(error), "exit_code": error.exit_code}}
-    if isinstance(error, FitError):
-        fit = getattr(error, "fit", None)
-        fields = {"verdict": "refused", "findings": [], **(fit.as_dict() if fit else {}), **fields}
-        fields["error"]["evidence"] = dict(error.evidence)
-    return fields
+    """The error as a result: a refusal has the keys of a fit, with null where there is none."""
+    told: dict[str, Any] = {"code": error.code, "message": str(error), "exit_code": error.exit_code}
+    if not isinstance(error, FitError):
+        return {"error": told}
+    fit = getattr(error, "fit", None)
+    fields = fit.as_dict() if fit else {**dict.fromkeys(FIT_KEYS), "verdict": "refused", "findings": []}
+    return {**fields, "error": {**told, "evidence": dict(error.evidence)}}
 
 
-def _in_a_line(error: click.ClickException) -> str:
-    """What click found, and where help is."""
+def _misused(error: click.ClickException, *, as_json: bool) -> int:
+    """Say what click found, and where help is; or give help, where only the name of the program was typed."""
+    message = error.format_message()
+    if message.startswith("Usage:"):
+        say(message)
+        return USAGE
     context = getattr(error, "ctx", None)
-    found = " ".join(error.format_message().split()).rstrip(".")
-    return f"{found}; see {context.command_path if context else 'flinders'} --help"
+    found = " ".join(message.split()).rstrip(".")
+    return _told(UsageError(f"{found}; see {context.command_path if context else 'flinders'} --help"), as_json=as_json)
 
 
 def _confessed(error: Exception) -> int:
@@ -133,8 +144,10 @@ def _stopped_cleanly() -> Iterator[None]:
             signal.signal(getattr(signal, name), handler)
 
 
-def _let_no_letter_fail() -> None:
-    """Print "?" for a letter that a terminal does not have, such as σ."""
+def _make_streams_forgiving() -> None:
+    """Print "?" for a letter that a terminal does not have, such as σ, and nothing where a stream is closed."""
+    sys.stdout = sys.stdout or io.TextIOWrapper(io.BytesIO())
+    sys.stderr = sys.stderr or io.TextIOWrapper(io.BytesIO())
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

@@ -18,7 +18,7 @@ import click
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rich.console import Console, RenderableType
+    from rich.console import RenderableType
 
     from flinders.result import Fit
 
@@ -60,11 +60,11 @@ def drawn(content: RenderableType, stream: IO[str]) -> str:
     page = io.StringIO()
     width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST) if terminal else WIDTH
     console = Console(file=page, width=width, force_terminal=terminal and _coloured(), highlight=False, emoji=False)
-    console.print(content, markup=False)
+    console.print(content, markup=False, crop=False)
     return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
 
 
-def plain(value: object) -> Any:
+def plain(value: object) -> object:
     """Turn a result into what JSON has: no tuples, no numbers of NumPy, null for what is not finite.
 
     >>> plain({"axes": ("x",), "worst": float("inf")})
@@ -90,23 +90,30 @@ def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=_live_console(), transient=True) as bar:
-        task = bar.add_task(title, total=None, visible=False)
+    with contextlib.ExitStack() as stack:
+        bar: Callable[[int, int], None] | None = None
 
         def update(done: int, total: int | None) -> None:
-            bar.update(task, completed=done, total=total, visible=(total or done) >= WORTH_A_BAR)
+            nonlocal bar
+            if bar is None and (total or done) >= WORTH_A_BAR:
+                bar = stack.enter_context(_bar(title))
+            if bar is not None:
+                bar(done, total or done)
 
         yield update
 
 
-def _live_console() -> Console:
-    """A console on stderr that bars are drawn on."""
+@contextlib.contextmanager
+def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr that goes when it is done."""
     from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
-    return Console(stderr=True, color_system="auto" if _coloured() else None)
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    console = Console(stderr=True, color_system="auto" if _coloured() else None)
+    with Progress(*columns, console=console, transient=True) as shown:
+        task = shown.add_task(title, total=None)
+        yield lambda done, total: shown.update(task, completed=done, total=total)
 
 
 def _coloured() -> bool:

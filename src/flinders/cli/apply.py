@@ -10,7 +10,7 @@ import click
 
 from flinders.cli import _options
 from flinders.cli._talk import print_json, progress, say
-from flinders.errors import InputError, UnitError, UsageError
+from flinders.errors import DocumentError, InputError, UnitError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,15 +22,16 @@ if TYPE_CHECKING:
 
 @click.command(
     "apply",
+    short_help="Correct a recording with a calibration file.",
     epilog="""\b
 Example:
   flinders apply calibration.json raw.csv -o corrected.csv
-  tail -f raw.csv | flinders apply calibration.json - > corrected.csv
+  zcat raw.csv.gz | flinders apply calibration.json - > corrected.csv
 """,
 )
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("recording", metavar="RECORDING")
-@click.option("-o", "--output", default="-", metavar="FILE", help="Where to write; standard output by default.")
+@click.option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
 @click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
 @_options.columns
 @_options.force
@@ -41,17 +42,18 @@ def command(
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
     Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
-    readings are in the calibration's axes. Memory does not grow with the length of the recording.
+    readings are in the calibration's axes. RECORDING is a file, or - for standard input, which is read to its
+    end first. Memory does not grow with its length.
     """
-    from flinders.calibration import Calibration
     from flinders.files import refuse_existing
     from flinders.readers import TextRecording, open_recording
 
+    if output == "-" and as_json:
+        raise UsageError("--json and corrected readings would both go to standard output: name a file with -o")
+    _options.refuse_to_overwrite(output, [calibration, recording])
     if output != "-":
         refuse_existing(output, force=force)
-    elif as_json:
-        raise UsageError("--json and corrected readings would both go to standard output: name a file with -o")
-    correction = Calibration.load(calibration)
+    correction = _load(calibration, recording)
     with progress("correcting") as watch:
         source = open_recording(recording, columns=columns, axes=str(correction.axes), progress=watch)
         if not isinstance(source, TextRecording):
@@ -64,8 +66,35 @@ def command(
     for skipped in source.skipped:
         say(f"{source.source}: {skipped}")
     say(str(corrector))
+    if output != "-":
+        say(f"written to {output}")
     if as_json:
         print_json({**corrector.as_dict(), "skipped": [str(skipped) for skipped in source.skipped]})
+
+
+def _load(calibration: str, recording: str) -> Calibration:
+    """Load the calibration, and see whether the two files were given the other way round.
+
+    Raises
+    ------
+    UsageError
+        Where the recording is the calibration file, or the calibration would come from standard input.
+    DocumentError
+        For what is no calibration file.
+    """
+    from flinders.calibration import Calibration
+
+    if calibration == "-":
+        raise UsageError("the calibration must be a file: flinders apply calibration.json -")
+    try:
+        return Calibration.load(calibration)
+    except DocumentError:
+        with contextlib.suppress(DocumentError):
+            Calibration.load(recording)
+            raise UsageError(
+                f"{recording} is the calibration, it comes first: flinders apply {recording} {calibration}"
+            ) from None
+        raise
 
 
 def _agree(correction: Calibration, source: TextRecording) -> None:
@@ -111,10 +140,12 @@ class Corrector:
 
         corrected = self._correction.apply(readings)
         strength = np.linalg.norm(corrected, axis=1) / self._correction.field_strength
-        if self.rows == 0 and not 1 / 3 < np.median(strength) < 3:
+        middle = float(np.median(strength))
+        if self.rows == 0 and not 1 / 3 < middle < 3:
             raise InputError(
-                f"corrected readings of {self._source} are {np.median(strength):.2g} times as long as the calibration's "
-                f"field ({self._correction.field_strength:.4g}): it is for another sensor, unit or range"
+                f"corrected readings of {self._source} are {middle:.2g} times as long as the calibration's field "
+                f"({self._correction.field_strength:.4g} {self._correction.unit}): it is for another sensor, unit or "
+                "range; check --columns, or calibrate this sensor"
             )
         self.rows += len(strength)
         self._sum += float(strength.sum())
@@ -128,10 +159,10 @@ class Corrector:
         return {"rows": self.rows, "strength": mean, "spread": spread}
 
     def __str__(self) -> str:
-        numbers = self.as_dict()
+        found = self.as_dict()
         return (
-            f"{self.rows:,} readings corrected; their strength is {numbers['strength']:.3f} of the calibration's field, "
-            f"with a spread of {numbers['spread']:.1%}"
+            f"{self.rows:,} readings corrected; their strength is {found['strength']:.3f} of the calibration's field, "
+            f"with a spread of {found['spread']:.1%}"
         )
 
 

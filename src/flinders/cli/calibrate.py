@@ -10,36 +10,59 @@ import click
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._talk import print_fit, print_json, progress, say
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from flinders.document import Provenance, SourceFile
     from flinders.result import Fit
-    from flinders.samples import Recording
+    from flinders.samples import Recording, Samples
+
+
+def _spread(value: str) -> float | str:
+    """Read the value of ``--prior``: a number, or none, which `None` cannot say, as that is "not given"."""
+    number = _options.within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
+    return "none" if value.strip().casefold() == "none" else number(value)
 
 
 @click.command(
     "calibrate",
+    short_help="Fit recordings of a sensor and write its calibration.",
     epilog="""\b
 Example:
   flinders calibrate tumble.csv -o calibration.json
-  flinders calibrate --columns mx,my,mz --unit mG --field-strength 49.8 monday.csv tuesday.csv -o calibration.json
+  flinders calibrate monday.csv tuesday.csv --columns mx,my,mz --unit mG -o calibration.json
 """,
 )
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@click.option("-o", "--output", metavar="FILE", help="Calibration file to write; without it nothing is written.")
+@click.option(
+    "-o", "--output", metavar="FILE",
+    help="Calibration file to write, or - for standard output; without it nothing is written.",
+)  # fmt: skip
 @click.option("--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.")
 @click.option(
-    "--field-strength", type=float, metavar="F",
+    "--field-strength", type=_options.positive, metavar="F",
     help="Strength of the field at the site, in µT (in counts for a recording in counts).",
 )  # fmt: skip
-@click.option("--prior", metavar="SPREAD|none", help="Soft iron thought likely where nothing was seen [default: 0.3].")
+@click.option(
+    "--prior",
+    type=_spread,
+    metavar="SPREAD|none",
+    help="Soft iron thought likely where nothing was seen [default: 0.3].",
+)
 @click.option("--sensor", metavar="NAME", help="Name or serial number to keep with the calibration.")
 @_options.judgement
 @_options.recording
 @_options.force
 @_options.as_json
 def command(
-    recordings: tuple[str, ...], output: str | None, force: bool, as_json: bool, prior: str | None, **options: Any
+    recordings: tuple[str, ...],
+    output: str | None,
+    force: bool,
+    as_json: bool,
+    prior: float | str | None,
+    **options: Any,  # noqa: ANN401 - passed on to `flinders.fit`
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
 
@@ -47,48 +70,70 @@ def command(
     three columns of field (comma, semicolon, tab or spaces; with or without a header), the output of a
     phone logger or MotionCal, or - for standard input. Several recordings of one sensor are fitted together.
     """
-    from flinders.files import refuse_existing
     from flinders.fitting import fit as fit_recording
     from flinders.readers import open_recording
     from flinders.samples import Joined
 
-    if output:
-        refuse_existing(output, force=force)
-    reading = {name: options.pop(name) for name in ("columns", "unit", "scale", "axes")}
     if prior is not None:
-        options["prior"] = _spread(prior)
+        options["prior"] = None if prior == "none" else prior
+    _check(recordings, output, options, force=force, as_json=as_json)
+    reading = {name: options.pop(name) for name in ("columns", "unit", "scale", "axes")}
     with progress("reading") as watch:
         opened = open_recording(recordings, progress=watch, **reading)
         parts = [_Counted(part) for part in (opened.recordings if isinstance(opened, Joined) else (opened,))]
         for part in parts:
             say(str(part.recording))
         fit = fit_recording(Joined(tuple(parts)) if len(parts) > 1 else parts[0], **options)
-    if output:
-        fit.save(output, force=force, provenance=_provenance(parts))
-    _report(fit, output, as_json=as_json)
-    return GOOD if fit.verdict == "good" else LIMITED
-
-
-def _report(fit: Fit, output: str | None, *, as_json: bool) -> None:
-    """Print what was found and say where it went."""
+    _write(fit, output, _provenance(parts) if output else None, force=force)
     if as_json:
         print_json(fit.as_dict())
     else:
-        print_fit(fit)
-    say(f"written to {output}" if output else "nothing was written: name a file with -o calibration.json")
+        print_fit(fit, err=output == "-")
+    if output != "-":
+        say(f"written to {output}" if output else "nothing was written: name a file with -o calibration.json")
+    return GOOD if fit.verdict == "good" else LIMITED
 
 
-def _spread(text: str) -> float | None:
-    """Read the value of ``--prior``."""
-    if text.strip().casefold() == "none":
-        return None
-    try:
-        spread = float(text)
-    except ValueError:
-        spread = -1.0
-    if not 0.0 < spread < 100.0:
-        raise click.BadParameter(f"{text!r}: need a positive number such as 0.3, or none", param_hint="--prior")
-    return spread
+def _check(
+    recordings: tuple[str, ...], output: str | None, options: dict[str, Any], *, force: bool, as_json: bool
+) -> None:
+    """Find what cannot work before anything is read: the recording may be long, or still be on its way.
+
+    Raises
+    ------
+    UsageError
+        For options that are not known or contradict each other, a recording given twice or written over.
+    OutputError
+        Where the output could not be written.
+    """
+    from flinders.estimators import METHODS
+    from flinders.files import refuse_existing
+    from flinders.units import Unit
+
+    method, prior = options["method"], "prior" in options
+    if method not in METHODS:
+        raise UsageError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
+    with_prior = [name for name, kind in METHODS.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
+    if prior and method not in with_prior:
+        raise UsageError(f"--prior goes with --method {' or '.join(with_prior)}: {method} has none, leave --prior out")
+    if options["unit"]:
+        Unit.of(options["unit"], options["scale"])
+    _options.refuse_twice(recordings)
+    if output == "-" and as_json:
+        raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
+    if output and output != "-":
+        _options.refuse_to_overwrite(output, recordings)
+        refuse_existing(output, force=force)
+
+
+def _write(fit: Fit, output: str | None, provenance: Provenance | None, *, force: bool) -> None:
+    """Write the calibration where it was asked for."""
+    from flinders.document import dumps
+
+    if output == "-":
+        click.echo(dumps(fit.to_document(provenance)), nl=False)
+    elif output:
+        fit.save(output, force=force, provenance=provenance)
 
 
 class _Counted:
@@ -99,7 +144,7 @@ class _Counted:
         self.unit, self.axes = recording.unit, recording.axes
         self.rows = 0
 
-    def blocks(self) -> Any:
+    def blocks(self) -> Iterator[Samples]:
         """Go through the recording."""
         self.rows = 0
         for block in self.recording.blocks():
@@ -110,12 +155,12 @@ class _Counted:
 def _provenance(parts: list[_Counted]) -> Provenance:
     """Which release made it, when, from which files."""
     from datetime import UTC, datetime
+    from importlib.metadata import version
 
-    from flinders import __version__
     from flinders.document import Provenance
 
     return Provenance(
-        flinders=__version__,
+        flinders=version("flinders"),
         date=datetime.now(UTC).replace(microsecond=0),
         files=tuple(_source_file(part) for part in parts),
     )

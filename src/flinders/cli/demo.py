@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._talk import print_fit, print_json, say
 
+if TYPE_CHECKING:
+    from flinders.samples import Samples
+
 
 @click.command(
     "demo",
+    short_help="Simulate a tumbled sensor and calibrate it.",
     epilog="""\b
 Example:
   flinders demo
@@ -29,7 +35,7 @@ def command(seed: int, path: str | None, target_deg: float, dip_deg: float, forc
 
     simulated = tumble(seed=seed, dip_deg=dip_deg)
     if path:
-        _write(path, simulated.samples.time, simulated.samples.field, force=force)
+        _write(path, simulated.samples, force=force)
         say(f"the recording is in {path}")
     say(f"simulated: {len(simulated.samples):,} readings in a minute of tumbling, hard and soft iron, 0.5 µT of noise")
     found = fit(simulated.samples, target_deg=target_deg, dip_deg=dip_deg)
@@ -42,7 +48,7 @@ def command(seed: int, path: str | None, target_deg: float, dip_deg: float, forc
     return GOOD if found.verdict == "good" else LIMITED
 
 
-def _write(path: str, time: object, field: object, *, force: bool) -> None:
+def _write(path: str, samples: Samples, *, force: bool) -> None:
     """Write the recording the way a logger would."""
     import numpy as np
 
@@ -50,4 +56,4 @@ def _write(path: str, time: object, field: object, *, force: bool) -> None:
 
     with replacing(path, force=force) as file:
         file.write("time_s,mag_x_uT,mag_y_uT,mag_z_uT\n")
-        np.savetxt(file, np.column_stack([time, field]), fmt=("%.3f", "%.3f", "%.3f", "%.3f"), delimiter=",")
+        np.savetxt(file, np.column_stack([np.asarray(samples.time), samples.field]), fmt="%.3f", delimiter=",")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+
 import click
 
 from flinders.cli import _options
-from flinders.cli._talk import console, print_json
+from flinders.cli._talk import drawn, print_json
 
 
 @click.command(
     "methods",
+    short_help="List the methods and when to use each.",
     epilog="""\b
 Example:
   flinders methods
@@ -27,10 +30,10 @@ def command(as_json: bool) -> None:
     from rich import box
     from rich.table import Table
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
     table.add_column("method", style="bold")
     table.add_column("unknowns", justify="right")
     table.add_column("when to use it")
     for name, method in METHODS.items():
         table.add_row(name, str(method.unknowns), method.use)
-    console().print(table)
+    click.echo(drawn(table, sys.stdout))

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.errors import InputError
 
 DIALECTS: Final = (
     (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
@@ -33,8 +34,8 @@ TRIED: Final = 400
 """Lines that dialects are tried on."""
 SAMPLED: Final = 200
 """Rows looked at to tell numbers from text, and ascending times."""
-SAME_WIDTH: Final = 0.9
-"""Share of rows with the same number of cells from which on others count as broken."""
+SAME_WIDTH: Final = 0.6
+"""Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
 COMMENTS: Final = ("#", "%", "//")
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
 
@@ -181,7 +182,7 @@ def _table(
     if chosen is None:
         raise _no_magnetometer(name, header, width, (start + 1, texts[start]))
     return Layout(
-        grid=_grid(chosen, dialect, width if often >= SAME_WIDTH * len(rows) else 0),
+        grid=_grid(chosen, dialect, width if header or often >= SAME_WIDTH * len(rows) else 0),
         columns=chosen,
         start=start + 1,
         header=tuple(header),
@@ -289,7 +290,7 @@ def _example(width: int) -> str:
     return ",".join(str(width - 2 + place) for place in range(3)) if width > 5 else "2,3,4" if width > 3 else "1,2,3"
 
 
-def _nothing(name: str, lines: list[tuple[int, str]]) -> Exception:
+def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     """Say what a file without rows of three numbers holds instead."""
     place, text = lines[0]
     few = max((_rows(lines, dialect, 1) for dialect in DIALECTS), key=len)

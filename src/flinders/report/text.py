@@ -31,20 +31,18 @@ DECIMALS: Final = 6
 def page(fit: Fit) -> RenderableType:
     """Lay out a fit for a rich console.
 
-    A refused one has no offset and no matrix on it, which nobody shall copy into a firmware, and no notes:
-    it says why, and how to do better.
+    Of a refused one no number of the calibration is shown: none can be trusted, and what stands on a screen is
+    copied into a firmware sooner or later. It says why, and how to do better.
     """
     from rich.console import Group
+    from rich.padding import Padding
 
-    refused = fit.verdict == "refused"
-    shown = [finding for finding in fit.findings if not refused or finding.severity != "note"]
-    parts: list[RenderableType] = ["", _before_and_after(fit), ""]
-    if not refused:
-        parts += [_numbers(fit), ""]
-    parts.append(_verdict(fit))
-    if shown:
-        parts.append(_findings(shown, movement(fit)))
-    return Group(*parts)
+    if fit.verdict != "refused":
+        numbers = ["", _before_and_after(fit), "", _numbers(fit), ""]
+        return Group(*numbers, _verdict(fit), _findings(fit.findings, movement(fit)))
+    reasons = [finding for finding in fit.findings if finding.severity != "note"]
+    footnote = Padding("The numbers of this fit cannot be trusted and are not shown; --json has them.", (0, 0, 0, 2))
+    return Group("", _verdict(fit), _findings(reasons, movement(fit)), footnote)
 
 
 def with_uncertainty(value: float, sigma: float) -> str:
@@ -104,30 +102,25 @@ def _before_and_after(fit: Fit) -> RenderableType:
 
 
 def _numbers(fit: Fit) -> RenderableType:
-    """Offset above matrix, in columns x, y and z, each on its decimal points."""
-    from rich.table import Table
+    """Offset above matrix, in columns x, y and z, each on its decimal points; never cut, however narrow the page."""
+    from rich.text import Text
 
     unit = label(fit.calibration.unit)
     offset = [with_uncertainty(*pair) for pair in zip(fit.calibration.offset, fit.offset_sigma, strict=True)]
-    rows = [offset, *_entries(fit.calibration.matrix)]
-    columns = [on_the_point(column) for column in zip(*rows, strict=True)]
-    grid = Table.grid(padding=(0, 3))
-    grid.add_column(style="dim", no_wrap=True)
-    for _ in "xyz":
-        grid.add_column(no_wrap=True)
-    grid.add_column(style="dim", no_wrap=True)
-    for title, cells, ending in zip(
-        ("offset", "matrix", "", ""), zip(*columns, strict=True), (unit, "", "", ""), strict=True
-    ):
-        grid.add_row(title, *cells, ending)
-    grid.add_row("noise", on_the_point([f"{fit.noise:.3g}", offset[0]])[0].rstrip(), "", "", unit)
-    return grid
+    columns = [on_the_point(column) for column in zip(offset, *_entries(fit.calibration.matrix), strict=True)]
+    noise = on_the_point([f"{fit.noise:.3g}", offset[0]])[0].ljust(len(columns[0][0]))
+    rows = [*zip(*columns, strict=True), (noise, *(" " * len(column[0]) for column in columns[1:]))]
+    text = Text(no_wrap=True, overflow="ignore")
+    for title, cells, ending in zip(("offset", "matrix", "", "", "noise"), rows, (unit, "", "", "", unit), strict=True):
+        text.append(f"{title:6}   ", "dim").append("   ".join(cells)).append(f"   {ending}\n", "dim")
+    text.rstrip()
+    return text
 
 
 def _entries(matrix: Floats) -> list[list[str]]:
     """Write a matrix with as many decimals everywhere: seven digits of its largest entry."""
     largest = float(abs(matrix).max())
-    decimals = DECIMALS - math.floor(math.log10(largest))
+    decimals = DECIMALS - math.floor(math.log10(largest) + 1e-9)
     if not 0 <= decimals <= 2 * DECIMALS:
         return [[f"{value:.{DECIMALS}e}" for value in row.tolist()] for row in matrix]
     return [[f"{round(value, decimals) + 0.0:.{decimals}f}" for value in row.tolist()] for row in matrix]
@@ -139,19 +132,18 @@ def _verdict(fit: Fit) -> RenderableType:
     from rich.text import Text
 
     error = fit.heading_error_deg
+    within = f"heading within {degrees(error.worst)} (1 σ; the target is {fit.target_deg:g}°)"
     words = {
-        "good": f"heading within {degrees(error.worst)} (1 σ) at the worst heading; {fit.target_deg:g}° was asked for",
-        "limited": f"good for a heading within {degrees(error.worst)} (1 σ), and with the limits below; "
-        f"{fit.target_deg:g}° was asked for",
+        "good": f"{within}, all round",
+        "limited": f"{within}, with these limits:",
         "refused": "not fit for use, nothing was written",
     }[fit.verdict]
+    basis = f"{fit.samples:,} readings, {fit.coverage.fraction:.0%} of the sphere seen; {fit.method}"
+    if fit.verdict != "refused":
+        basis += f"; level, dip {abs(error.dip_deg):g}°"
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column()
-    basis = (
-        f"{fit.samples:,} readings, {fit.coverage.fraction:.0%} of the sphere seen, method {fit.method}; "
-        f"for a level vehicle where the field dips by {abs(error.dip_deg):g}°"
-    )
     grid.add_row(Text(fit.verdict.upper(), f"bold {COLOURS[fit.verdict]}"), words)
     grid.add_row("", Text(basis, "dim"))
     return grid
