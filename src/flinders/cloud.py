@@ -26,7 +26,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 MAX_CELLS: Final = 4096
-"""More occupied cells than this, and the cells are doubled in size; a sphere of radius R in cells of side R/12 has about 2,700."""
+"""More occupied cells than this, and cells double in size; a sphere of radius R in cells of R/12 has about 2,700."""
+
+SMALLEST_SIDE: Final = 2.0**-40
+"""Of the largest reading: finer cells hold nothing but rounding."""
 
 _BITS: Final = 21
 _REACH: Final = 1 << (_BITS - 1)
@@ -142,11 +145,14 @@ def natural_side(field: Floats) -> float:
     Looks at 512 readings spread over the recording; a few stray ones do not move it.
     """
     some = field[:: max(1, len(field) // 512)]
+    largest = float(np.abs(some).max())
+    # No magnetometer reads what squares badly: any side will do.
+    if not SMALLEST_SIDE < largest < 1.0 / SMALLEST_SIDE:
+        return 1.0
     centre = some.mean(axis=0)
     offsets = some - centre
     radius = float(np.median(np.sqrt(np.einsum("ij,ij->i", offsets, offsets))))
-    size = radius if radius > 0 else float(np.abs(centre).max())
-    return float(2.0 ** np.round(np.log2(size / 12.0))) if np.isfinite(size) and size > 1e-290 else 1.0
+    return float(2.0 ** np.round(np.log2(max(radius, SMALLEST_SIDE * largest) / 12.0)))
 
 
 def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:

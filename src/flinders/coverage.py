@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
-
-from flinders.arrays import Floats
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
     from flinders.cloud import Cloud
     from flinders.quadric import Ellipsoid
 

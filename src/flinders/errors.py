@@ -14,6 +14,8 @@
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4
     │   ├── StuckAxis                stuck-axis        4    an axis that never changes
+    │   ├── Unmoved                  unmoved           4    readings that hardly differ from each other
+    │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   └── Refused                  refused           4    a fit exists, its verdict is "refused"
@@ -136,6 +138,34 @@ class StuckAxis(FitError):
         )
 
 
+class Unmoved(FitError):
+    """Readings vary (`spread`) by next to nothing beside their size (`size`): the sensor was not turned."""
+
+    code = "unmoved"
+
+    def __init__(self, *, spread: float, size: float) -> None:
+        self.spread, self.size = spread, size
+        super().__init__(
+            f"the readings vary by {spread:.2g} about a mean of {size:.3g}: the sensor was hardly moved. "
+            "Turn it slowly through all directions while recording",
+            spread=spread,
+            size=size,
+        )
+
+
+class OutOfScale(FitError):
+    """Readings as large or as small (`size`) as no magnetometer gives them."""
+
+    code = "out-of-scale"
+
+    def __init__(self, size: float) -> None:
+        self.size = size
+        super().__init__(
+            f"readings of up to {size:.2g} are not those of a magnetometer: check which columns are read, and the unit",
+            size=size,
+        )
+
+
 class NotAnEllipsoid(FitError):
     """The quadric that fits best is open (`eigenvalues` of its quadratic form, largest scaled to one)."""
 
@@ -144,10 +174,10 @@ class NotAnEllipsoid(FitError):
     def __init__(self, eigenvalues: tuple[float, ...], method: str = "") -> None:
         self.eigenvalues = eigenvalues
         shape = ", ".join(f"{value:.3g}" for value in eigenvalues)
+        instead = "" if method == "sphere" else ", or fit a sphere (method 'sphere')"
         super().__init__(
             f"the surface that fits these readings best is not closed (eigenvalues {shape}; all must be positive): "
-            "they cover too few directions. Turn the sensor upside down and onto each of its sides, "
-            "or fit with method='sphere'",
+            f"they cover too few directions. Turn the sensor upside down and onto each of its sides{instead}",
             eigenvalues=eigenvalues,
             method=method,
         )

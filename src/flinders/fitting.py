@@ -18,7 +18,6 @@ from flinders.errors import UsageError
 from flinders.estimators import METHODS, Readings
 from flinders.heading import level_error
 from flinders.result import Fit, Refused
-from flinders.summary import Summary
 from flinders.units import Unit
 from flinders.verdict import judge
 
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 
     from flinders.estimators import Estimate, Estimator
     from flinders.samples import Recording
+    from flinders.summary import Summary
 
 
 def fit(

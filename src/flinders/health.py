@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from flinders.arrays import Floats
-from flinders.samples import Samples
-
 if TYPE_CHECKING:
-    from flinders.samples import Skipped
+    from flinders.arrays import Floats
+    from flinders.samples import Samples, Skipped
 
 
 @dataclass(frozen=True, slots=True, eq=False)

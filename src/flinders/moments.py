@@ -15,6 +15,7 @@ True
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Final, Self
@@ -184,7 +185,8 @@ def unpacked(sums: Floats) -> Floats:
 
 def power_of_two_above(value: float) -> float:
     """The smallest power of two that is at least `value` (and not too small to divide by)."""
-    return float(max(2.0 ** np.ceil(np.log2(value)), SMALLEST_UNIT)) if value > SMALLEST_UNIT else SMALLEST_UNIT
+    mantissa, exponent = math.frexp(max(value, SMALLEST_UNIT))
+    return math.ldexp(1.0, min(exponent - (mantissa == 0.5), 1023))
 
 
 def _block_sums(scaled: Floats, weight: Floats | None) -> Floats:

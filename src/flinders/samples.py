@@ -143,8 +143,10 @@ class Samples:
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
         raw = table(field, finite=False)
         rows = len(raw)
+        with np.errstate(over="ignore"):
+            field = axes.apply(raw if unit.scale == 1.0 else raw * unit.scale)
         samples = cls(
-            field=axes.apply(raw if unit.scale == 1.0 else raw * unit.scale),
+            field=field,
             unit=unit,
             axes=axes,
             time=None if time is None else column(time, rows, "time"),

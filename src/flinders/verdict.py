@@ -43,7 +43,7 @@ CODES: Final = {
 REFUSED_AT: Final = 5.0
 """A worst heading error beyond so many times the target is refused."""
 
-FLAT, FLAT_NOISE = 0.01, 3.0
+FLAT, FLAT_NOISE, FLATTEST = 0.01, 3.0, 0.2
 HOLE_DEG: Final = 60.0
 NOISE_LIMITS, NOISE_REFUSES = 0.05, 0.2
 PRIOR_SHARE: Final = 0.1
@@ -80,7 +80,7 @@ def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
 def _flat(fit: Fit, moments: Moments) -> Iterator[Finding]:
     """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
     thickness, _, width = np.sqrt(moments.principal_variances)
-    limit = max(FLAT_NOISE * fit.noise / width, FLAT)
+    limit = min(max(FLAT_NOISE * fit.noise / width, FLAT), FLATTEST)
     if thickness / width < limit:
         yield Finding(
             "one-plane", "refuses", thickness / width, limit,

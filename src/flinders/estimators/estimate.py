@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self, TypeGuard, ca
 import numpy as np
 
 from flinders.coverage import directions_of
-from flinders.errors import NeedsSamples, StuckAxis, TooFewSamples
+from flinders.errors import NeedsSamples, NotAnEllipsoid, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.quadric import Ellipsoid
 from flinders.samples import Recording, Samples
 from flinders.summary import Summary
@@ -27,6 +27,12 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.axes import Axes
     from flinders.units import Unit
+
+SMALLEST, LARGEST = 1e-12, 1e15
+"""Between these sizes, in any unit, fourth powers and their inverses are numbers."""
+
+FARTHEST: Final = 1000.0
+"""Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
 
 HELD: Final = 500_000
 """Readings of a recording that are kept in memory; a longer one is gone through again."""
@@ -144,15 +150,25 @@ class Readings:
         ------
         TooFewSamples
             Unless there are as many readings as unknowns.
+        OutOfScale
+            For numbers that no magnetometer reads.
         StuckAxis
             If an axis never changes.
+        Unmoved
+            If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them.
         """
         if len(self) < unknowns:
             raise TooFewSamples(found=len(self), needed=unknowns, method=method)
+        largest = self.summary.moments.unit
+        if not SMALLEST < largest < LARGEST:
+            raise OutOfScale(largest)
         stuck = [axis for axis in range(3) if self.summary.health.extent[axis] == 0.0]
         if stuck:
             values = self.summary.health.lows.values
             raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(float(values[axis]) for axis in stuck))
+        spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
+        if size > FARTHEST * spread:
+            raise Unmoved(spread=spread, size=size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,6 +237,11 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
     """Standard deviation of the distance from an ellipsoid, from the sums alone.
 
     With q(x) = |S⁻¹(x − b)|² − 1 and s ≈ q/|∇q| it is √(Σq² / Σ|∇q|²), corrected for the unknowns.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        For a surface so far from its readings that their sums do not tell.
     """
     moments = readings.summary.moments
     scale = ellipsoid.radius
@@ -229,6 +250,8 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
     form = np.linalg.matrix_power(np.linalg.inv(ellipsoid.shape / scale), 4)
     steepness = 4.0 * float(np.sum(form * scatter[6:9, 6:9]))
     freedom = max(moments.count - unknowns, 1.0) / moments.count
+    if not steepness > 0.0:  # nothing but rounding is left of a surface far away from its readings
+        raise NotAnEllipsoid((0.0, 0.0, 0.0))
     square = max(float(local @ scatter @ local), 0.0) / steepness / freedom
     return scale * float(np.sqrt(square))
 

@@ -1,0 +1,334 @@
+"""Odd inputs at the command line: a correct result, or one clear line and the right exit code; nothing half-written."""
+
+from __future__ import annotations
+
+import gc
+import gzip
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.calibration import Calibration
+from flinders.cli import main
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+TUMBLE = simulate.tumble(seed=5, n=400, motion="uniform")
+TEXT = "".join(f"{x:.3f},{y:.3f},{z:.3f}\n" for x, y, z in TUMBLE.samples.field)
+HEADED = "mx_uT,my_uT,mz_uT\n" + TEXT
+LINES = TEXT.splitlines(keepends=True)
+MOTIONCAL = "".join(f"Raw:0,0,8192,0,0,0,{x:.0f},{y:.0f},{z:.0f}\r\n" for x, y, z in TUMBLE.samples.field * 10)
+GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE = 0, 2, 3, 4, 5, 6
+TELLS = ("error: ", "refused: ")
+
+
+@dataclass(frozen=True)
+class Odd:
+    """What is typed, what stands in ``odd.csv`` or comes through a pipe, and how it should end.
+
+    A code of 0 or 3 promises the offset of the simulated sensor too.
+    """
+
+    code: int
+    says: str = ""
+    content: bytes | str = TEXT
+    words: str = "calibrate odd.csv"
+    stdin: bytes | str = b""
+
+
+def rows(values: object) -> str:
+    """A table of numbers as text."""
+    return "".join(",".join(f"{value:.17g}" for value in row) + "\n" for row in np.asarray(values, float))
+
+
+def ring(n: int = 200) -> str:
+    """A sensor turned about one axis that is not one of its own."""
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    across = np.array([[1, 1, 1], [1, -1, 0]]) / np.sqrt([[3], [2]])
+    noise = np.random.default_rng(1).normal(0, 0.2, (n, 3))
+    return rows(50 * (np.outer(np.cos(angle), across[0]) + np.outer(np.sin(angle), across[1])) + [10, 20, 30] + noise)
+
+
+def zipped(text: str) -> bytes:
+    """A ZIP archive with a recording in it."""
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("odd.csv", text)
+    return file.getvalue()
+
+
+GAUSS = np.random.default_rng(2).normal(size=(100, 3))
+
+ODD: dict[str, Odd] = {
+    # nothing to read
+    "nothing": Odd(UNREADABLE, "odd.csv is empty", b""),
+    "blank lines": Odd(UNREADABLE, "only blank lines: need lines of numbers", " \n\n \t\n"),
+    "comments only": Odd(UNREADABLE, "only comments: need lines of numbers", "# one\n# two\n"),
+    "a header only": Odd(UNREADABLE, "no readings below it: record again", "mx,my,mz\n"),
+    "text only": Odd(UNREADABLE, "need three columns of numbers", "hello\nworld\n"),
+    "NaN only": Odd(UNREADABLE, "need finite x, y and z", "nan,nan,nan\n" * 50),
+    "infinity only": Odd(UNREADABLE, "need finite x, y and z", "inf,-inf,inf\n" * 50),
+    "nothing through a pipe": Odd(UNREADABLE, "nothing was piped in", words="calibrate -"),
+    "no such file": Odd(UNREADABLE, "nix.csv does not exist: check the name", words="calibrate nix.csv"),
+    "a file for a folder": Odd(UNREADABLE, "does not exist: check the name and", words="calibrate odd.csv/x"),
+    "a folder": Odd(UNREADABLE, "is a folder: give the recording in it", words="calibrate folder"),
+    "a name too long": Odd(UNREADABLE, "cannot be read", words=f"calibrate {'a' * 300}.csv"),
+    "a null character in the name": Odd(UNREADABLE, "is not a file name", words="calibrate odd\0.csv"),
+    # not text
+    "random bytes": Odd(UNREADABLE, "binary file: give a text recording", np.random.default_rng(3).bytes(5000)),
+    "zeros": Odd(UNREADABLE, "binary file: give a text recording", bytes(5000)),
+    "a PNG image": Odd(UNREADABLE, "is a PNG image", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + bytes(100)),
+    "a ZIP archive": Odd(UNREADABLE, "unzip it", zipped(TEXT)),
+    "an HTML page": Odd(UNREADABLE, "download the raw file", "<!DOCTYPE html><html><body>1,2,3</body></html>"),
+    "broken gzip": Odd(UNREADABLE, "copy it again", gzip.compress(TEXT.encode())[:60] + b"?" * 600),
+    "gzip cut short": Odd(UNREADABLE, "is cut short", gzip.compress(TEXT.encode())[:-500]),
+    "a line of 10 MB": Odd(UNREADABLE, "need one reading a line", "1,2,3," * 1_700_000),
+    "broken JSON": Odd(UNREADABLE, "begins like JSON and is not", "[[1, 2, 3], [4, 5"),
+    "JSON with one object": Odd(UNREADABLE, "need a list of [x, y, z]", '{\n"a": [1, 2]\n}'),
+    "a calibration as recording": Odd(UNREADABLE, "calibration", words="calibrate calibration.json"),
+    # other columns
+    "two columns": Odd(UNREADABLE, "fewer than three numbers a line", rows(GAUSS[:, :2])),
+    "six columns without a header": Odd(UNREADABLE, "such as --columns", rows(np.hstack([GAUSS, GAUSS]))),
+    "other sensors only": Odd(UNREADABLE, "no magnetometer among the columns", "ax,ay,az\n" + TEXT),
+    "a column that is not there": Odd(USAGE, "there is no column '9'", words="calibrate odd.csv --columns 1,2,9"),
+    "column nought": Odd(USAGE, "there is no column '0'", words="calibrate odd.csv --columns 0,1,2"),
+    "a name that is not there": Odd(USAGE, "there is no column 'mx'", words="calibrate odd.csv --columns mx,my,mz"),
+    "two columns asked for": Odd(USAGE, "need three different ones", words="calibrate odd.csv --columns 1,2"),
+    "a column asked for twice": Odd(USAGE, "need three different ones", words="calibrate odd.csv --columns 1,1,2"),
+    # no ellipsoid
+    "one reading": Odd(REFUSED, "record for longer", "1,2,3\n"),
+    "eight readings": Odd(REFUSED, "record for longer", "".join(LINES[:8])),
+    "all readings equal": Odd(REFUSED, "never changes in this recording: x = 1.5", "1.5,2.5,3.5\n" * 99),
+    "two axes constant": Odd(REFUSED, "x = 1, y = 2", rows(GAUSS * [0, 0, 1] + [1, 2, 3])),
+    "a straight line": Odd(REFUSED, "REFUSED", rows([[i, 2 * i, 3 * i + 1] for i in range(100)])),
+    "a ring in a plane": Odd(REFUSED, "turn the sensor", ring()),
+    "a ring in a plane, as a sphere": Odd(REFUSED, "turn the sensor", ring(), "calibrate odd.csv --method sphere"),
+    "noise without a field": Odd(REFUSED, "off the ellipsoid", rows(GAUSS)),
+    "numbers of 1e300": Odd(UNREADABLE, "", rows(GAUSS * 1e300)),
+    "numbers of 1e150": Odd(UNREADABLE, "", rows(GAUSS * 1e150)),
+    "numbers of 1e-300": Odd(UNREADABLE, "", rows(GAUSS * 1e-300)),
+    # read as meant
+    "some NaN": Odd(GOOD, "3 not finite rows", TEXT + "nan,1,2\n1,,2\n3,inf,4\n"),
+    "ragged lines": Odd(GOOD, "2 unreadable rows", TEXT + "1,2\n1,2,3,4,5\n"),
+    "a bad line in the middle": Odd(GOOD, "1 unreadable row", TEXT + "12.3,4\x005.6,oops\n" + TEXT),
+    "mixed delimiters": Odd(LIMITED, "unreadable rows", TEXT + "".join(LINES[:100]).replace(",", ";")),
+    "UTF-8 cut in a character": Odd(GOOD, "", (HEADED + "# µ").encode()[:-1]),
+    "UTF-8 with a byte order mark": Odd(GOOD, "in uT", b"\xef\xbb\xbf" + HEADED.encode()),
+    "UTF-16": Odd(GOOD, "in uT", HEADED.encode("utf-16")),
+    "gzip": Odd(GOOD, "in uT", gzip.compress(HEADED.encode())),
+    "gzip through a pipe": Odd(GOOD, "in uT", words="calibrate -", stdin=gzip.compress(HEADED.encode())),
+    "CR alone": Odd(GOOD, "", HEADED.replace("\n", "\r")),
+    "decimal comma": Odd(GOOD, "decimal comma", TEXT.replace(",", ";").replace(".", ",")),
+    "quotes": Odd(GOOD, "", '"' + TEXT.replace(",", '","').replace("\n", '"\n"')[:-1]),
+    "JSON triples": Odd(GOOD, "", json.dumps(TUMBLE.samples.field.tolist())),
+    "lines of MotionCal": Odd(GOOD, "Raw: lines", MOTIONCAL),
+    "a pipe": Odd(GOOD, "standard input", words="calibrate -", stdin=TEXT),
+    "another alphabet in the name": Odd(GOOD, "Zürich-磁力.csv", words="calibrate Zürich-磁力.csv"),
+    "spaces and a line end in the name": Odd(GOOD, "", words="calibrate two\vwords\n.csv"),
+    # options
+    "a negative scale": Odd(USAGE, "need a number above 0", words="calibrate odd.csv --scale -1"),
+    "an infinite scale": Odd(USAGE, "need a number above 0", words="calibrate odd.csv --scale inf"),
+    "a scale for microtesla": Odd(USAGE, "only with counts", words="calibrate odd.csv --unit uT --scale 2"),
+    "an unknown unit": Odd(USAGE, "use one of uT, mG", words="calibrate odd.csv --unit furlong"),
+    "a unit against the header": Odd(USAGE, "leave it out", HEADED, "calibrate odd.csv --unit mG"),
+    "an axis twice": Odd(USAGE, "need x, y and z once each", words="calibrate odd.csv --axes x,x,z"),
+    "an unknown method": Odd(USAGE, "use one of auto", words="calibrate odd.csv --method nix"),
+    "a prior for a sphere": Odd(USAGE, "leave --prior out", words="calibrate odd.csv --method sphere --prior 0.3"),
+    "a prior of nonsense": Odd(USAGE, "or none", words="calibrate odd.csv --prior nix"),
+    "a field strength of nought": Odd(USAGE, "above 0", words="calibrate odd.csv --field-strength 0"),
+    "a dip past the pole": Odd(USAGE, "from -89 to 89", words="calibrate odd.csv --dip 91"),
+    "a target that is no number": Odd(USAGE, "need degrees above 0", words="calibrate odd.csv --target nan"),
+    "an unknown option": Odd(USAGE, "see flinders calibrate --help", words="calibrate odd.csv --nix"),
+    "an unknown command": Odd(USAGE, "No such command 'nix'; see flinders --help", words="nix"),
+    "no recording": Odd(USAGE, "Missing argument 'RECORDING...'", words="calibrate"),
+    "the same recording twice": Odd(USAGE, "given twice", words="calibrate odd.csv folder/../odd.csv"),
+    "standard input twice": Odd(USAGE, "given twice", words="calibrate - -", stdin=TEXT),
+    "recordings in two units": Odd(USAGE, "say which with --unit", words="calibrate odd.csv good.csv"),
+    # output
+    "no such folder": Odd(UNWRITABLE, "no such folder: create it", words="calibrate odd.csv -o nix/c.json"),
+    "a folder for a file": Odd(UNWRITABLE, "give the name of a file", words="calibrate odd.csv -o folder"),
+    "below a file": Odd(UNWRITABLE, "not a folder", words="calibrate odd.csv -o good.csv/c.json"),
+    "a file that is there": Odd(UNWRITABLE, "--force", words="calibrate odd.csv -o calibration.json"),
+    "the file that is there, before reading": Odd(UNWRITABLE, "--force", b"", "calibrate odd.csv -o calibration.json"),
+    "an output name too long": Odd(UNWRITABLE, "use a shorter one", words=f"calibrate odd.csv -o {'a' * 300}"),
+    "a null character in the output": Odd(UNWRITABLE, "check the name", words="calibrate odd.csv -o c\0.json"),
+    "a device": Odd(UNWRITABLE, "it is a device or a pipe", words="calibrate odd.csv -o /dev/null --force"),
+    "over the recording": Odd(USAGE, "would be written over", words="calibrate odd.csv -o odd.csv --force"),
+    "JSON and calibration to one place": Odd(USAGE, "name a file with -o", words="calibrate odd.csv -o - --json"),
+    # apply
+    "arguments the wrong way round": Odd(
+        USAGE, "it comes first: flinders apply calibration.json odd.csv", words="apply odd.csv calibration.json"
+    ),
+    "two recordings": Odd(UNREADABLE, "need a calibration file", words="apply odd.csv good.csv"),
+    "two calibrations": Odd(UNREADABLE, "calibration", words="apply calibration.json calibration.json"),
+    "a calibration cut short": Odd(UNREADABLE, "cut short", b'{"flinders": "calibr', "apply odd.csv good.csv"),
+    "a calibration of the future": Odd(
+        UNREADABLE, "reads up to 1", '{"flinders": "calibration", "schema": 99}', "apply odd.csv good.csv"
+    ),
+    "no calibration": Odd(UNREADABLE, "no such file", words="apply nix.json good.csv"),
+    "a calibration through a pipe": Odd(USAGE, "must be a file", words="apply - good.csv"),
+    "a recording in counts": Odd(USAGE, "calibrate again", "Raw:0,0,0,0,0,0,1,2,3\n" * 9, "apply counts.json good.csv"),
+    "another sensor": Odd(UNREADABLE, "it is for another sensor", rows(GAUSS * 5000), "apply calibration.json odd.csv"),
+    "over the raw recording": Odd(
+        USAGE, "would be written over", words="apply calibration.json good.csv -o good.csv --force"
+    ),
+    "over the calibration": Odd(
+        USAGE, "would be written over", words="apply calibration.json good.csv -o calibration.json --force"
+    ),
+    "corrected to a folder that is not there": Odd(
+        UNWRITABLE, "no such folder", words="apply calibration.json good.csv -o nix/out.csv"
+    ),
+    "JSON and readings to one place": Odd(USAGE, "name a file with -o", words="apply calibration.json good.csv --json"),
+    "an empty recording to apply to": Odd(UNREADABLE, "is empty", b"", "apply calibration.json odd.csv -o out.csv"),
+    "a recording that breaks off": Odd(
+        UNREADABLE, "cut short", gzip.compress((HEADED + TEXT * 30).encode())[:-900],
+        "apply calibration.json odd.csv -o out.csv",
+    ),
+}  # fmt: skip
+
+REAL = (
+    "nothing", "nothing through a pipe", "a folder", "random bytes", "gzip through a pipe", "two axes constant",
+    "a negative scale", "no such folder", "over the raw recording", "another alphabet in the name",
+)  # fmt: skip
+"""Those that are also run as a program of their own."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a good recording, a calibration of it, one in counts, and a folder; the working directory."""
+    home = tmp_path / "home"
+    (home / "folder").mkdir(parents=True)
+    (tmp_path / "scratch").mkdir()
+    (home / "good.csv").write_text(HEADED, encoding="utf-8")
+    for name, unit in (("calibration.json", "uT"), ("counts.json", "counts")):
+        Calibration(np.eye(3), TUMBLE.sensor.offset, 50.0, raw=Unit.of(unit)).save(home / name)
+    monkeypatch.chdir(home)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "scratch"))
+    return home
+
+
+def prepared(odd: Odd, folder: Path) -> list[str]:
+    """Lay the odd file down under every name that the command line gives it."""
+    words = [word.replace("\v", " ") for word in odd.words.split(" ")]
+    content = odd.content.encode() if isinstance(odd.content, str) else odd.content
+    for name in {"odd.csv", *(words[1:] if words[0] == "calibrate" and odd.code == GOOD else ())} - {"-"}:
+        if not name.startswith("--"):
+            (folder / name).write_bytes(content)
+    return [*words, "--json"] if odd.code in {GOOD, LIMITED} else words
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def judged(odd: Odd, code: int, out: str, err: str) -> None:
+    """Hold what the program said against what it should say."""
+    last = err.rstrip("\n").rpartition("\n")[2]
+    assert "Traceback" not in err
+    assert "internal error" not in err, err
+    assert code == odd.code, err
+    if code in {GOOD, LIMITED}:
+        found = json.loads(out)
+        assert found["verdict"] == {GOOD: "good", LIMITED: "limited"}[code]
+        npt.assert_allclose(found["calibration"]["offset"], TUMBLE.sensor.offset, atol=0.3)
+        assert odd.says in err + json.dumps(found["findings"], ensure_ascii=False)
+        return
+    assert (json.loads(out)["error"]["exit_code"] == code) if "--json" in odd.words else out == ""
+    if "REFUSED" in err:
+        assert "nothing was written" in err
+        assert odd.says in " ".join(err.split())
+        return
+    assert last.startswith(TELLS)
+    assert odd.says in last
+    assert ": " in last.partition(": ")[2] or ";" in last, f"does not say what to do: {last}"
+
+
+def test_the_table_is_long_enough() -> None:
+    assert len(ODD) >= 45
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_input(name: str, folder: Path, tmp_path: Path) -> None:
+    odd = ODD[name]
+    words = prepared(odd, folder)
+    before = contents(folder)
+    result = CliRunner().invoke(main, words, input=odd.stdin)
+    code, out, err = result.exit_code, result.stdout, result.stderr
+    del result
+    judged(odd, code, out, err)
+    assert contents(folder) == before
+    gc.collect()
+    assert list((tmp_path / "scratch").iterdir()) == []
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_odd_input_to_the_real_program(name: str, folder: Path, tmp_path: Path) -> None:
+    odd = ODD[name]
+    words = prepared(odd, folder)
+    before = contents(folder)
+    done = program(words, odd.stdin.encode() if isinstance(odd.stdin, str) else odd.stdin, scratch=tmp_path / "scratch")
+    judged(odd, done.returncode, done.stdout.decode(), done.stderr.decode())
+    assert contents(folder) == before
+    assert list((tmp_path / "scratch").iterdir()) == []
+
+
+def program(
+    words: list[str], stdin: bytes = b"", *, scratch: Path | None = None, stdout: int | None = subprocess.PIPE
+) -> subprocess.CompletedProcess[bytes]:
+    """Run flinders as a program of its own."""
+    command = [sys.executable, "-c", "from flinders.cli import main; main(prog_name='flinders')", *words]
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8"} | ({"TMPDIR": str(scratch)} if scratch else {})
+    return subprocess.run(command, input=stdin, stdout=stdout, stderr=subprocess.PIPE, check=False, env=environment)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize(
+    "words", ["demo", "demo --json", "methods", "--help", "calibrate good.csv", "apply calibration.json good.csv"]
+)
+def test_a_full_disk_behind_standard_output_ends_with_6_and_a_line(words: str, folder: Path) -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = program(words.split(), stdout=full.fileno())
+    assert done.returncode == UNWRITABLE, done.stderr.decode()
+    last = done.stderr.decode().rstrip("\n").rpartition("\n")[2]
+    assert last == "error: output cannot be written: no space left on the disk: free some, or use another disk"
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read and write everything")
+def test_no_permission_is_said(folder: Path) -> None:
+    (folder / "good.csv").chmod(0)
+    result = CliRunner().invoke(main, ["calibrate", "good.csv"])
+    assert (result.exit_code, "ask for permission" in result.stderr) == (UNREADABLE, True)
+    (folder / "good.csv").chmod(0o600)
+    (folder / "folder").chmod(0o500)
+    result = CliRunner().invoke(main, ["calibrate", "good.csv", "-o", "folder/c.json"])
+    (folder / "folder").chmod(0o700)
+    assert (result.exit_code, "change the permissions" in result.stderr) == (UNWRITABLE, True)
+
+
+def test_a_fault_of_ours_is_confessed_with_a_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> Callable[[], None]:
+        raise ZeroDivisionError("a fault")
+
+    monkeypatch.setattr("flinders.fitting.fit", broken)
+    result = CliRunner().invoke(main, ["calibrate", "good.csv"])
+    assert result.exit_code == 70
+    report = result.stderr.rstrip().rpartition(" with ")[2]
+    assert "internal error: ZeroDivisionError: a fault" in result.stderr
+    assert "a fault in Flinders, not in your recording" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert "Traceback" in Path(report).read_text(encoding="utf-8")
