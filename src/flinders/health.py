@@ -3,6 +3,7 @@
 None of it is a verdict; `flinders.verdict` turns these counts into findings. They add up in the
 order of recording, like everything a `Summary` holds.
 
+>>> from flinders.samples import Samples
 >>> Health.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
 1
 """

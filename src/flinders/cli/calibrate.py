@@ -62,7 +62,7 @@ def command(
     force: bool,
     as_json: bool,
     prior: float | str | None,
-    **options: Any,  # noqa: ANN401 - passed on to `flinders.fit`
+    **options: Any,
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
 
