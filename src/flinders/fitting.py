@@ -11,11 +11,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.coverage import Coverage
 from flinders.errors import UsageError
-from flinders.estimators import METHODS, Readings
+from flinders.estimators import METHODS, Readings, with_bias
 from flinders.heading import level_error
 from flinders.result import Fit, Refused
 from flinders.units import Unit
@@ -87,6 +89,8 @@ def fit(
         axes=axes or Axes(),
         sensor=sensor,
     )
+    if estimator.is_biased:
+        estimate = with_bias(estimate, readings)
     fitted = _judged(estimate, readings.summary, calibration, target_deg, dip_deg)
     if fitted.verdict == "refused":
         raise Refused(fitted)
@@ -116,6 +120,7 @@ def _judged(estimate: Estimate, summary: Summary, calibration: Calibration, targ
     repeated = len(summary) / max(len(summary) - summary.health.repeats, 1)
     covariance = estimate.covariance * repeated
     coverage = Coverage.through(summary.cloud, estimate.ellipsoid)
+    dip = coverage.facing(dip_deg)
     fitted = Fit(
         calibration=calibration,
         method=estimate.method,
@@ -123,8 +128,9 @@ def _judged(estimate: Estimate, summary: Summary, calibration: Calibration, targ
         noise=estimate.noise,
         samples=len(summary),
         coverage=coverage,
-        heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=coverage.facing(dip_deg)),
+        heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
         target_deg=target_deg,
         held=estimate.held,
+        bias_deg=level_error(estimate.ellipsoid, np.outer(estimate.bias, estimate.bias), dip_deg=dip).rms,
     )
     return replace(fitted, findings=judge(fitted, summary))

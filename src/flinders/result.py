@@ -89,6 +89,8 @@ class Fit:
         The worst heading error that was asked for.
     held : float
         Share of the least known shape parameter that the prior speaks for, 0 to 1.
+    bias_deg : float
+        Heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance.
     findings : tuple of Finding
         Gravest first.
     """
@@ -102,6 +104,7 @@ class Fit:
     heading_error_deg: HeadingError
     target_deg: float = 1.0
     held: float = 0.0
+    bias_deg: float = 0.0
     findings: tuple[Finding, ...] = ()
 
     @property

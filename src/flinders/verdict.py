@@ -27,6 +27,7 @@ CODES: Final = {
     "coverage": "directions left unseen: the middle of the largest gap is `number` degrees from the nearest reading",
     "noise": "readings lie `number` of the field (1 σ) off the ellipsoid: not only iron and noise are at work",
     "prior": "the prior, not the readings, speaks for `number` of the least known shape parameter",
+    "bias": "the method's own bias and misfit, estimated beside the likelihood, is `number` degrees of heading (rms)",
     "few-samples": "only `number` readings",
     "saturated": "`number` of the readings sit at the very end of an axis: the sensor was at its limit",
     "stale-repeats": "`number` of the readings repeat the one before: the log is faster than its sensor",
@@ -44,9 +45,10 @@ REFUSED_AT: Final = 5.0
 """A worst heading error beyond so many times the target is refused."""
 
 FLAT, FLAT_NOISE, FLATTEST = 0.01, 3.0, 0.2
-HOLE_DEG: Final = 60.0
+HOLE_DEG, SMALL_HOLE_DEG = 60.0, 40.0
 NOISE_LIMITS, NOISE_REFUSES = 0.05, 0.2
 PRIOR_SHARE: Final = 0.1
+BIAS_SHARE: Final = 0.1
 FEW: Final = 40
 RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
 REPEATS: Final = 0.1
@@ -65,14 +67,9 @@ def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
     summary : Summary
         Of the recording it came from.
     """
-    found = [
-        *_flat(fit, summary.moments),
-        *_accuracy(fit),
-        *_evidence(fit),
-        *_recording(summary.health),
-        *_shape(fit),
-        *_unknowable(fit),
-    ]
+    flat = list(_flat(fit, summary.moments))  # what follows from a surface that nothing supports is no finding
+    supported = [] if flat else [*_accuracy(fit), *_bias(fit), *_evidence(fit), *_shape(fit), *_unknowable(fit)]
+    found = [*flat, *supported, *_recording(summary.health)]
     order = ("refuses", "limits", "note")
     return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
 
@@ -98,6 +95,17 @@ def _accuracy(fit: Fit) -> Iterator[Finding]:
         yield Finding(
             "heading-error", severity, worst, target,
             f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°): {movement(fit)}",
+        )  # fmt: skip
+
+
+def _bias(fit: Fit) -> Iterator[Finding]:
+    """What a simpler model or a biased equation costs."""
+    if fit.bias_deg > fit.target_deg * BIAS_SHARE:
+        severity: Severity = "limits" if fit.bias_deg > fit.target_deg else "note"
+        yield Finding(
+            "bias", severity, fit.bias_deg, fit.target_deg * BIAS_SHARE,
+            f"{fit.method!r} is {fit.bias_deg:.2g}° of heading (rms) off the likelihood, beyond what chance explains: "
+            "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'",
         )  # fmt: skip
 
 
@@ -212,7 +220,9 @@ def _unknowable(fit: Fit) -> Iterator[Finding]:
 
 
 def movement(fit: Fit) -> str:
-    """Say which way to turn the sensor next, towards the middle of the largest gap."""
+    """Say which way to turn the sensor next: towards the middle of the largest gap, if there is one."""
+    if fit.coverage.hole_deg < SMALL_HOLE_DEG:
+        return "record for longer while turning through all directions, away from iron and currents"
     named = [
         ("+" if part > 0 else "−") + letter
         for letter, part in zip("xyz", fit.coverage.hole, strict=True)

@@ -96,7 +96,6 @@ ODD: dict[str, Odd] = {
     "a ZIP archive": Odd(UNREADABLE, "unzip it", zipped(TEXT)),
     "an HTML page": Odd(UNREADABLE, "download the raw file", "<!DOCTYPE html><html><body>1,2,3</body></html>"),
     "broken gzip": Odd(UNREADABLE, "copy it again", gzip.compress(TEXT.encode())[:60] + b"?" * 600),
-    "gzip cut short": Odd(UNREADABLE, "is cut short", gzip.compress(TEXT.encode())[:-500]),
     "a line of 10 MB": Odd(UNREADABLE, "need one reading a line", "1,2,3," * 1_700_000),
     "broken JSON": Odd(UNREADABLE, "begins like JSON and is not", "[[1, 2, 3], [4, 5"),
     "JSON with one object": Odd(UNREADABLE, "need a list of [x, y, z]", '{\n"a": [1, 2]\n}'),
@@ -119,9 +118,9 @@ ODD: dict[str, Odd] = {
     "a ring in a plane": Odd(REFUSED, "turn the sensor", ring()),
     "a ring in a plane, as a sphere": Odd(REFUSED, "turn the sensor", ring(), "calibrate odd.csv --method sphere"),
     "noise without a field": Odd(REFUSED, "off the ellipsoid", rows(GAUSS)),
-    "numbers of 1e300": Odd(UNREADABLE, "", rows(GAUSS * 1e300)),
-    "numbers of 1e150": Odd(UNREADABLE, "", rows(GAUSS * 1e150)),
-    "numbers of 1e-300": Odd(UNREADABLE, "", rows(GAUSS * 1e-300)),
+    "numbers of 1e300": Odd(REFUSED, "not those of a magnetometer", rows(GAUSS * 1e300)),
+    "numbers of 1e150": Odd(REFUSED, "not those of a magnetometer", rows(GAUSS * 1e150)),
+    "numbers of 1e-300": Odd(REFUSED, "not those of a magnetometer", rows(GAUSS * 1e-300)),
     # read as meant
     "some NaN": Odd(GOOD, "3 not finite rows", TEXT + "nan,1,2\n1,,2\n3,inf,4\n"),
     "ragged lines": Odd(GOOD, "2 unreadable rows", TEXT + "1,2\n1,2,3,4,5\n"),
@@ -131,6 +130,7 @@ ODD: dict[str, Odd] = {
     "UTF-8 with a byte order mark": Odd(GOOD, "in uT", b"\xef\xbb\xbf" + HEADED.encode()),
     "UTF-16": Odd(GOOD, "in uT", HEADED.encode("utf-16")),
     "gzip": Odd(GOOD, "in uT", gzip.compress(HEADED.encode())),
+    "gzip cut short": Odd(GOOD, "gzip ends early", gzip.compress(TEXT.encode())[:-500]),
     "gzip through a pipe": Odd(GOOD, "in uT", words="calibrate -", stdin=gzip.compress(HEADED.encode())),
     "CR alone": Odd(GOOD, "", HEADED.replace("\n", "\r")),
     "decimal comma": Odd(GOOD, "decimal comma", TEXT.replace(",", ";").replace(".", ",")),
@@ -196,7 +196,7 @@ ODD: dict[str, Odd] = {
     "JSON and readings to one place": Odd(USAGE, "name a file with -o", words="apply calibration.json good.csv --json"),
     "an empty recording to apply to": Odd(UNREADABLE, "is empty", b"", "apply calibration.json odd.csv -o out.csv"),
     "a recording that breaks off": Odd(
-        UNREADABLE, "cut short", gzip.compress((HEADED + TEXT * 30).encode())[:-900],
+        UNREADABLE, "copy it again", gzip.compress((HEADED + TEXT * 30).encode())[:-8] + bytes(8),
         "apply calibration.json odd.csv -o out.csv",
     ),
 }  # fmt: skip

@@ -47,6 +47,13 @@ READ: dict[str, tuple[bytes, list[list[float]], int]] = {
     "UTF-8 cut in a character": (GOOD + b"7,8,\xce", TWO, 1),
     "gzip": (gzip.compress(GOOD), TWO, 0),
     "gzip in two members": (gzip.compress(b"1,2,3\n") + gzip.compress(b"4,5,6\n"), TWO, 0),
+    "gzip without its checksum": (gzip.compress(GOOD)[:-8], TWO, 1),
+    "gzip cut short in a number": (gzip.compress(GOOD + b"7,8,9123", 0)[:-11], TWO, 1),
+    "MotionCal in gzip cut short": (
+        gzip.compress(b"Raw:0,0,0,0,0,0,10,20,30\nRaw:0,0,0,0,0,0,40,50,60\n")[:-8],
+        TWO,
+        1,
+    ),
     "a sentence above": (b"hold sensor still for calibration ...\n1,2,3\n4,5,6\n", TWO, 0),
     "settings above the header": (b"Fs,50.00\nInitialization time,60\nmx,my,mz\n1,2,3\n4,5,6\n", TWO, 0),
     "the header in a comment": (b"# t my mx mz\n0 2 1 3\n1 5 4 6\n", TWO, 0),
@@ -55,6 +62,11 @@ READ: dict[str, tuple[bytes, list[list[float]], int]] = {
     "text in a column beside": (b"mx,fix,my,mz\n1,NoFix,2,3\n4,3D,5,6\n", TWO, 0),
     "time that is text": (b"time,mx,my,mz\n12:00:01,1,2,3\n12:00:02,4,5,6\n", TWO, 0),
     "an ascending first of four": (b"0.1,1,2,3\n0.2,4,5,6\n", TWO, 0),
+    "a row of units below the header": (b"t,mx,my,mz\ns,nT,nT,nT\n0,1000,2000,3000\n1,4000,5000,6000\n", TWO, 0),
+    "a row of units in brackets": (b"t;mx;my;mz\n[ms];[mT];[mT];[mT]\n0;1e-3;2e-3;3e-3\n1;4e-3;5e-3;6e-3\n", TWO, 0),
+    "a row of units and no names": (b"uT,uT,uT\n1,2,3\n4,5,6\n", TWO, 0),
+    "the minus sign of text processors": ("1,2,3\n−4,−5e−1,6\n".encode(), [[1, 2, 3], [-4, -0.5, 6]], 0),
+    "the minus sign and decimal commas": ("1;2;3\n−4,5;5;6\n".encode(), [[1, 2, 3], [-4.5, 5, 6]], 0),
     "a bad line": (b"1,2,3\nwhat?\n4,5,6\n", TWO, 1),
     "a short line": (b"1,2,3\n4,5\n4,5,6\n", TWO, 1),
     "two lines run together": (b"1,2,3\n4,51,2,3\n4,5,6\n", TWO, 1),
@@ -104,7 +116,13 @@ REFUSED: dict[str, tuple[bytes, type[InputError], str]] = {
     "a bag": (b"#ROSBAG V2.0\n" + bytes(50), UnreadableInput, "a ROS 1 bag"),
     "xz": (b"\xfd7zXZ\x00" + bytes(50), UnreadableInput, "unxz"),
     "gzip of nothing": (gzip.compress(b""), UnreadableInput, "only blank lines"),
-    "gzip cut short": (gzip.compress(GOOD * 100)[:-9], UnreadableInput, "cut short"),
+    "gzip cut short before anything": (gzip.compress(GOOD)[:12], UnreadableInput, "odd.csv is cut short"),
+    "gzip cut short in the header": (
+        gzip.compress(b"a header of words that do not repeat, mx, my, mz\n1,2,3\n")[:30],
+        UnreadableInput,
+        "cut short before its first reading",
+    ),
+    "gzip of JSON cut short": (gzip.compress(b"[[1,2,3],[4,5,6]]")[:-9], UnreadableInput, "cut short"),
     "gzip of gzip": (gzip.compress(gzip.compress(GOOD)), UnreadableInput, "compressed twice"),
     "gzip magic and rubbish": (b"\x1f\x8b" + b"rubbish" * 9, UnreadableInput, "gzip"),
     "one line of 10 MB": (b"a" * 10_000_000, UnreadableInput, "longer than a million characters"),
@@ -131,6 +149,16 @@ REFUSED: dict[str, tuple[bytes, type[InputError], str]] = {
     "JSON cut short": (b"[[1,2,3],[4,5", UnreadableInput, "begins like JSON and is not"),
     "JSON without records": (b"[]", UnreadableInput, "an empty list"),
     "JSON that is one object": (b'{"mag":\n [[1,2,3]]}', UnreadableInput, "one object"),
+    "a calibration file": (
+        b'{\n  "flinders": "calibration",\n  "schema": 1\n}\n',
+        UnreadableInput,
+        "odd.csv is a calibration file of Flinders and not a recording",
+    ),
+    "a calibration file in one line": (
+        b'{"flinders": "calibration", "schema": 1, "calibration": {}}',
+        UnreadableInput,
+        "is a calibration file",
+    ),
     "JSON of words": (b'["a", "b"]', UnreadableInput, "no lines of numbers"),
     "JSON nested too deep": (b"[" * 100_000, UnreadableInput, "JSON"),
     "escape codes of a terminal": (b"\x1b[31mred\x1b[0m\n", UnreadableInput, "\ufffd[31mred"),
@@ -157,7 +185,7 @@ def test_odd_inputs_are_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(error) as caught:
         read(path)
     message = str(caught.value)
-    assert type(caught.value) is error
+    assert caught.value.code == error.code
     assert fragment in message
     assert "\n" not in message
     assert len(message) < 400

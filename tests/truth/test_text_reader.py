@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import gzip
 import io
 import json
 import math
 import os
+import subprocess
 import sys
 import tempfile
 import threading
 import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +27,7 @@ from flinders.readers import READERS, TextRecording, open_recording, read
 from flinders.samples import BLOCK, Joined
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Iterator
 
     from flinders.arrays import Floats
 
@@ -371,6 +374,28 @@ def test_standard_input_is_read_again_and_its_copy_goes(monkeypatch: pytest.Monk
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_temporary_folder_that_cannot_be_used_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """It is not the output that cannot be written."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"1,2,3\n4,5,6\n")))
+    with pytest.raises(UnreadableInput, match=r"standard input cannot be copied.*gone: no such file.*TMPDIR"):
+        open_recording("-")
+
+
+def test_a_full_disk_is_not_the_fault_of_the_recording(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The folder is named, and nothing stays in it."""
+
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"1,2,3\n4,5,6\n")))
+    monkeypatch.setattr("flinders.readers._source._copy", full)
+    with pytest.raises(UnreadableInput, match=f"{tmp_path.name}: no space left on the disk"):
+        open_recording("-")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 def test_a_pipe_with_a_name_is_read(tmp_path: Path) -> None:
     """What cannot be read twice is copied first, whatever it is called."""
@@ -443,15 +468,65 @@ def test_a_file_that_is_gone_or_forbidden_is_refused_while_reading(
         list(recording.blocks())
 
 
+def test_a_gzip_file_cut_short_gives_what_is_before_the_cut(written: Callable[..., Path]) -> None:
+    """Every whole line is read and corrected; the cut is counted as one line that cannot be read."""
+    lines = [f"{i},{i * i % 97},{i * 7 % 89}\n" for i in range(50_000)]
+    whole = gzip.compress("".join(lines).encode())
+    for cut in (len(whole) // 3, len(whole) - 30, len(whole) - 8):
+        recording = opened(written(whole[:cut], "cut.gz"))
+        field = np.concatenate([block.field for block in recording.blocks()])
+        assert len(field) > 10_000
+        npt.assert_array_equal(field, np.loadtxt(lines[: len(field)], delimiter=","))
+        expected = [("unreadable", 1, (len(field) + 1,), "gzip ends early")]
+        assert [(entry.reason, entry.rows, entry.lines, entry.example) for entry in recording.skipped] == expected
+        assert "".join(recording.corrected_lines(lambda field: field)) == "".join(lines[: len(field)])
+
+
 def test_broken_gzip_data_are_refused(written: Callable[..., Path]) -> None:
-    """Cut short, and wrong in the middle."""
-    whole = gzip.compress("".join(f"{i},{i * i % 97},{i * 7 % 89}\n" for i in range(5000)).encode())
-    with pytest.raises(UnreadableInput, match="cut short"):
-        read(written(whole[:-30], "cut.gz"))
-    broken = bytearray(whole)
-    broken[len(whole) // 2] ^= 0xFF
+    """Wrong in the middle: what comes before may be wrong as well."""
+    broken = bytearray(gzip.compress("".join(f"{i},{i * i % 97},{i * 7 % 89}\n" for i in range(5000)).encode()))
+    broken[len(broken) // 2] ^= 0xFF
     with pytest.raises(UnreadableInput, match=r"gzip|not readings|no lines"):
         read(written(bytes(broken), "broken.gz"))
+
+
+def test_bytes_that_are_no_text_cost_only_cells_that_are_read(written: Callable[..., Path]) -> None:
+    """UTF-8 that turns invalid after the part that was looked at: in a note it does no harm, in a reading it does."""
+    good = b"1,2,3,ok\n" * 8000
+    samples = read(written(b"mx,my,mz,note\n" + good + b"4,5,6,\xb5T\n4,\xff5,6,ok\n7,8,9,\xe2\n" + good))
+    assert len(samples) == 16_002
+    npt.assert_array_equal(samples.field[8000:8002], [[4, 5, 6], [7, 8, 9]])
+    assert [(entry.rows, entry.lines, entry.example) for entry in samples.skipped] == [
+        (1, (8003,), "4,\N{REPLACEMENT CHARACTER}5,6,ok")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("above", "unit"),
+    [
+        ("t,mx,my,mz\ns,nT,nT,nT\n", "nT"),
+        ("t,mx,my,mz\n,(mG),(mG),(mG)\n", "mG"),
+        ("# t,mx,my,mz\n# s,G,G,G\n", "G"),
+        ("t,mx_uT,my_uT,mz_uT\ns,nT,nT,nT\n", "uT"),
+        ("t,mx,my,mz\ns,nT,nT,\n", "counts"),
+        ("t,mx,my,mz\nstart,of,the,log\n", "counts"),
+    ],
+)
+def test_units_below_the_header_count_where_it_has_none(written: Callable[..., Path], above: str, unit: str) -> None:
+    """All three must be there; nothing of the row is counted as unreadable."""
+    recording = opened(written(above + "0,1,2,3\n1,4,5,6\n"))
+    assert recording.unit.name == unit
+    assert recording.layout.columns.field.names[0].startswith("mx")
+    assert len(read(recording.file.path).skipped) == 0  # type: ignore[union-attr]
+
+
+def test_units_below_the_header_hold_for_what_stands_beside(written: Callable[..., Path]) -> None:
+    """Time in ms, rate in degrees."""
+    samples = read(written("t,mx,my,mz,gx,gy,gz\nms,uT,uT,uT,deg/s,deg/s,deg/s\n0,1,2,3,180,0,0\n7,1,2,3,90,0,0\n"))
+    assert samples.time is not None
+    assert samples.rate is not None
+    npt.assert_allclose(samples.time, [0, 0.007])
+    npt.assert_allclose(samples.rate[:, 0], [math.pi, math.pi / 2])
 
 
 def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -466,6 +541,194 @@ def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypat
 def test_every_reader_has_a_name_and_suffixes() -> None:
     """The table of formats is complete."""
     assert all(row.name and row.suffixes for row in READERS)
+
+
+# Streams that come once ----------------------------------------------------------------------------------------------
+
+
+class Dribble(io.BufferedIOBase):
+    """A pipe in which a piece arrives whenever there is nothing left of the one before."""
+
+    def __init__(self, pieces: Iterable[bytes]) -> None:
+        self._pieces = iter(pieces)
+        self._rest = b""
+
+    @classmethod
+    def of(cls, content: bytes, piece: int) -> Dribble:
+        return cls(content[start : start + piece] for start in range(0, len(content), piece))
+
+    def read1(self, size: int = -1, /) -> bytes:
+        arrived = self._rest or next(self._pieces, b"")
+        self._rest = arrived[size:]
+        return arrived[:size]
+
+
+@pytest.fixture
+def piped(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Callable[..., TextRecording]]:
+    """Open standard input for one pass; nothing may be left in the temporary folder."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+
+    def open_once(stream: io.BufferedIOBase, **options: str) -> TextRecording:
+        monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=stream, closed=False))
+        recording = open_recording("-", once=True, **options)  # type: ignore[arg-type]
+        assert isinstance(recording, TextRecording)
+        return recording
+
+    yield open_once
+    assert list(folder.iterdir()) == []
+
+
+SCRIPT = """
+import sys
+from flinders.readers import open_recording
+for lines in open_recording("-", once=True).corrected_blocks(lambda field: 2 * field):
+    sys.stdout.writelines(lines)
+    sys.stdout.flush()
+"""
+
+
+def test_readings_come_back_while_the_pipe_is_open() -> None:
+    """A process that corrects standard input answers what has arrived, though the sensor is still running."""
+    with subprocess.Popen([sys.executable, "-c", SCRIPT], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        hanging = threading.Timer(120, process.kill)  # ends the test where it would wait for ever
+        hanging.start()
+        process.stdin.write(b"mx,my,mz\n" + b"".join(b"%d,2,3\n" % row for row in range(50)))
+        process.stdin.flush()
+        answer = [process.stdout.readline() for _ in range(51)]
+        assert answer == [b"mx,my,mz\n", *(b"%d,4,6\n" % (2 * row) for row in range(50))]
+        for row in range(50, 60):
+            process.stdin.write(b"%d,2,3\n" % row)
+            process.stdin.flush()
+            assert process.stdout.readline() == b"%d,4,6\n" % (2 * row)
+        process.stdin.close()
+        assert process.stdout.read() == b""
+        hanging.cancel()
+
+
+def test_no_more_is_waited_for_than_shows_the_layout(piped: Callable[..., TextRecording]) -> None:
+    """Twenty lines of numbers are enough; from then on each line comes out before the next is asked for."""
+    asked = 0
+
+    def lines() -> Iterator[bytes]:
+        nonlocal asked
+        for text in ["a log, of 3 days\n", "t,mx,my,mz\n", *(f"{row},1,2,3\n" for row in range(30))]:
+            asked += 1
+            yield text.encode()
+
+    recording = piped(Dribble(lines()))
+    assert asked == 22
+    blocks = recording.corrected_blocks(lambda field: field)
+    assert [len(next(blocks)) for _ in range(5)] == [0, 22, 1, 1, 1]
+    assert asked == 25
+    assert sum(map(len, blocks)) == 7
+
+
+def test_a_stream_is_gone_through_once(piped: Callable[..., TextRecording]) -> None:
+    """The second pass says so, and how to have two."""
+    recording = piped(io.BytesIO(b"1,2,3\n4,5,6\n"))
+    assert sum(map(len, recording.blocks())) == 2
+    with pytest.raises(UsageError, match="standard input was opened for one pass"):
+        list(recording.blocks())
+
+
+def test_an_endless_stream_takes_bounded_memory(piped: Callable[..., TextRecording]) -> None:
+    """Far less than the 16 MB that come through."""
+    recording = piped(Dribble(b"10.25,-20.5,30.75\n" * 3000 for _ in range(300)))
+    tracemalloc.start()
+    rows = sum(map(len, recording.blocks()))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert rows == 900_000
+    assert peak < 8_000_000
+
+
+@pytest.mark.parametrize("name", [row[0] for row in REAL])
+def test_real_recordings_are_the_same_through_a_slow_pipe(
+    recordings: Callable[[str], Path], piped: Callable[..., TextRecording], name: str
+) -> None:
+    """A few lines at a time show the same columns and unit as the whole file, and give the same readings."""
+    whole, stream = opened(recordings(name)), piped(Dribble.of(recordings(name).read_bytes(), 300))
+    assert stream.layout.columns.field == whole.layout.columns.field
+    assert (stream.unit, stream.layout.grid) == (whole.unit, whole.layout.grid)
+    npt.assert_array_equal(np.concatenate([block.field for block in stream.blocks()]), read(recordings(name)).field)
+
+
+@pytest.mark.parametrize("piece", [1, 7, 1000, 200_000])
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["mx;my;mz\r\n", *(f"{row};2,5;3\r\n" for row in range(500))],
+        [f"[{row}, 2, 3]\n" for row in range(500)],
+        [f'{{"t":{row},"mag":{{"x":1,"y":2,"z":3}}}}\n' for row in range(500)],
+        ["[", ",\n".join(f"[{row}, 2, 3]" for row in range(500)), "]"],
+        [f"Raw:0,0,0,0,0,0,{row},2,3\r\n" for row in range(500)],
+        ["1,2,3\n", "bad\n"],
+        ["1,2,3"],
+    ],
+    ids=["table", "JSON lists", "JSON objects", "JSON document", "MotionCal", "short", "no end"],
+)
+def test_a_stream_gives_what_a_file_gives(
+    written: Callable[..., Path], piped: Callable[..., TextRecording], lines: list[str], piece: int, packed: bool
+) -> None:
+    """However it is cut into pieces: the same corrected copy, the same lines left out."""
+    content = "".join(lines).encode()
+    content = gzip.compress(content) if packed else content
+    stream = piped(Dribble.of(content, piece) if piece < 1000 else io.BytesIO(content))
+    recording = opened(written(content))
+    assert "".join(stream.corrected_lines(lambda field: field)) == "".join(recording.corrected_lines(lambda x: x))
+    assert stream.skipped == recording.skipped
+
+
+def test_json_lines_come_out_as_they_arrive(piped: Callable[..., TextRecording]) -> None:
+    """Their table is not kept either."""
+    recording = piped(Dribble(f'{{"x": {row}, "y": 2, "z": 3}}\n'.encode() for row in range(25)))
+    assert [len(lines) for lines in recording.corrected_blocks(lambda field: field)] == [1, 20, 1, 1, 1, 1, 1]
+
+
+def test_a_stream_cut_short_gives_what_came_before(piped: Callable[..., TextRecording]) -> None:
+    """As from a file; with nothing before the cut it is refused."""
+    whole = gzip.compress(b"1,2,3\n" * 20_000)
+    recording = piped(Dribble.of(whole[:-8], 100))
+    assert sum(map(len, recording.blocks())) == 20_000
+    assert str(recording.skipped[0]) == "1 unreadable row (line 20001: 'gzip ends early')"
+    short = piped(Dribble.of(gzip.compress(b"1,2,3\n4,5,6\n")[:-8], 5))
+    assert len("".join(short.corrected_lines(lambda field: field)).splitlines()) == 2
+    with pytest.raises(UnreadableInput, match="cut short"):
+        piped(io.BytesIO(whole[:8]))
+
+
+def test_streams_that_are_no_recording_are_refused(piped: Callable[..., TextRecording]) -> None:
+    """At their start."""
+    with pytest.raises(UnreadableInput, match="standard input is empty: nothing was piped in"):
+        piped(io.BytesIO())
+    with pytest.raises(UnreadableInput, match="a binary file"):
+        piped(Dribble(bytes(range(256)) * 16 for _ in range(10**9)))
+    with pytest.raises(UnreadableInput, match="no lines of numbers"):
+        piped(Dribble(b"tick\n" for _ in range(10**9)))
+
+
+def test_a_file_opened_for_one_pass_may_have_two(written: Callable[..., Path]) -> None:
+    """It stays where it is."""
+    recording = open_recording(written("1,2,3\n4,5,6\n"), once=True)
+    assert [sum(map(len, recording.blocks())) for _ in range(2)] == [2, 2]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_with_a_name_is_read_as_a_stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a copy, and closed afterwards."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "gone"))
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(b"1,2,3\n4,5,6\n",), daemon=True)
+    writer.start()
+    recording = open_recording(pipe, once=True)
+    assert sum(map(len, recording.blocks())) == 2
+    writer.join()
 
 
 # Corrected copies ----------------------------------------------------------------------------------------------------
@@ -484,6 +747,9 @@ KEPT = [
     ("z,y,x\n3,2,1\n", "z,y,x\n6,4,2\n"),
     ("1,2,3\nnan,5,6\nbad\n7,8,9\n", "2,4,6\nnan,nan,nan\n14,16,18\n"),
     ("1,2,3,\n4,5,6,\n", "2,4,6,\n8,10,12,\n"),
+    ("t,mx,my,mz\n0,1,2,3\n,4,5,6\n2,7,8,9\n?,1,1,1\n", "t,mx,my,mz\n0,2,4,6\n,8,10,12\n2,14,16,18\n?,2,2,2\n"),
+    ("t,mx,my,mz\ns,uT,uT,uT\n0,1,2,3\n", "t,mx,my,mz\ns,uT,uT,uT\n0,2,4,6\n"),
+    ("1,−2,3\n", "2,-4,6\n"),
     ("[[1,2,3],[4,5,6]]", "2,4,6\n8,10,12\n"),
     ("Raw:1,2,3,4,5,6,7,8,9\r\n", "ax,ay,az,gx,gy,gz,mx,my,mz\r\n1,2,3,4,5,6,14,16,18\r\n"),
 ]

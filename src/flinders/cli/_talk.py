@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 
 WORTH_A_BAR: Final = 4_000_000
 """Bytes from which on a progress bar is shown."""
-WIDTH, WIDEST = 80, 100
-"""Columns of what goes into a file, and the most that are used of a terminal: longer lines are hard to read."""
+WIDTH, NARROWEST, WIDEST = 80, 60, 100
+"""Columns of what goes into a file, and the least and most that are used of a terminal: numbers stay whole, and long
+lines are hard to read."""
 
 
 def say(message: str) -> None:
@@ -58,7 +59,7 @@ def drawn(content: RenderableType, stream: IO[str]) -> str:
 
     terminal = stream.isatty()
     page = io.StringIO()
-    width = min(shutil.get_terminal_size((WIDTH, 24)).columns, WIDEST) if terminal else WIDTH
+    width = min(max(shutil.get_terminal_size((WIDTH, 24)).columns, NARROWEST), WIDEST) if terminal else WIDTH
     console = Console(file=page, width=width, force_terminal=terminal and _coloured(), highlight=False, emoji=False)
     console.print(content, markup=False, crop=False)
     return "\n".join(line.rstrip() for line in page.getvalue().splitlines())

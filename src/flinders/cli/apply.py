@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import sys
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import click
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     epilog="""\b
 Example:
   flinders apply calibration.json raw.csv -o corrected.csv
-  zcat raw.csv.gz | flinders apply calibration.json - > corrected.csv
+  tail -f raw.csv | flinders apply calibration.json -
 """,
 )
 @click.argument("calibration", metavar="CALIBRATION")
@@ -42,8 +44,8 @@ def command(
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
     Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
-    readings are in the calibration's axes. RECORDING is a file, or - for standard input, which is read to its
-    end first. Memory does not grow with its length.
+    readings are in the calibration's axes. RECORDING is a file, or - for standard input, which may go on as
+    long as it likes: lines are corrected as they come, and memory does not grow.
     """
     from flinders.files import refuse_existing
     from flinders.readers import TextRecording, open_recording
@@ -55,12 +57,12 @@ def command(
         refuse_existing(output, force=force)
     correction = _load(calibration, recording)
     with progress("correcting") as watch:
-        source = open_recording(recording, columns=columns, axes=str(correction.axes), progress=watch)
+        source = open_recording(recording, columns=columns, axes=str(correction.axes), once=True, progress=watch)
         if not isinstance(source, TextRecording):
             raise UsageError(f"{recording} is no text: only text recordings can be corrected")
         _agree(correction, source)
         corrector = Corrector(correction, source.source)
-        with _output(output, source, force=force) as file:
+        with _output(output, source, force=force, live=not Path(recording).is_file()) as file:
             for line in source.corrected_lines(corrector, add=add):
                 file.write(line)
     for skipped in source.skipped:
@@ -167,15 +169,15 @@ class Corrector:
 
 
 @contextlib.contextmanager
-def _output(path: str, source: TextRecording, *, force: bool) -> Iterator[IO[str]]:
-    """Open the output: a file that appears when it is complete, or standard output."""
+def _output(path: str, source: TextRecording, *, force: bool, live: bool) -> Iterator[IO[str]]:
+    """Open the output: a file that appears when it is complete, or standard output; if live, line by line."""
     from flinders.files import replacing
 
     if path != "-":
         with replacing(path, force=force, encoding=source.layout.encoding, newline="") as file:
             yield file
         return
-    if hasattr(sys.stdout, "reconfigure"):
-        sys.stdout.reconfigure(encoding=source.layout.encoding, newline="")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(encoding=source.layout.encoding, newline="", line_buffering=live)
     yield sys.stdout
     sys.stdout.flush()

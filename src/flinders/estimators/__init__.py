@@ -28,6 +28,7 @@ from typing import Final
 from flinders.estimators.algebraic import Algebraic, fit_error
 from flinders.estimators.auto import Auto
 from flinders.estimators.axes import Axes
+from flinders.estimators.bias import with_bias
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.estimate import Estimate, Estimator, Readings
 from flinders.estimators.li import Li
@@ -52,4 +53,5 @@ __all__ = [
     "Readings",
     "Sphere",
     "fit_error",
+    "with_bias",
 ]

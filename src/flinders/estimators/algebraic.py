@@ -62,6 +62,7 @@ class Algebraic:
     name: ClassVar[str] = "algebraic"
     unknowns: ClassVar[int] = 9
     use: ClassVar[str] = "general ellipsoid as NXP, MATLAB and MotionCal fit it; biased by noise"
+    is_biased: ClassVar[bool] = True
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

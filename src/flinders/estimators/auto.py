@@ -41,6 +41,7 @@ class Auto:
 
     name: ClassVar[str] = "auto"
     unknowns: ClassVar[int] = 10
+    is_biased: ClassVar[bool] = False
     use: ClassVar[str] = (
         "the default: likelihood, started from the consistent fit; consistent where there are only sums"
     )

@@ -38,6 +38,7 @@ class Axes:
     name: ClassVar[str] = "axes"
     unknowns: ClassVar[int] = 7
     use: ClassVar[str] = "offset and a scale for each axis: unequal gains, no soft iron"
+    is_biased: ClassVar[bool] = True
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid whose axes are the sensor's.

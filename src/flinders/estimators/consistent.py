@@ -69,6 +69,7 @@ class Consistent:
     name: ClassVar[str] = "consistent"
     unknowns: ClassVar[int] = 10
     use: ClassVar[str] = "general ellipsoid without bias from sums alone: streams, fleets, saved summaries"
+    is_biased: ClassVar[bool] = False
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self, TypeGuard, cast
 
@@ -184,6 +185,9 @@ class Estimate:
         Standard deviation of the distance from the ellipsoid, in the unit of the readings.
     method : str
         What was run in the end.
+    bias : (9,) float
+        Difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
+        not explain it; in the covariance already.
     held : float
         Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
         it all, 1 where they say nothing.
@@ -193,6 +197,7 @@ class Estimate:
     covariance: Floats
     noise: float
     method: str
+    bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
     held: float = 0.0
 
 
@@ -207,11 +212,14 @@ class Estimator(Protocol):
         What it finds, and so the least number of readings; the noise counts where it is found too.
     use : str
         When to use it, in one line.
+    is_biased : bool
+        Its model or its equation leaves an error that more readings do not take away.
     """
 
     name: ClassVar[str]
     unknowns: ClassVar[int]
     use: ClassVar[str]
+    is_biased: ClassVar[bool]
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit.

@@ -53,6 +53,7 @@ class Li:
     name: ClassVar[str] = "li"
     unknowns: ClassVar[int] = 9
     use: ClassVar[str] = "always an ellipsoid, as Magneto fits it; pulls towards spheres"
+    is_biased: ClassVar[bool] = True
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

@@ -82,6 +82,7 @@ class Likelihood:
     name: ClassVar[str] = "likelihood"
     unknowns: ClassVar[int] = 10
     use: ClassVar[str] = "general ellipsoid at the statistical limit; needs the readings themselves"
+    is_biased: ClassVar[bool] = False
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
@@ -96,8 +97,12 @@ class Likelihood:
             If only sums were given.
         """
         readings.require(self.unknowns, self.name)
+        return self.polish(readings, start(readings))
+
+    def polish(self, readings: Readings, ellipsoid: Ellipsoid) -> Estimate:
+        """Fit from a known start; raises as `estimate`."""
         some = readings.thinned(ENOUGH, self.name)
-        found = self._settled(some, start(readings))
+        found = self._settled(some, ellipsoid)
         long = len(some) < len(readings)
         for _ in range(PASSES if long else 1):
             if long:
@@ -106,7 +111,7 @@ class Likelihood:
             ellipsoid = _closed(found.ellipsoid, step)
             if _is_small(step, found.covariance, ellipsoid.radius):
                 break
-        return Estimate(ellipsoid, found.covariance, float(np.sqrt(found.variance)), self.name, self._held(found))
+        return Estimate(ellipsoid, found.covariance, float(np.sqrt(found.variance)), self.name, held=self._held(found))
 
     def _settled(self, readings: Floats, ellipsoid: Ellipsoid) -> _Posterior:
         """Iterate until the steps vanish or none makes the fit better."""

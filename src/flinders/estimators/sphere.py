@@ -43,6 +43,7 @@ class Sphere:
     name: ClassVar[str] = "sphere"
     unknowns: ClassVar[int] = 4
     use: ClassVar[str] = "offset and radius only: a bare sensor, few readings, a base line"
+    is_biased: ClassVar[bool] = True
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit a sphere.

@@ -108,6 +108,7 @@ def open_recording(
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
+    once: bool = False,
     progress: Progress | None = None,
 ) -> Recording:
     """Recognise what a file holds, ready to yield its readings.
@@ -124,6 +125,9 @@ def open_recording(
         Microtesla in one count.
     axes : str
         Where each new axis comes from, such as ``"x,-y,-z"``.
+    once : bool
+        It will be gone through once. Standard input or a pipe is then not copied to a temporary file, may be
+        endless, and gives its readings as they arrive; a second pass raises `UsageError`.
     progress : callable, optional
         Called once a block with the bytes read so far and, where it is known, those there are.
 
@@ -140,7 +144,8 @@ def open_recording(
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
     turned = Axes.of(axes)
     opened = [
-        _open(find(each), columns=columns, unit=unit, scale=scale, axes=turned, progress=progress) for each in paths
+        _open(find(each, once=once), columns=columns, unit=unit, scale=scale, axes=turned, progress=progress)
+        for each in paths
     ]
     if len(opened) == 1:
         return opened[0]

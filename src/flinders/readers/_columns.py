@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -102,13 +103,24 @@ class Columns:
         """All places in a line that are read, in order."""
         return tuple(sorted({cell for column in (self.field, *self.beside) for cell in column.cells}))
 
+    @property
+    def needed(self) -> frozenset[int]:
+        """Those without which a line cannot be used: the field, and the time where there is one."""
+        return frozenset((*self.field.cells, *(self.time.cells if self.time else ())))
+
+    def taken(self, values: Floats, column: Column) -> Floats:
+        """Pick one of the columns from what was read of `cells`."""
+        return values[:, [self.cells.index(cell) for cell in column.cells]]
+
 
 def names_magnetometer(names: Sequence[str]) -> bool:
     """Tell whether three of these names are those of a magnetometer."""
     return bool(_triple(names, [meaning(name) for name in names], FIELD))
 
 
-def by_name(names: Sequence[str], values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
+def by_name(
+    names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
+) -> Columns | None:
     """Choose columns by their names.
 
     Parameters
@@ -119,19 +131,21 @@ def by_name(names: Sequence[str], values: Floats, wanted: Sequence[int] = ()) ->
         The first rows, NaN where a cell is not a number.
     wanted : three int, optional
         Places of the magnetometer's columns, where the user said which.
+    units : sequence of str, optional
+        What stands below the names, for those that state no unit.
 
     Returns
     -------
     Columns or None
         None where no magnetometer is recognised.
     """
-    meanings = [meaning(name) for name in names]
+    meanings = [_meaning(*column) for column in zip_longest(names, units[: len(names)], fillvalue="")]
     field = tuple(wanted) or _triple(names, meanings, FIELD)
     if not field:
         return None
     free = [Meaning("") if place in field else found for place, found in enumerate(meanings)]
-    units = {meanings[cell].unit for cell in field if meanings[cell].kind == FIELD}
-    unit = units.pop() if len(units) == 1 else ""
+    stated = {meanings[cell].unit for cell in field if meanings[cell].kind == FIELD}
+    unit = stated.pop() if len(stated) == 1 else ""
     beside, left_out = _beside(names, free, values)
     return Columns(
         field=Column(FIELD, field, tuple(names[cell].strip() for cell in field)),
@@ -177,6 +191,12 @@ def wanted_places(columns: str, names: Sequence[str], width: int) -> tuple[int, 
     if len(set(places)) != 3:
         raise UsageError(f"columns {columns!r} name one column twice: need three different ones")
     return places
+
+
+def _meaning(name: str, unit: str) -> Meaning:
+    """Tell what a name says, together with the unit that stands below it."""
+    found = meaning(name)
+    return found if found.unit or not unit else meaning(f"{name} ({unit})")
 
 
 def _place(asked: str, names: list[str], width: int) -> int:

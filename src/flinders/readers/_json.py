@@ -1,4 +1,4 @@
-"""JSON recordings, turned into a table of comma-separated lines on the disk, one a record.
+"""JSON recordings, turned into a table of comma-separated lines, one a record.
 
 A list of triples, a list of objects, or one of either a line; the keys of the first object become
 the header, those of objects and lists inside it joined with a dot.
@@ -13,21 +13,23 @@ import csv
 import io
 import json
 import re
-from itertools import chain, islice
+from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
-from flinders.readers._source import Lines, Source, shown, spooled
+from flinders.readers._lines import Lines, shown
+from flinders.readers._source import Source, derived
+from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 LARGEST: Final = 256 << 20
 """Bytes of a whole-file JSON document that are still read; JSON lines may be of any length."""
-LOOKED_AT: Final = 1000
-"""Records looked through for the first that is an object."""
 OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
 """How JSON with readings in it begins; ``[INFO] …`` is a line of a log."""
+MARK: Final = "flinders"
+"""The key by which files that Flinders itself writes are known."""
 
 
 def is_json(text: str) -> bool:
@@ -36,7 +38,7 @@ def is_json(text: str) -> bool:
 
 
 def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
-    """Copy the records of a JSON file to a table in a temporary file.
+    """Turn the records of a JSON file into a table, which is kept as the file is: on the disk, or not at all.
 
     Returns
     -------
@@ -48,16 +50,11 @@ def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
     UnreadableInput
         For broken JSON, a document above `LARGEST`, and one that is not a list of records.
     """
-    lines = source.lines(encoding)
-    first = next(lines)
-    records = _by_line(first, lines) if _a_record_a_line(first) else iter(_whole(source, encoding))
-    seen: list[object] = []
-    for record in islice(records, LOOKED_AT):
-        seen.append(record)
-        if isinstance(record, dict):
-            break
-    names = tuple(flat(seen[-1])) if seen and isinstance(seen[-1], dict) else ()
-    return spooled(source.name, _encoded(chain(seen, records), names)), names
+    opening, _ = source.opening(encoding)
+    groups = map(_records, source.lines(encoding)) if _a_record_a_line(opening) else _whole(source, encoding)
+    first = next(groups, [])
+    names = next((tuple(flat(record)) for record in first if isinstance(record, dict)), ())
+    return derived(source, _encoded(chain([first], groups), names)), names
 
 
 def flat(record: dict[str, object]) -> dict[str, object]:
@@ -75,19 +72,18 @@ def flat(record: dict[str, object]) -> dict[str, object]:
     return found
 
 
-def _a_record_a_line(first: Lines) -> bool:
+def _a_record_a_line(opening: list[str]) -> bool:
     """Tell JSON lines from a document: the first line is an object or list of plain values by itself."""
-    text = next((text for text in first.texts if text.strip()), "")
+    text = next((text for text in opening if text.strip()), "")
     record = _parsed(text)
     if isinstance(record, dict):
-        return len(first.texts) > 1 or not any(isinstance(value, list) for value in record.values())
+        alone = len(opening) == 1
+        return MARK not in record and not (alone and any(isinstance(value, list) for value in record.values()))
     return isinstance(record, list) and bool(record) and not any(isinstance(value, (list, dict)) for value in record)
 
 
-def _by_line(first: Lines, others: Iterator[Lines]) -> Iterator[object]:
-    for lines in chain([first], others):
-        for text in lines.texts:
-            yield _parsed(text) if text.strip() else None
+def _records(lines: Lines) -> list[object]:
+    return [_parsed(text) if text.strip() else None for text in lines.texts]
 
 
 def _parsed(text: str) -> object:
@@ -98,14 +94,16 @@ def _parsed(text: str) -> object:
         return shown(text)
 
 
-def _whole(source: Source, encoding: str) -> list[object]:
-    with source.opened() as (_, stream):
-        content = stream.read(LARGEST + 1)
-    if len(content) > LARGEST:
-        raise UnreadableInput(
-            f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
-            "write one record a line (JSON lines) or CSV"
-        )
+def _whole(source: Source, encoding: str) -> Iterator[list[object]]:
+    """Yield the records of one JSON document, a block at a time."""
+    content = bytearray()
+    for chunk in source.chunks():
+        content += chunk
+        if len(content) > LARGEST:
+            raise UnreadableInput(
+                f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
+                "write one record a line (JSON lines) or CSV"
+            )
     try:
         document = json.loads(content.decode(encoding, "replace"))
     except json.JSONDecodeError as error:
@@ -117,26 +115,27 @@ def _whole(source: Source, encoding: str) -> list[object]:
         raise UnreadableInput(
             f"{source.name} is JSON that cannot be read ({error}): need a list of [x, y, z]"
         ) from None
+    if isinstance(document, dict) and MARK in document:
+        kind = shown(str(document[MARK]))
+        raise UnreadableInput(f"{source.name} is a {kind} file of Flinders and not a recording: give the recording")
     if not isinstance(document, list) or not document:
         kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
         raise UnreadableInput(f"{source.name} is JSON with {kind} in it: need a list of [x, y, z] or of objects")
-    return document
+    for start in range(0, len(document), BLOCK):
+        yield document[start : start + BLOCK]
 
 
-def _encoded(records: Iterable[object], names: tuple[str, ...]) -> Iterator[bytes]:
-    """Write records as lines, some thousand at a time."""
-    page = io.StringIO()
-    writer = csv.writer(page, lineterminator="\n")
-    for record in records:
-        if record is None:
-            page.write("\n")
-        else:
-            writer.writerow(_cells(record, names))
-        if page.tell() > 1 << 18:
-            yield page.getvalue().encode()
-            page.seek(0)
-            page.truncate()
-    yield page.getvalue().encode()
+def _encoded(groups: Iterable[list[object]], names: tuple[str, ...]) -> Iterator[bytes]:
+    """Write records as lines."""
+    for group in groups:
+        page = io.StringIO()
+        writer = csv.writer(page, lineterminator="\n")
+        for record in group:
+            if record is None:
+                page.write("\n")
+            else:
+                writer.writerow(_cells(record, names))
+        yield page.getvalue().encode()
 
 
 def _cells(record: object, names: tuple[str, ...]) -> list[object]:

@@ -102,6 +102,11 @@ def meaning(name: str) -> Meaning:
     return Meaning(kind, axis, _unit(kind, units), rank)
 
 
+def is_unit(text: str) -> bool:
+    """Tell whether a text is a unit and nothing else, as in a row of units below a header."""
+    return text.casefold() in _UNITS
+
+
 def field_stem(name: str, axis: str) -> str:
     """Take the axis out of a name, so that the three columns of one sensor are left with the same text."""
     folded = name.strip().casefold()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.readers._source import CUT_OFF
+from flinders.readers._lines import CUT_OFF
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,6 +24,8 @@ SPACES: Final = " "
 """The delimiter that stands for any run of spaces and tabs."""
 MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})
 """What loggers write where there is no value."""
+MINUS: Final = "\N{MINUS SIGN}"
+"""What text processors make of a hyphen before a number."""
 PIECE: Final = 128
 """Lines that go the slow way together when one of them is unsound."""
 
@@ -116,7 +118,7 @@ def number(cell: str, decimal: str) -> float | None:
             return None
         text = text.replace(",", ".")
     try:
-        return None if "_" in text else float(text)
+        return None if "_" in text else float(text.replace(MINUS, "-"))
     except ValueError:
         return None
 

@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.readers._lines import Lines
     from flinders.readers._numbers import Rows
     from flinders.readers._sniff import Layout
-    from flinders.readers._source import Lines
 
 WRITTEN: Final = "%.9g"
 """Nine significant digits: as many as a float32 has."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UnreadableInput
-from flinders.readers._source import Lines, shown
+from flinders.readers._lines import Lines, shown
 from flinders.samples import Skipped
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Column, Columns, by_name, by_place, names_magnetometer, wanted_places
-from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, meaning
+from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
+from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
-from flinders.readers._source import CUT_OFF, shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,7 +95,7 @@ class Layout:
         first, texts = first + skip, texts[skip:]
         if self.prefix:
             pattern = PREFIXES[self.prefix]
-            marked = [place for place, text in enumerate(texts) if pattern.match(text)]
+            marked = [place for place, text in enumerate(texts) if pattern.match(text) or text == ENDS_EARLY]
             return [self.without_prefix(texts[place]) for place in marked], [first + place for place in marked]
         kept = [text for text in texts if (bare := text.lstrip()) and not bare.startswith(COMMENTS)]
         if self.header_text and self.header_text in kept:
@@ -178,7 +178,8 @@ def _table(
     width -= closed and len(header) != width  # each line ends with a delimiter
     values = _values(list(like.values())[:SAMPLED], width, dialect[1])
     wanted = wanted_places(columns, header, width) if columns is not None else ()
-    chosen = by_name(header, values, wanted) if header else by_place(values, wanted)
+    units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
+    chosen = by_name(header, values, wanted, units) if header else by_place(values, wanted)
     if chosen is None:
         raise _no_magnetometer(name, header, width, (start + 1, texts[start]))
     return Layout(
@@ -192,9 +193,7 @@ def _table(
 
 
 def _grid(columns: Columns, dialect: tuple[str, str], width: int) -> Grid:
-    time = columns.time
-    needed = frozenset((*columns.field.cells, *(time.cells if time else ())))
-    return Grid(*dialect, width, columns.cells, needed)
+    return Grid(*dialect, width, columns.cells, columns.needed)
 
 
 def _prefixed(prefix: str, columns: str | None) -> Layout:
@@ -248,9 +247,21 @@ def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tu
         names = names[:width]
         if names_magnetometer(names):
             return place, names
+        if all(is_unit(name) for name in names if name):
+            continue
         if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
             fallback = place, names
     return fallback
+
+
+def _units(below: list[str], delimiter: str, width: int) -> list[str]:
+    """Find a row of units between the header and the readings, one a column; nothing where there is none."""
+    for text in below:
+        cells = [cell.strip().strip("[]()") for cell in split(_uncommented(text), delimiter)]
+        units = [cell if is_unit(cell) else "" for cell in cells]
+        if fits(cells, width) and sum(map(bool, units)) >= max(3, sum(map(bool, cells)) / 2):
+            return units
+    return []
 
 
 def _could_name(names: list[str], delimiter: str) -> bool:
@@ -292,6 +303,10 @@ def _example(width: int) -> str:
 
 def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     """Say what a file without rows of three numbers holds instead."""
+    if lines[-1][1] == ENDS_EARLY:
+        return UnreadableInput(
+            f"{name} is cut short before its first reading: its gzip data have no end; copy it again"
+        )
     place, text = lines[0]
     few = max((_rows(lines, dialect, 1) for dialect in DIALECTS), key=len)
     headed = next((at for at, line in lines for cut, _ in DIALECTS if names_magnetometer(split(line, cut))), None)

@@ -1,57 +1,46 @@
-"""Bytes of a recording, from a file or a pipe, and the lines in them: as often as asked, in bounded memory.
+"""Bytes of a recording, from a file or a pipe: as often as asked, or as they arrive.
 
-What cannot be read twice (standard input, a named pipe) is first copied to a temporary file, which
-goes when the `Source` does. Gzip is recognised by its first bytes. Lines end with LF, CR LF or CR;
-one longer than `LONGEST` is cut, so a file without line ends costs no more memory than any other.
+What cannot be read twice (standard input, a named pipe, a serial port) is either copied to a temporary
+file, which goes when its `File` does, or, where one pass is enough, read as a `Stream` that keeps
+nothing. Gzip is recognised by its first bytes.
 """
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import gzip
 import io
 import os
+import re
 import stat
 import sys
 import tempfile
 import weakref
 import zlib
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, NamedTuple, cast
+from typing import IO, TYPE_CHECKING, Final, TypeAlias, cast
 
-from flinders.errors import UnreadableInput
+from flinders.errors import UnreadableInput, UsageError
+from flinders.files import REASONS, reason
 from flinders.readers._kinds import GZIP, foreign_kind
-from flinders.samples import BLOCK
+from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable, Iterator
 
 HEAD: Final = 1 << 16
 """Bytes looked at to tell what a file is, and how its text is encoded."""
 CHUNK: Final = 1 << 18
 """Bytes read at a time."""
-LONGEST: Final = 1 << 20
-"""Characters in the longest line that is kept whole."""
-MOST_IN_BLOCK: Final = 1 << 23
-"""Characters after which a block of lines ends early."""
-CUT: Final = 60
-"""Characters shown of a line in a message."""
-CUT_OFF: Final = "…"
-"""What stands at the end of a line that was longer than `LONGEST`."""
-
-
-class Lines(NamedTuple):
-    """A stretch of lines: the number of the first, their texts without line ends, bytes of the file read so far."""
-
-    first: int
-    texts: list[str]
-    done: int
+ENOUGH_ROWS, ENOUGH_LINES = 20, 400
+"""Lines of numbers of one width, and lines at all, after which no more is waited for to tell what a stream is."""
+NUMBER: Final = re.compile(r"[-+−]?\.?\d[\d.]*(?:[eE][-+]?\d+)?")
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
-class Source:
+class File:
     """A file that stays where it is while it is being read.
 
     Attributes
@@ -70,11 +59,26 @@ class Source:
 
     def head(self) -> bytes:
         """Return the first `HEAD` bytes, unpacked."""
-        with self.opened() as (_, stream):
-            return _read(self.name, stream, HEAD)
+        head = b""
+        with self.opened() as (_, unpacked):
+            try:
+                for chunk in _chunks(self.name, unpacked.read1):
+                    head += chunk
+                    if len(head) >= HEAD:
+                        break
+            except EndsEarly:
+                if not head:
+                    raise
+        return head[:HEAD]
+
+    def opening(self, encoding: str) -> tuple[list[str], bool]:
+        """Return the first lines, a block of them, and whether they are all."""
+        with contextlib.closing(self.lines(encoding)) as stretches:
+            first = next(stretches, Lines(1, [], 0))
+            return first.texts, next(stretches, None) is None
 
     @contextlib.contextmanager
-    def opened(self) -> Iterator[tuple[IO[bytes], IO[bytes]]]:
+    def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
         """Open the file, giving it as it lies on the disk and unpacked.
 
         Raises
@@ -87,12 +91,14 @@ class Source:
         except OSError as error:
             raise refusal(self.name, error) from None
         with raw:
-            start = _read(self.name, raw, 2)
+            start = _read(self.name, raw.read, len(GZIP))
             raw.seek(0)
-            if start == GZIP:
-                yield raw, cast("IO[bytes]", gzip.GzipFile(fileobj=raw))
-            else:
-                yield raw, raw
+            yield raw, gzip.GzipFile(fileobj=raw) if start == GZIP else raw
+
+    def chunks(self) -> Iterator[bytes]:
+        """Yield all bytes, unpacked."""
+        with self.opened() as (_, unpacked):
+            yield from _chunks(self.name, unpacked.read1)
 
     def lines(self, encoding: str) -> Generator[Lines, None, None]:
         """Yield all lines, `BLOCK` at a time.
@@ -102,28 +108,109 @@ class Source:
         UnreadableInput
             Where the file cannot be opened, or its gzip data are broken.
         """
-        with self.opened() as (raw, stream):
-            first = 1
-            pending: list[str] = []
-            characters = 0
-            for texts in _split(_decoded(self._chunks(stream), encoding)):
-                pending += texts
-                characters += sum(map(len, texts))
-                while len(pending) >= BLOCK or characters > MOST_IN_BLOCK:
-                    yield Lines(first, pending[:BLOCK], raw.tell())
-                    first += len(pending[:BLOCK])
-                    del pending[:BLOCK]
-                    characters = sum(map(len, pending))
-            if pending:
-                yield Lines(first, pending, self.size)
-
-    def _chunks(self, stream: IO[bytes]) -> Iterator[bytes]:
-        while chunk := _read(self.name, stream, CHUNK):
-            yield chunk
+        with self.opened() as (raw, unpacked):
+            yield from lines_of(_chunks(self.name, unpacked.read1), encoding, raw.tell)
 
 
-def find(path: str | os.PathLike[str]) -> Source:
+class Stream:
+    """Bytes that come once and are not kept, such as those of a sensor that is still running.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    chunks : iterator of bytes
+        Unpacked; each as soon as it has arrived.
+    """
+
+    size: Final = None
+
+    def __init__(self, name: str, chunks: Iterator[bytes]) -> None:
+        self.name = name
+        self._arriving = chunks
+        self._head = b""
+        self._is_enough = self._ended = self._is_read = False
+        self._cut: EndsEarly | None = None
+
+    def head(self) -> bytes:
+        """Wait for enough to tell what it is: some lines of numbers, `HEAD` bytes, or the end.
+
+        Raises
+        ------
+        UnreadableInput
+            Where nothing comes.
+        """
+        try:
+            while not self._is_enough and (chunk := next(self._arriving, None)) is not None:
+                self._head += chunk
+                ends_line = b"\n" in chunk or b"\r" in chunk
+                self._is_enough = len(self._head) >= HEAD or (ends_line and _shows_layout(self._head))
+        except EndsEarly as error:
+            self._cut = error
+        self._ended = not self._is_enough
+        if not self._head:
+            raise self._cut or UnreadableInput(f"{self.name} is empty: nothing was piped in")
+        return self._head
+
+    def opening(self, encoding: str) -> tuple[list[str], bool]:
+        """Return the lines that have arrived so far; whether they are all is not known before they are read."""
+        texts = [text for lines in lines_of(self._so_far(), encoding, lambda: 0) for text in lines.texts]
+        return texts if self._ended or len(texts) < 2 else texts[:-1], False
+
+    def chunks(self) -> Iterator[bytes]:
+        """Yield all bytes as they arrive.
+
+        Raises
+        ------
+        UsageError
+            The second time.
+        """
+        if self._is_read:
+            raise UsageError(
+                f"{self.name} was opened for one pass and has been read: to go over it again, open it without once=True"
+            )
+        self._is_read = True
+        yield from self._so_far()
+        yield from self._arriving
+
+    def lines(self, encoding: str) -> Iterator[Lines]:
+        """Yield all lines, those that arrive together at a time.
+
+        Raises
+        ------
+        UsageError
+            The second time.
+        UnreadableInput
+            Where gzip data are broken.
+        """
+        done = 0
+
+        def counted() -> Iterator[bytes]:
+            nonlocal done
+            for chunk in self.chunks():
+                done += len(chunk)
+                yield chunk
+
+        yield from lines_of(counted(), encoding, lambda: done, least=1)
+
+    def _so_far(self) -> Iterator[bytes]:
+        yield self.head()
+        if self._cut:
+            raise self._cut
+
+
+Source: TypeAlias = File | Stream
+
+
+def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
     """Find what a path names; ``"-"`` is standard input.
+
+    Parameters
+    ----------
+    path : str or path
+        A file, a pipe, a device.
+    once : bool
+        One pass is enough: what can be read only once is not kept, and comes as it arrives.
 
     Raises
     ------
@@ -132,76 +219,55 @@ def find(path: str | os.PathLike[str]) -> Source:
     """
     text = os.fspath(path)
     if text == "-":
-        return _standard_input()
+        return _piped("standard input", _standard_input(), once=once)
     file, name = Path(text), shown(text)
     try:
         status = file.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
-            with file.open("rb") as stream:
-                return spooled(file.name, _read_all(file.name, stream))
+            with contextlib.ExitStack() as stack:
+                source = _piped(file.name, stack.enter_context(file.open("rb")), once=once)
+                weakref.finalize(source, stack.pop_all().close)
+                return source
     except (OSError, ValueError) as error:
         raise refusal(name, error) from None
     if stat.S_ISDIR(status.st_mode):
         raise UnreadableInput(f"{name} is a folder: give the recording in it")
     if status.st_size == 0:
         raise UnreadableInput(f"{file.name} is empty: record again, or check what was saved")
-    return Source(file.name, file, status.st_size)
+    return File(file.name, file, status.st_size)
 
 
-def spooled(name: str, chunks: Iterable[bytes]) -> Source:
+def spooled(name: str, chunks: Iterable[bytes]) -> File:
     """Copy what can be read only once to a temporary file, which is deleted with the source or at exit.
 
     Raises
     ------
     UnreadableInput
-        Where nothing comes, what comes is not text, or the disk is full.
+        Where nothing comes, what comes is not text, or it cannot be written.
     """
-    handle, place = tempfile.mkstemp(prefix="flinders-", suffix=".spool")
-    path = Path(place)
-    source: Source | None = None
+    path: Path | None = None
+    source: File | None = None
     try:
+        handle, place = tempfile.mkstemp(prefix="flinders-", suffix=".spool")
+        path = Path(place)
         with os.fdopen(handle, "wb") as file:
             size = _copy(name, chunks, file)
-        source = Source(name, path, size)
+        source = File(name, path, size)
         weakref.finalize(source, path.unlink, missing_ok=True)
     except OSError as error:
-        raise refusal(name, error) from None
+        folder = f"the temporary folder {tempfile.tempdir}" if tempfile.tempdir else "a temporary folder"
+        raise UnreadableInput(
+            f"{name} cannot be copied to {folder}: {reason(error)}; or set TMPDIR to another folder"
+        ) from None
     finally:
-        if source is None:
+        if source is None and path is not None:
             path.unlink(missing_ok=True)
     return source
 
 
-def encoding_of(head: bytes) -> str:
-    """Tell how text is encoded: by its byte order mark, else UTF-8 where it decodes, else Latin-1."""
-    for mark, encoding in (
-        (codecs.BOM_UTF8, "utf-8-sig"),
-        (codecs.BOM_UTF32_LE, "utf-32"),
-        (codecs.BOM_UTF32_BE, "utf-32"),
-        (codecs.BOM_UTF16_LE, "utf-16"),
-        (codecs.BOM_UTF16_BE, "utf-16"),
-    ):
-        if head.startswith(mark):
-            return encoding
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(head)  # a character cut off at the end is no error
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8"
-
-
-def newline_of(head: bytes) -> str:
-    """Tell how the first line ends; LF where none does."""
-    text = head.decode(encoding_of(head), "replace")
-    ends = [(place, end) for end in ("\r\n", "\n", "\r") if (place := text.find(end)) >= 0]
-    return min(ends, key=lambda found: found[0])[1] if ends else "\n"
-
-
-def shown(text: str) -> str:
-    """Cut a line to what fits in a message, without characters that a terminal would act on."""
-    cut = text.strip()[: CUT + 1]
-    clean = "".join(letter if letter.isprintable() else " " if letter == "\t" else "\ufffd" for letter in cut)
-    return clean if len(clean) <= CUT else clean[: CUT - 1] + "…"
+def derived(source: Source, chunks: Iterator[bytes]) -> Source:
+    """Keep what is made of a source's bytes as long as the source itself is kept."""
+    return Stream(source.name, chunks) if isinstance(source, Stream) else spooled(source.name, chunks)
 
 
 def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
@@ -212,18 +278,63 @@ def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
         case PermissionError():
             return UnreadableInput(f"{name} may not be read: ask for permission, or copy it to where you may")
         case OSError():
-            return UnreadableInput(f"{name} cannot be read: {error.strerror or error}; try a copy of it")
+            advice = "" if error.errno in REASONS else "; try a copy of it"
+            return UnreadableInput(f"{name} cannot be read: {reason(error)}{advice}")
         case _:
             return UnreadableInput(f"{name} is not a file name: {error}")
 
 
-def _standard_input() -> Source:
-    name = "standard input"
+def _standard_input() -> io.BufferedIOBase:
     if sys.stdin is None or sys.stdin.closed:
-        raise UnreadableInput(f"{name} is closed: pipe a recording in, or give a file name")
-    stream = getattr(sys.stdin, "buffer", None)
-    chunks = iter(lambda: sys.stdin.read(CHUNK).encode(), b"") if stream is None else _read_all(name, stream)
-    return spooled(name, chunks)
+        raise UnreadableInput("standard input is closed: pipe a recording in, or give a file name")
+    buffer = getattr(sys.stdin, "buffer", None)  # none where a program has put other text in its place
+    return cast("io.BufferedIOBase", buffer) if buffer else io.BytesIO(sys.stdin.read().encode())
+
+
+def _piped(name: str, stream: io.BufferedIOBase, *, once: bool) -> Source:
+    return Stream(name, _as_it_arrives(name, stream)) if once else spooled(name, _chunks(name, stream.read))
+
+
+def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
+    """Yield the bytes of a pipe, unpacked, and wait only where there are none."""
+    start = b""
+    while len(start) < len(GZIP) and (more := _read(name, stream.read1, CHUNK)):
+        start += more
+    if start.startswith(GZIP):
+        packed = gzip.GzipFile(fileobj=cast("IO[bytes]", _Ahead(start, stream)))
+        yield from _chunks(name, packed.read1)
+    elif start:
+        yield start
+        yield from _chunks(name, stream.read1)
+
+
+class _Ahead:
+    """A pipe of which the first bytes were read already; gives what has arrived, up to so many bytes."""
+
+    def __init__(self, start: bytes, stream: io.BufferedIOBase) -> None:
+        self._start, self._stream = start, stream
+
+    def read(self, size: int) -> bytes:
+        if not self._start:
+            return self._stream.read1(size)
+        taken, self._start = self._start[:size], self._start[size:]
+        return taken
+
+
+def _shows_layout(head: bytes) -> bool:
+    """Tell whether the start of a stream shows how it is written; a slow sensor is not waited for any longer."""
+    text = head.decode(encoding_of(head), "replace")
+    lines = [line for line in text.splitlines(keepends=True) if line.endswith(("\n", "\r"))]
+    rows = Counter(filter(None, map(_row_width, lines)))
+    return len(lines) >= ENOUGH_LINES or max(rows.values(), default=0) >= ENOUGH_ROWS
+
+
+def _row_width(line: str) -> int:
+    """Count the words of a line of numbers; 0 for any other."""
+    record = line.rstrip().endswith(("}", "]"))
+    words = re.findall(r'[^\s:,"{}\[\]]+' if record else r'[^\s,;"]+', line)
+    numbers = sum(NUMBER.fullmatch(word) is not None for word in words)
+    return len(words) if numbers >= 3 and (record or 2 * numbers >= len(words)) else 0
 
 
 def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes]) -> int:
@@ -238,44 +349,17 @@ def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes]) -> int:
     return size
 
 
-def _read_all(name: str, stream: IO[bytes]) -> Iterator[bytes]:
-    while chunk := _read(name, stream, CHUNK):
+def _chunks(name: str, read: Callable[[int], bytes]) -> Iterator[bytes]:
+    while chunk := _read(name, read, CHUNK):
         yield chunk
 
 
-def _read(name: str, stream: IO[bytes], size: int) -> bytes:
+def _read(name: str, read: Callable[[int], bytes], size: int) -> bytes:
     try:
-        return stream.read(size)
+        return read(size)
     except EOFError:
-        raise UnreadableInput(f"{name} is cut short: its gzip data have no end; copy it again") from None
+        raise EndsEarly(f"{name} is cut short: its gzip data have no end; copy it again") from None
     except (gzip.BadGzipFile, zlib.error) as error:
         raise UnreadableInput(f"{name} has broken gzip data ({error}): copy it again") from None
     except OSError as error:
         raise refusal(name, error) from None
-
-
-def _decoded(chunks: Iterator[bytes], encoding: str) -> Iterator[str]:
-    """Decode chunk by chunk, with every line end as LF; bytes that mean nothing become U+FFFD."""
-    decoder = io.IncrementalNewlineDecoder(codecs.getincrementaldecoder(encoding)("replace"), translate=True)
-    for chunk in chunks:
-        yield decoder.decode(chunk)
-    yield decoder.decode(b"", final=True)
-
-
-def _split(texts: Iterator[str]) -> Iterator[list[str]]:
-    """Cut text into lines; what exceeds `LONGEST` in a line is dropped, with a mark that no number has."""
-    rest = ""
-    for text in texts:
-        lines = (rest + text).split("\n")
-        rest = lines.pop()
-        if lines:
-            lines[0] = _shortened(lines[0])
-        if len(rest) > LONGEST:
-            rest = rest[: LONGEST + 1]
-        yield lines
-    if rest:
-        yield [_shortened(rest)]
-
-
-def _shortened(line: str) -> str:
-    return line if len(line) <= LONGEST else line[:CUT] + CUT_OFF

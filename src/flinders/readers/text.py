@@ -14,7 +14,6 @@ tumble.csv: columns mag_x, mag_y, mag_z in mG, time in t_s; comma-separated
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -24,12 +23,12 @@ from flinders.axes import Axes
 from flinders.errors import UnitError, UnreadableInput
 from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
+from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._names import ACCELERATION, CURRENT, RATE, TEMPERATURE, TIME
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
 from flinders.readers._sniff import Layout, sniff
-from flinders.readers._source import Lines, Source, encoding_of, newline_of
 from flinders.samples import Samples
 from flinders.units import COUNTS, Unit
 
@@ -39,7 +38,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.readers._columns import Column, Columns
+    from flinders.readers._columns import Columns
+    from flinders.readers._source import Source
     from flinders.samples import Skipped
 
 Progress: TypeAlias = "Callable[[int, int | None], None]"
@@ -48,7 +48,7 @@ Progress: TypeAlias = "Callable[[int, int | None], None]"
 
 @dataclass(slots=True, eq=False)
 class TextRecording:
-    """A text file that yields its readings again and again, in bounded memory.
+    """Text that yields its readings in bounded memory: a file again and again, a `Stream` once.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class TextRecording:
             should be readings are not, or no reading is left.
         """
         pending: tuple[Skipped, ...] = ()
-        for stretch in self._pass():
+        for stretch in self._pass(self.layout.columns):
             pending = added(pending, stretch.left_out)
             if stretch.usable.any():
                 yield replace(self._samples(stretch), skipped=pending)
@@ -114,14 +114,24 @@ class TextRecording:
         UnreadableInput
             As `blocks`.
         """
+        for lines in self.corrected_blocks(correct, add=add):
+            yield from lines
+
+    def corrected_blocks(self, correct: Callable[[Floats], Floats], *, add: bool = False) -> Iterator[list[str]]:
+        """Yield the lines of `corrected_lines`, those that were read together at a time.
+
+        Of a recording opened with ``once=True`` they are those that arrived together: flush after each block, and
+        a reading is out before the next one is waited for.
+        """
         rewriter = Rewriter(self.layout, add=add)
-        yield from rewriter.opening()
-        for lines, rows, usable, _ in self._pass():
+        yield list(rewriter.opening())
+        alone = replace(self.layout.columns, beside=())  # a reading without time is corrected all the same
+        for lines, rows, usable, _ in self._pass(alone):
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any():
-                recorded = self._taken(rows.values[usable], self.layout.columns.field) * self.unit.scale
+                recorded = alone.taken(rows.values[usable], alone.field) * self.unit.scale
                 corrected[usable] = correct(self.axes.apply(recorded)) / self.unit.scale + 0.0  # no −0
-            yield from rewriter.lines(lines, rows, corrected)
+            yield list(rewriter.lines(lines, rows, corrected))
 
     def describe(self) -> str:
         """Say in one line what was recognised and is used."""
@@ -136,13 +146,14 @@ class TextRecording:
     def __str__(self) -> str:
         return self.describe()
 
-    def _pass(self) -> Iterator[_Stretch]:
-        """Go over the file once, noting what is left out, and judge it at the end."""
+    def _pass(self, columns: Columns) -> Iterator[_Stretch]:
+        """Go over these columns of the file once, noting what is left out, and judge it at the end."""
         tally = Tally()
         self.skipped = ()
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
         for lines in self.file.lines(self.layout.encoding):
-            rows = rows_of(*self.layout.select(lines.first, lines.texts), self.layout.grid)
-            usable = self._usable(rows)
+            rows = rows_of(*self.layout.select(lines.first, lines.texts), grid)
+            usable = self._usable(rows, columns)
             left_out = left_out_of(lines, rows, usable)
             tally.add(rows, usable)
             self.skipped = added(self.skipped, left_out)
@@ -151,24 +162,19 @@ class TextRecording:
             yield _Stretch(lines, rows, usable, left_out)
         tally.judge(self.source, self.skipped)
 
-    def _usable(self, rows: Rows) -> NDArray[np.bool_]:
+    def _usable(self, rows: Rows, columns: Columns) -> NDArray[np.bool_]:
         """Tell which rows have a field, and a time where there is one, that is finite also in `unit.inside`."""
-        columns = self.layout.columns
         with np.errstate(over="ignore"):
-            usable = np.isfinite(self._taken(rows.values, columns.field) * self.unit.scale)
+            usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
         if columns.time:
-            usable = usable & np.isfinite(self._taken(rows.values, columns.time))
+            usable = usable & np.isfinite(columns.taken(rows.values, columns.time))
         return np.asarray(usable.all(axis=1), dtype=np.bool_)
-
-    def _taken(self, values: Floats, column: Column) -> Floats:
-        """Pick the cells of a column from what was read."""
-        return values[:, [self.layout.columns.cells.index(cell) for cell in column.cells]]
 
     def _samples(self, stretch: _Stretch) -> Samples:
         """Make samples of the rows that can be used."""
         values = stretch.rows.values if stretch.usable.all() else stretch.rows.values[stretch.usable]
         return Samples.of(
-            self._taken(values, self.layout.columns.field),
+            self.layout.columns.taken(values, self.layout.columns.field),
             unit=self.unit,
             axes=self.axes,
             time=self._beside(values, TIME),
@@ -184,7 +190,7 @@ class TextRecording:
         column = self.layout.columns.of_kind(kind)
         if column is None:
             return None
-        taken = (self._taken(values, column) - column.start) * column.factor
+        taken = (self.layout.columns.taken(values, column) - column.start) * column.factor
         return taken[:, 0] if len(column.cells) == 1 else taken
 
 
@@ -241,10 +247,8 @@ def open_text(
     if is_json(head.decode(encoding, "replace").removeprefix("\ufeff")):
         table, names = table_of(file, encoding)
         encoding, newline = "utf-8", "\n"
-    with closing(table.lines(encoding)) as stretches:
-        first = next(stretches, Lines(1, [], 0))
-        is_all = next(stretches, None) is None
-    layout = replace(sniff(file.name, first.texts, columns, names), encoding=encoding, newline=newline)
+    opening, is_all = table.opening(encoding)
+    layout = replace(sniff(file.name, opening, columns, names), encoding=encoding, newline=newline)
     recording = TextRecording(table, layout, unit_of(layout.columns, file.name, unit, scale), axes)
     if is_all:
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block

@@ -67,6 +67,15 @@ def degrees(angle: float) -> str:
     return f"{angle:.2g}°" if angle < 10 else f"{angle:.0f}°" if angle < 100 else "> 100°"
 
 
+def four_digits(value: float) -> str:
+    """Write a number with four digits, zeros at the end included.
+
+    >>> four_digits(49.3), four_digits(31072.3)
+    ('49.30', '3.107e+04')
+    """
+    return f"{value:#.4g}".rstrip(".")
+
+
 def on_the_point(numbers: Sequence[str]) -> list[str]:
     """Pad numbers so that they stand below each other at their decimal points."""
     cut = [(number, _point(number)) for number in numbers]
@@ -93,9 +102,9 @@ def _before_and_after(fit: Fit) -> RenderableType:
     table.add_column("")
     for heading in ("strength", "spread", "heading error, rms", "worst"):
         table.add_column(heading, justify="right")
-    table.add_row("before", f"{strength:.4g} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
+    table.add_row("before", f"{four_digits(strength)} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
     table.add_row(
-        "after", f"{field:.4g} {unit}", f"{fit.noise / field:.1%}", degrees(error.rms), degrees(error.worst),
+        "after", f"{four_digits(field)} {unit}", f"{fit.noise / field:.1%}", degrees(error.rms), degrees(error.worst),
         style="bold",
     )  # fmt: skip
     return table

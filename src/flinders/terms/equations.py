@@ -8,12 +8,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+
+ROUNDING: Final = 1e-15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,10 +60,12 @@ class NormalEquations:
         return step
 
     def inverse(self) -> Floats:
-        """(9, 9) inverse of the matrix, the pseudo-inverse where it is singular: the covariance of θ."""
+        """(9, 9) inverse of the matrix, without the directions it leaves open: the covariance of θ."""
         scale = self._scale
-        inverse = np.linalg.pinv(self.matrix / np.outer(scale, scale), rcond=1e-15, hermitian=True)
-        covariance: Floats = inverse / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(self.matrix / np.outer(scale, scale))
+        seen = values > ROUNDING * values[-1]
+        vectors = vectors[:, seen] / scale[:, np.newaxis]
+        covariance: Floats = vectors / values[seen] @ vectors.T
         return covariance
 
     @property

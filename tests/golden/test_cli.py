@@ -1,0 +1,130 @@
+"""What the program prints, to the letter; and the sessions in docs/cli.md, which are those files."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.cli import main
+from flinders.estimators import METHODS
+from flinders.verdict import CODES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Golden = Callable[[str, str], None]
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+DOCS = ROOT / "docs"
+SESSION = re.compile(r"<!-- (tests/golden/files/cli/\S+) -->\n```console\n(.*?)```\n", re.DOTALL)
+
+
+@pytest.fixture(autouse=True)
+def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Help is as wide as the terminal; recordings lie in the working directory."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+
+
+def session(*lines: str, code: int = 0) -> str:
+    """What a terminal shows for some command lines; the last ends with `code`."""
+    shown = ""
+    for line in lines:
+        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
+        shown += f"$ {line}\n{ended.output}"
+    assert ended.exit_code == code, shown
+    return shown
+
+
+def record(name: str, motion: str) -> None:
+    """Write a simulated recording."""
+    lines = [",".join(f"{value:.3f}" for value in row) for row in simulate.tumble(seed=2, motion=motion).samples.field]
+    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+
+
+def rounded(value: object) -> object:
+    """Round to four digits, on which all machines agree."""
+    if isinstance(value, dict):
+        return {key: rounded(member) for key, member in value.items()}
+    if isinstance(value, list):
+        return [rounded(member) for member in value]
+    if isinstance(value, float) and math.isfinite(value) and value != 0.0:
+        return float(f"{value:.4g}")
+    return value
+
+
+@pytest.mark.parametrize("command", ["", "calibrate", "apply", "demo", "methods"])
+def test_help(command: str, golden: Golden) -> None:
+    words = ["flinders", *command.split(), "--help"]
+    golden(f"cli/{'-'.join(words[:-1])}-help.txt", session(" ".join(words)))
+
+
+def test_demo(golden: Golden) -> None:
+    golden("cli/demo.txt", session("flinders demo"))
+
+
+def test_demo_as_json(golden: Golden) -> None:
+    ended = CliRunner().invoke(main, ["demo", "--json"])
+    found = rounded(json.loads(ended.stdout))
+    golden("cli/demo.json", json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+
+
+def test_methods(golden: Golden) -> None:
+    golden("cli/methods.txt", session("flinders methods"))
+
+
+def test_a_good_calibration_applied(golden: Golden) -> None:
+    record("tumble.csv", "uniform")
+    lines = (
+        "flinders calibrate tumble.csv -o calibration.json",
+        "flinders apply calibration.json tumble.csv -o corrected.csv",
+    )
+    golden("cli/good.txt", session(*lines))
+
+
+def test_a_limited_calibration(golden: Golden) -> None:
+    record("deck.csv", "tilted")
+    golden("cli/limited.txt", session("flinders calibrate deck.csv -o calibration.json", code=3))
+
+
+def test_a_refused_calibration(golden: Golden) -> None:
+    record("table.csv", "level")
+    golden("cli/refused.txt", session("flinders calibrate table.csv -o calibration.json", code=4))
+
+
+def test_an_error(golden: Golden) -> None:
+    golden("cli/error.txt", session("flinders calibrate tumble.cvs", code=5))
+
+
+def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
+    page = DOCS / "cli.md"
+    text = page.read_text(encoding="utf-8")
+
+    def real(found: re.Match[str]) -> str:
+        return f"<!-- {found[1]} -->\n```console\n{(ROOT / found[1]).read_text(encoding='utf-8')}```\n"
+
+    renewed = SESSION.sub(real, text)
+    assert len(SESSION.findall(text)) >= 5
+    if request.config.getoption("--regenerate", default=False):
+        page.write_text(renewed, encoding="utf-8")
+    else:
+        assert text == renewed, "docs/cli.md shows another session than its golden files: `pytest --regenerate`"
+
+
+def test_the_docs_give_each_method_its_unknowns() -> None:
+    text = (DOCS / "methods.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| (\d+) \|", text, re.MULTILINE))
+    assert rows == {name: str(method.unknowns) for name, method in METHODS.items()}
+
+
+def test_the_docs_list_no_finding_that_there_is_not() -> None:
+    text = (DOCS / "findings.md").read_text(encoding="utf-8")
+    table = text[text.index("| code |") :]
+    assert re.findall(r"^\| `([\w-]+)` \|", table, re.MULTILINE) == list(CODES)

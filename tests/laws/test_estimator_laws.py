@@ -1,0 +1,146 @@
+"""Laws of the estimators: moving, scaling and turning the readings does the same to the ellipsoid."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from flinders import simulate
+from flinders.estimators import METHODS, Algebraic, Auto, Axes, Consistent, Estimator, Li, Likelihood, Readings, Sphere
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+TURNED: list[Estimator] = [
+    Auto(),
+    Auto(prior=None),
+    Likelihood(bias_correction=False, prior=None),
+    Consistent(),
+    Algebraic(),
+    Li(k=4.0),
+    Li(),
+    Sphere(),
+]
+"""These do not care how the sensor's axes lie."""
+
+SCALED: list[Estimator] = [*TURNED, Algebraic("unit"), Axes()]
+"""These do not care about the unit."""
+
+MOVED: list[Estimator] = [*SCALED, Algebraic("nxp")]
+"""These do not care where zero is."""
+
+shifts = arrays(np.float64, 3, elements=st.floats(-400, 400))
+rotations = arrays(np.float64, (3, 3), elements=st.floats(-2, 2)).map(
+    lambda entries: np.asarray(np.linalg.qr(entries + np.diag([3.0, -0.5, 0.7]))[0], np.float64)
+)
+few = settings(max_examples=15)
+
+
+def clouds() -> list[Floats]:
+    """A tumble all round, and one of half the sphere, both noisy."""
+    return [
+        simulate.tumble(seed=11, motion="uniform", n=200, noise=1.0).samples.field,
+        simulate.tumble(seed=12, motion="hemisphere", n=300, noise=0.3).samples.field,
+    ]
+
+
+CLOUDS = clouds()
+fields = st.sampled_from(CLOUDS)
+
+
+def label(estimator: Estimator) -> str:
+    return repr(estimator)
+
+
+def same(estimator: Estimator, field: Floats, changed: Floats, matrix: Floats, shift: Floats) -> None:
+    """The fit of what was changed is the changed fit: x → M x + t, M a multiple of an orthogonal matrix."""
+    one, other = estimator.estimate(Readings.of(field)), estimator.estimate(Readings.of(changed))
+    size = float(np.cbrt(abs(np.linalg.det(matrix))))
+    radius = size * one.ellipsoid.radius
+    npt.assert_allclose(other.ellipsoid.centre, matrix @ one.ellipsoid.centre + shift, rtol=0, atol=2e-6 * radius)
+    npt.assert_allclose(
+        other.ellipsoid.shape, matrix @ one.ellipsoid.shape @ matrix.T / size, rtol=0, atol=2e-6 * radius
+    )
+    assert other.noise == pytest.approx(size * one.noise, rel=1e-5)
+    assert other.method == one.method
+
+
+@pytest.mark.parametrize("estimator", MOVED, ids=label)
+@given(field=fields, shift=shifts)
+@few
+def test_moving_the_readings_moves_the_centre(estimator: Estimator, field: Floats, shift: Floats) -> None:
+    same(estimator, field, field + shift, np.eye(3), shift)
+
+
+@pytest.mark.parametrize("estimator", SCALED, ids=label)
+@given(field=fields, power=st.floats(-4, 4))
+@few
+def test_another_unit_gives_the_same_ellipsoid_in_that_unit(estimator: Estimator, field: Floats, power: float) -> None:
+    factor = 10.0**power
+    same(estimator, field, factor * field, factor * np.eye(3), np.zeros(3))
+
+
+@pytest.mark.parametrize("estimator", TURNED, ids=label)
+@given(field=fields, rotation=rotations)
+@few
+def test_turning_or_mirroring_the_readings_turns_the_ellipsoid(
+    estimator: Estimator, field: Floats, rotation: Floats
+) -> None:
+    same(estimator, field, field @ rotation.T, rotation, np.zeros(3))
+
+
+@pytest.mark.parametrize("estimator", [Axes(), Algebraic("unit"), Algebraic("nxp")], ids=label)
+@pytest.mark.parametrize("field", CLOUDS, ids=["full", "half"])
+def test_the_other_methods_follow_when_axes_are_swapped_or_change_sign(estimator: Estimator, field: Floats) -> None:
+    for matrix in (np.eye(3)[[1, 2, 0]], np.diag([1.0, -1.0, -1.0]), np.eye(3)[[1, 0, 2]] * [1.0, 1.0, -1.0]):
+        same(estimator, field, field @ matrix.T, matrix, np.zeros(3))
+
+
+@pytest.mark.parametrize("estimator", [Algebraic("unit"), Algebraic("nxp"), Axes()], ids=label)
+def test_these_do_depend_on_how_the_axes_lie(estimator: Estimator) -> None:
+    rotation = simulate.turns([[0.3, -0.5, 0.8]])[0]
+    field = CLOUDS[1]
+    one, other = (estimator.estimate(Readings.of(x)).ellipsoid for x in (field, field @ rotation.T))
+    assert np.linalg.norm(other.centre - rotation @ one.centre) > 3e-5 * one.radius
+
+
+def test_nxp_depends_on_the_unit_and_on_which_reading_comes_first() -> None:
+    field = CLOUDS[1]
+    one = Algebraic("nxp").estimate(Readings.of(field)).ellipsoid
+    scaled = Algebraic("nxp").estimate(Readings.of(10.0 * field)).ellipsoid
+    rolled = Algebraic("nxp").estimate(Readings.of(np.roll(field, 50, axis=0))).ellipsoid
+    assert np.linalg.norm(scaled.centre / 10.0 - one.centre) > 3e-5 * one.radius
+    assert np.linalg.norm(rolled.centre - one.centre) > 3e-5 * one.radius
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
+@given(field=fields, seed=st.integers(0, 1000))
+@few
+def test_the_order_of_the_readings_does_not_matter(name: str, field: Floats, seed: int) -> None:
+    shuffled = np.random.default_rng(seed).permutation(field)
+    one, other = (METHODS[name]().estimate(Readings.of(x)) for x in (field, shuffled))
+    assert other.ellipsoid.isclose(one.ellipsoid, rtol=1e-6)
+    npt.assert_allclose(other.covariance, one.covariance, rtol=1e-4, atol=1e-5 * np.abs(one.covariance).max())
+
+
+@pytest.mark.parametrize("name", sorted(METHODS))
+def test_sums_alone_give_the_same_where_sums_are_enough(name: str) -> None:
+    readings = Readings.of(CLOUDS[0])
+    if name != "likelihood":
+        whole = METHODS[name]().estimate(readings if name != "auto" else Readings(readings.summary))
+        sums = METHODS[name]().estimate(Readings(readings.summary))
+        assert sums.ellipsoid.isclose(whole.ellipsoid, rtol=1e-12)
+
+
+@pytest.mark.parametrize("estimator", MOVED, ids=label)
+def test_every_covariance_is_symmetric_and_has_no_negative_variance(estimator: Estimator) -> None:
+    for field in CLOUDS:
+        covariance = estimator.estimate(Readings.of(field)).covariance
+        npt.assert_allclose(covariance, covariance.T, rtol=1e-9, atol=1e-12 * np.abs(covariance).max())
+        assert np.linalg.eigvalsh(covariance)[0] >= -1e-12 * np.abs(covariance).max()

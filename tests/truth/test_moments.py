@@ -1,0 +1,100 @@
+"""A million readings beside hard iron of ten field strengths, held against exact integer arithmetic.
+
+Readings are integer counts, so that every sum of powers is an integer. Seen from an origin of whole counts, the sums
+of powers are exact too, with no cancellation at all: that is what floating-point sums about zero, shifted afterwards,
+are compared with.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders.estimators import Consistent, Readings
+from flinders.estimators.consistent import adjusted_quadric
+from flinders.moments import EXPONENTS, Moments, unpacked
+from flinders.quadric import Ellipsoid
+from flinders.simulate import uniform
+from flinders.summary import Summary
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+FIELD: Final = 500.0
+N: Final = 1_000_000
+SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
+DIRECTION: Final = np.array([0.48, -0.6, 0.64])
+
+
+@cache
+def counts(strengths: float) -> NDArray[np.int64]:
+    """(N, 3) readings in whole counts, the hard iron so many field strengths away."""
+    rng = np.random.default_rng(7)
+    raw = FIELD * uniform(rng, N) @ SOFT_IRON.T + strengths * FIELD * DIRECTION + 5.0 * rng.standard_normal((N, 3))
+    return np.rint(raw).astype(np.int64)
+
+
+def exact_scatter(readings: NDArray[np.int64], origin: NDArray[np.int64], scale: int) -> Floats:
+    """(10, 10) scatter matrix about an origin of whole counts: integer sums, each divided and rounded once."""
+    sums = [0] * 35
+    for start in range(0, len(readings), 100_000):
+        z = readings[start : start + 100_000] - origin
+        # |z| < 1000, so that a sum of a hundred thousand fourth powers stays below 2^63.
+        assert int(np.abs(z).max()) ** 4 * len(z) < 2**63
+        squares = z * z
+        powers = np.stack([np.ones_like(z), z, squares, squares * z, squares * squares])
+        for row, (i, j, k) in enumerate(EXPONENTS.tolist()):
+            sums[row] += int(np.sum(powers[i, :, 0] * powers[j, :, 1] * powers[k, :, 2]))
+    return unpacked(np.array([total / scale ** sum(e) for total, e in zip(sums, EXPONENTS.tolist(), strict=True)]))
+
+
+@pytest.mark.parametrize(("strengths", "bound"), [(0.0, 1e-13), (1.0, 1e-12), (3.0, 1e-11), (10.0, 1e-10)])
+def test_shifted_sums_are_the_exact_ones(strengths: float, bound: float) -> None:
+    readings = counts(strengths)
+    moments = Moments.of(readings)
+    origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
+    error = np.abs(moments.about(origin, float(scale)) - exact_scatter(readings, origin, scale)).max() / N
+    print(f"\nhard iron of {strengths:g} field strengths: scatter off by {error:.1e} of the count")
+    assert error < bound
+
+
+@pytest.mark.parametrize("strengths", [0.0, 10.0])
+def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_uncertainty(strengths: float) -> None:
+    readings = counts(strengths)
+    moments = Moments.of(readings)
+    origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
+    coefficients, variance = adjusted_quadric(exact_scatter(readings, origin, scale))
+    exact = Ellipsoid.from_quadric(coefficients).in_frame(origin.astype(float), float(scale))
+    found = Consistent().estimate(Readings(Summary.of(readings)))
+    sigma = np.sqrt(np.diag(found.covariance))
+    off = np.abs(np.concatenate([found.ellipsoid.centre - exact.centre, (found.ellipsoid.shape - exact.shape).ravel()]))
+    print(f"\n{strengths:g} field strengths: off by {off.max() / FIELD:.1e} of the field, σ {sigma[:3].max() / FIELD:.1e}")
+    assert off.max() < 1e-4 * sigma[:3].min()
+    assert found.noise == pytest.approx(scale * np.sqrt(variance), rel=1e-6)
+    npt.assert_allclose(exact.centre, strengths * FIELD * DIRECTION, atol=5 * sigma[:3].max())
+
+
+def test_a_million_readings_added_in_blocks_of_a_thousand_lose_nothing_more() -> None:
+    readings = counts(10.0)
+    streamed = Moments.empty()
+    for block in np.array_split(readings, 1000):
+        streamed = streamed + Moments.of(block)
+    origin, scale = np.rint(streamed.mean).astype(np.int64), round(streamed.spread)
+    error = np.abs(streamed.about(origin, float(scale)) - exact_scatter(readings, origin, scale)).max() / N
+    assert error < 1e-10
+    assert streamed.count == N
+
+
+def test_exact_integers_stay_exact_while_they_fit() -> None:
+    """Counts below 2⁹ and a hundred readings: every sum is below 2⁵³, so floating point makes no error at all."""
+    readings = np.random.default_rng(3).integers(-200, 200, (100, 3))
+    found = Moments.of(readings)
+    for row, exponents in enumerate(EXPONENTS.tolist()):
+        total = sum(int(np.prod([int(v) ** e for v, e in zip(r, exponents, strict=True)], dtype=object)) for r in readings)
+        assert found.sums[row] * found.unit ** sum(exponents) == total
