@@ -155,13 +155,24 @@ def natural_side(field: Floats) -> float:
     return float(2.0 ** np.round(np.log2(max(radius, SMALLEST_SIDE * largest) / 12.0)))
 
 
-def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:
-    """Columns of one block: keys, counts, sums, first, last."""
-    axes = np.ascontiguousarray(readings.T)
+def cells_of(readings: Floats, side: float) -> NDArray[np.int64]:
+    """(N,) keys of the cells that (N, 3) readings fall into."""
+    return _pack(_indices(readings.T, side))
+
+
+def _indices(axes: Floats, side: float) -> NDArray[np.int64]:
+    """(3, m) cell indices of (3, m) readings, counted from −`_REACH`."""
     places = axes * (1.0 / side) + _REACH
     if places.min() < 0.0 or places.max() >= 2 * _REACH:
         np.clip(places, 0, 2 * _REACH - 1, out=places)
-    indices = places.astype(np.int64)  # cutting the fraction off is the floor of what is positive
+    indices: NDArray[np.int64] = places.astype(np.int64)  # cutting the fraction off is the floor of what is positive
+    return indices
+
+
+def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:
+    """Columns of one block: keys, counts, sums, first, last."""
+    axes = np.ascontiguousarray(readings.T)
+    indices = _indices(axes, side)
     low = indices.min(axis=1)
     extent = indices.max(axis=1) - low + 1
     if int(extent[0]) * int(extent[1]) * int(extent[2]) <= _DENSE:

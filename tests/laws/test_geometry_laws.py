@@ -155,7 +155,10 @@ def test_a_unit_is_known_by_any_spelling(spelling: str, dress: type[str]) -> Non
     assert Unit.of(dress(spelling)).name == SPELLINGS[spelling]
 
 
-@given(st.sampled_from(sorted(PER_UNIT)), arrays(np.float64, (4, 3), elements=st.floats(-1e4, 1e4, allow_subnormal=False).map(lambda x: round(x, 6))))
+@given(
+    st.sampled_from(sorted(PER_UNIT)),
+    arrays(np.float64, (4, 3), elements=st.floats(-1e4, 1e4, allow_subnormal=False).map(lambda x: round(x, 6))),
+)
 def test_a_field_is_the_same_in_whichever_unit_it_was_written(name: str, field: Floats) -> None:
     unit = Unit.of(name)
     assert (unit.scale, unit.inside) == (PER_UNIT[name], "uT")
@@ -181,11 +184,13 @@ def test_the_centre_of_a_cell_falls_into_it() -> None:
     npt.assert_allclose(np.linalg.norm(CELLS, axis=1), 1.0)
 
 
-@given(arrays(np.float64, (5, 3), elements=st.floats(-1, 1)).filter(lambda u: bool((np.abs(u).max(axis=1) > 0.1).all())))
+@given(
+    arrays(np.float64, (5, 3), elements=st.floats(-1, 1)).filter(lambda u: bool((np.abs(u).max(axis=1) > 0.1).all()))
+)
 def test_every_direction_falls_into_one_cell(directions: Floats) -> None:
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     cells = cells_of(directions)
-    assert ((0 <= cells) & (cells < 100)).all()
+    assert ((cells >= 0) & (cells < 100)).all()
     coverage = Coverage.of(directions, np.arange(1.0, 6.0))
     assert coverage.readings == 15.0
     assert coverage.fraction == len(set(cells.tolist())) / 100

@@ -301,11 +301,14 @@ def test_a_limited_fit_says_what_it_is_good_for_and_how_to_move_on(home: Path) -
 
 
 def test_a_refused_fit_says_why_and_how_to_move_and_shows_no_number_to_copy(home: Path) -> None:
-    ended = flinders_("calibrate", "tumble.csv", "--target", "0.001", "-o", "out.json")
+    hemisphere = simulate.tumble(seed=5, motion="hemisphere").samples.field
+    Path("half.csv").write_text(text(hemisphere, header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
+    ended = flinders_("calibrate", "half.csv", "--target", "0.001", "-o", "out.json")
     shown = " ".join(ended.err.split())
     assert (ended.code, ended.out) == (4, "")
     assert "REFUSED not fit for use, nothing was written" in shown
-    assert "turn the sensor until" in shown
+    assert shown.count("turn the sensor until") == 1
+    assert "for all attitudes do as said above" in shown
     assert "--json has them" in shown
     assert "matrix" not in shown
     assert not Path("out.json").exists()

@@ -46,7 +46,7 @@ WANTED: Final = np.repeat(
 
 
 def results(ellipsoid: Ellipsoid) -> Floats:
-    """(16,) offset, strength, and entries 11, 22, 33, 12, 13, 23 of the matrix: determinant one, then strength given."""
+    """(16,) offset, strength, entries 11, 22, 33, 12, 13, 23 of the matrix: determinant one, then strength given."""
     radius, root = ellipsoid.radius, upper(np.linalg.inv(ellipsoid.shape))
     return np.concatenate([ellipsoid.centre, [radius], radius * root, FIELD * root])
 
@@ -74,7 +74,8 @@ def claimed() -> Floats:
     columns = []
     for unit in 1e-4 * np.eye(9):
         up, down = (
-            results(Ellipsoid(sphere.centre + sign * unit[:3], sphere.shape + sign * symmetric(unit[3:]))) for sign in (1, -1)
+            results(Ellipsoid(sphere.centre + sign * unit[:3], sphere.shape + sign * symmetric(unit[3:])))
+            for sign in (1, -1)
         )
         columns.append((up - down) / 2e-4)
     jacobian = np.stack(columns, axis=1)

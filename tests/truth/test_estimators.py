@@ -52,7 +52,7 @@ def errors(found: Estimate, truth: Simulated) -> Floats:
 @pytest.mark.parametrize("estimator", GENERAL, ids=repr)
 @pytest.mark.parametrize("strengths", [0.0, 1.0, 10.0])
 def test_readings_without_noise_give_the_truth_to_rounding(estimator: Estimator, strengths: float) -> None:
-    """A thousand-millionth of the field wherever the centre is; beside ten field strengths the sums lose some digits."""
+    """To a thousand-millionth of the field, also beside ten field strengths of hard iron."""
     offset = strengths * 50.0 * np.array([0.48, -0.6, 0.64])
     truth = tumble(seed=4, motion="uniform", n=300, sensor=Sensor(SOFT_IRON, offset))
     found = estimator.estimate(Readings.of(truth.samples))
@@ -71,9 +71,13 @@ def test_the_consistent_fit_recovers_the_noise_and_the_truth() -> None:
 def test_half_a_sphere_and_ten_percent_noise_leave_the_consistent_fit_unbiased() -> None:
     """Where plain least squares is 10 µT off, at σ = 5 µT on half a sphere (§5 of the literature notes)."""
     rng = np.random.default_rng(5)
-    field = 50.0 * simulate.hemisphere(rng, 200_000) @ SOFT_IRON.T + [20, 120, 90] + 5.0 * rng.standard_normal((200_000, 3))
+    field = (
+        50.0 * simulate.hemisphere(rng, 200_000) @ SOFT_IRON.T + [20, 120, 90] + 5.0 * rng.standard_normal((200_000, 3))
+    )
     readings = Readings.of(field)
-    consistent, plain = (e.estimate(readings).ellipsoid.centre - [20, 120, 90] for e in (Consistent(), Algebraic("unit")))
+    consistent, plain = (
+        e.estimate(readings).ellipsoid.centre - [20, 120, 90] for e in (Consistent(), Algebraic("unit"))
+    )
     assert np.abs(consistent).max() < 1.0
     assert np.abs(plain).max() > 8.0
 
@@ -118,7 +122,11 @@ def test_half_a_sphere_is_enough_and_strong_iron_no_harm() -> None:
 
 @pytest.mark.parametrize(
     "matrix",
-    [CROOKED, SOFT_IRON @ simulate.turns([[0.3, -0.2, 0.9]])[0], np.diag([1.2, 0.9, 1.0]) @ simulate.turns([[1.5, 0, 1.0]])[0]],
+    [
+        CROOKED,
+        SOFT_IRON @ simulate.turns([[0.3, -0.2, 0.9]])[0],
+        np.diag([1.2, 0.9, 1.0]) @ simulate.turns([[1.5, 0, 1.0]])[0],
+    ],
     ids=["crooked", "turned", "swapped"],
 )
 def test_an_asymmetric_truth_is_found_up_to_one_rotation(matrix: Floats) -> None:

@@ -37,7 +37,8 @@ def counts(strengths: float) -> NDArray[np.int64]:
     """(N, 3) readings in whole counts, the hard iron so many field strengths away."""
     rng = np.random.default_rng(7)
     raw = FIELD * uniform(rng, N) @ SOFT_IRON.T + strengths * FIELD * DIRECTION + 5.0 * rng.standard_normal((N, 3))
-    return np.rint(raw).astype(np.int64)
+    readings: NDArray[np.int64] = np.rint(raw).astype(np.int64)
+    return readings
 
 
 def exact_scatter(readings: NDArray[np.int64], origin: NDArray[np.int64], scale: int) -> Floats:
@@ -54,18 +55,19 @@ def exact_scatter(readings: NDArray[np.int64], origin: NDArray[np.int64], scale:
     return unpacked(np.array([total / scale ** sum(e) for total, e in zip(sums, EXPONENTS.tolist(), strict=True)]))
 
 
-@pytest.mark.parametrize(("strengths", "bound"), [(0.0, 1e-13), (1.0, 1e-12), (3.0, 1e-11), (10.0, 1e-10)])
+@pytest.mark.parametrize(("strengths", "bound"), [(0.0, 1e-15), (1.0, 3e-15), (3.0, 1e-13), (10.0, 1e-10)])
 def test_shifted_sums_are_the_exact_ones(strengths: float, bound: float) -> None:
+    """Measured: off by 1e-16, 5e-16, 1e-14 and 2e-11 of the count at 0, 1, 3 and 10 field strengths."""
     readings = counts(strengths)
     moments = Moments.of(readings)
     origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
     error = np.abs(moments.about(origin, float(scale)) - exact_scatter(readings, origin, scale)).max() / N
-    print(f"\nhard iron of {strengths:g} field strengths: scatter off by {error:.1e} of the count")
     assert error < bound
 
 
 @pytest.mark.parametrize("strengths", [0.0, 10.0])
 def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_uncertainty(strengths: float) -> None:
+    """Measured: off by 2e-15 and 3e-11 of the field at 0 and 10 field strengths, where σ is 2e-5 of it."""
     readings = counts(strengths)
     moments = Moments.of(readings)
     origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
@@ -74,7 +76,6 @@ def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_unc
     found = Consistent().estimate(Readings(Summary.of(readings)))
     sigma = np.sqrt(np.diag(found.covariance))
     off = np.abs(np.concatenate([found.ellipsoid.centre - exact.centre, (found.ellipsoid.shape - exact.shape).ravel()]))
-    print(f"\n{strengths:g} field strengths: off by {off.max() / FIELD:.1e} of the field, σ {sigma[:3].max() / FIELD:.1e}")
     assert off.max() < 1e-4 * sigma[:3].min()
     assert found.noise == pytest.approx(scale * np.sqrt(variance), rel=1e-6)
     npt.assert_allclose(exact.centre, strengths * FIELD * DIRECTION, atol=5 * sigma[:3].max())
@@ -96,5 +97,7 @@ def test_exact_integers_stay_exact_while_they_fit() -> None:
     readings = np.random.default_rng(3).integers(-200, 200, (100, 3))
     found = Moments.of(readings)
     for row, exponents in enumerate(EXPONENTS.tolist()):
-        total = sum(int(np.prod([int(v) ** e for v, e in zip(r, exponents, strict=True)], dtype=object)) for r in readings)
+        total = sum(
+            int(np.prod([int(v) ** e for v, e in zip(r, exponents, strict=True)], dtype=object)) for r in readings
+        )
         assert found.sums[row] * found.unit ** sum(exponents) == total

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-ELLIPSOID = Ellipsoid(np.array([20.0, 120.0, 90.0]), 50.0 * np.array([[1.1, 0.1, 0.04], [0.1, 0.88, 0.02], [0.04, 0.02, 1.22]]))
+ELLIPSOID = Ellipsoid(
+    np.array([20.0, 120.0, 90.0]), 50.0 * np.array([[1.1, 0.1, 0.04], [0.1, 0.88, 0.02], [0.04, 0.02, 1.22]])
+)
 
 
 def moved(change: Floats) -> Ellipsoid:
@@ -86,7 +88,7 @@ def test_equations_do_not_depend_on_how_the_readings_come_in_blocks() -> None:
 def test_curvature_is_the_mean_gradient_that_noise_causes() -> None:
     """Monte Carlo of E[Σ J s] with mirrored noise, which takes the part of first order out of the scatter."""
     sigma, rounds = 0.5, 3000
-    directions, surface = on_the_surface(40)
+    _, surface = on_the_surface(40)
     rng = np.random.default_rng(2)
     total = np.zeros(9)
     for _ in range(rounds // 100):

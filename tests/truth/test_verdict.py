@@ -42,7 +42,8 @@ def cap(half_angle_deg: float, noise: float = 0.2) -> Floats:
     """Readings within an angle of straight up."""
     directions = simulate.fibonacci(8000)
     directions = directions[directions[:, 2] > np.cos(np.radians(half_angle_deg))][:1500]
-    return 50 * directions + BARE.offset + noise * np.random.default_rng(1).standard_normal(directions.shape)
+    white = np.random.default_rng(1).standard_normal(directions.shape)
+    return np.asarray(50 * directions + BARE.offset + noise * white, np.float64)
 
 
 def level() -> Fit:
@@ -54,7 +55,7 @@ def poor_heading() -> Fit:
 
 
 def hopeless_heading() -> Fit:
-    return judged(cap(30.0, 1.0), dip_deg=75.0)
+    return judged(cap(20.0), dip_deg=75.0)
 
 
 def half_unseen() -> Fit:
@@ -70,7 +71,17 @@ def drowned() -> Fit:
 
 
 def leaning_on_the_prior() -> Fit:
-    return judged(cap(40.0))
+    return judged(cap(20.0))
+
+
+def skewed_sphere() -> Fit:
+    soft_iron = np.array([[1.0, 0.05, 0.0], [0.05, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    return judged(plain(2000, sensor=Sensor(soft_iron, np.zeros(3), 0.2)), method="sphere")
+
+
+def hardly_skewed_sphere() -> Fit:
+    soft_iron = np.array([[1.0, 0.005, 0.0], [0.005, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    return judged(plain(2000, sensor=Sensor(soft_iron, np.zeros(3), 0.2)), method="sphere")
 
 
 def short() -> Fit:
@@ -142,6 +153,8 @@ CASES: Final[list[tuple[str, str, Callable[[], Fit], tuple[float, float]]]] = [
     ("noise", "limits", noisy, (0.06, 0.1)),
     ("noise", "refuses", drowned, (0.2, 0.4)),
     ("prior", "limits", leaning_on_the_prior, (0.1, 1.0)),
+    ("bias", "limits", skewed_sphere, (1.5, 5.0)),
+    ("bias", "note", hardly_skewed_sphere, (0.1, 0.3)),
     ("few-samples", "limits", short, (30, 30)),
     ("saturated", "limits", at_the_rails, (0.01, 0.2)),
     ("stale-repeats", "note", stale, (0.66, 0.67)),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self, TypeGuard, ca
 
 import numpy as np
 
+from flinders.cloud import cells_of
 from flinders.coverage import directions_of
 from flinders.errors import NeedsSamples, NotAnEllipsoid, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.quadric import Ellipsoid
@@ -23,6 +24,7 @@ from flinders.terms import magnitude
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.random import Generator
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
@@ -34,6 +36,9 @@ SMALLEST, LARGEST = 1e-12, 1e15
 
 FARTHEST: Final = 1000.0
 """Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
+
+PER_CELL: Final = 4
+"""Readings of one place that count, where what counts is how many places agree."""
 
 HELD: Final = 500_000
 """Readings of a recording that are kept in memory; a longer one is gone through again."""
@@ -84,6 +89,43 @@ class Kept:
         return Samples(np.concatenate(self._fields), unit=self.unit, axes=self.axes, source=self.source)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Near:
+    """The readings of a recording that are close to a surface.
+
+    Attributes
+    ----------
+    recording : Recording
+    ellipsoid : Ellipsoid
+    limit : float
+        Farthest Sampson distance, in the unit of the readings.
+    """
+
+    recording: Recording
+    ellipsoid: Ellipsoid
+    limit: float
+
+    @property
+    def source(self) -> str:
+        """That of the recording."""
+        return self.recording.source
+
+    @property
+    def unit(self) -> Unit:
+        """That of the recording."""
+        return self.recording.unit
+
+    @property
+    def axes(self) -> Axes:
+        """Those of the recording."""
+        return self.recording.axes
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording and leave out what is farther away."""
+        for block in self.recording.blocks():
+            yield block[np.abs(magnitude.distances(block.field, self.ellipsoid)) <= self.limit]
+
+
 def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
     """Anything with blocks is a recording; all else has to be an array."""
     return hasattr(source, "blocks")
@@ -117,7 +159,7 @@ class Readings:
         return cls(Summary.of(samples), samples)
 
     def __len__(self) -> int:
-        return len(self.summary)
+        return len(self.recording) if isinstance(self.recording, Samples) else len(self.summary)
 
     def blocks(self, method: str) -> Iterator[Floats]:
         """Go through all readings.
@@ -143,6 +185,29 @@ class Readings:
             kept.append(block[-seen % stride :: stride])
             seen += len(block)
         return kept[0] if len(kept) == 1 else np.concatenate(kept)
+
+    def only(self, field: Floats) -> Self:
+        """Some of the readings, in memory, with the sums of all."""
+        return dataclasses.replace(self, recording=Samples(field))
+
+    def near(self, ellipsoid: Ellipsoid, limit: float) -> Self:
+        """Those readings that are no farther than `limit` from a surface, with the sums of all."""
+        if self.recording is None:
+            return self
+        near = Near(self.recording, ellipsoid, limit)
+        if isinstance(self.recording, Samples) and len(self) <= HELD:
+            return self.only(np.concatenate([block.field for block in near.blocks()]))
+        return dataclasses.replace(self, recording=near)
+
+    def spread_out(self, field: Floats, rng: Generator) -> Floats:
+        """Take a few readings from each cell of the cloud: a rest or a clump then counts for no more than its place."""
+        cells = cells_of(field, self.summary.cloud.side)
+        order = rng.permutation(len(field))
+        order = order[np.argsort(cells[order], kind="stable")]
+        sorted_cells = cells[order]
+        first = np.flatnonzero(np.concatenate([[True], sorted_cells[1:] != sorted_cells[:-1]]))
+        rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
+        return field[np.sort(order[rank < PER_CELL])]
 
     def require(self, unknowns: int, method: str) -> None:
         """Refuse what no method can work with.
@@ -191,6 +256,8 @@ class Estimate:
     held : float
         Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
         it all, 1 where they say nothing.
+    rejected_beyond : float
+        Distance from the surface beyond which readings were left out, in their unit.
     """
 
     ellipsoid: Ellipsoid
@@ -199,6 +266,7 @@ class Estimate:
     method: str
     bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
     held: float = 0.0
+    rejected_beyond: float = np.inf
 
 
 class Estimator(Protocol):

@@ -17,7 +17,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
-from flinders.readers._lines import Lines, shown
+from flinders.readers._lines import EndsEarly, Lines, shown
 from flinders.readers._source import Source, derived
 from flinders.samples import BLOCK
 
@@ -97,13 +97,16 @@ def _parsed(text: str) -> object:
 def _whole(source: Source, encoding: str) -> Iterator[list[object]]:
     """Yield the records of one JSON document, a block at a time."""
     content = bytearray()
-    for chunk in source.chunks():
-        content += chunk
-        if len(content) > LARGEST:
-            raise UnreadableInput(
-                f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
-                "write one record a line (JSON lines) or CSV"
-            )
+    try:
+        for chunk in source.chunks():
+            content += chunk
+            if len(content) > LARGEST:
+                raise UnreadableInput(
+                    f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
+                    "write one record a line (JSON lines) or CSV"
+                )
+    except EndsEarly as cut:
+        raise cut.refusal(source.name) from None
     try:
         document = json.loads(content.decode(encoding, "replace"))
     except json.JSONDecodeError as error:

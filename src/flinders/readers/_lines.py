@@ -28,8 +28,12 @@ ENDS_EARLY: Final = "gzip ends early"
 """What stands in place of the line in which a file was cut short."""
 
 
-class EndsEarly(UnreadableInput):
-    """A compressed file without its end: what was read before is sound."""
+class EndsEarly(Exception):
+    """Compressed bytes without their end: what came before is sound. Never leaves the readers."""
+
+    def refusal(self, name: str) -> UnreadableInput:
+        """Say so, where nothing came before."""
+        return UnreadableInput(f"{name} is cut short: its gzip data have no end; copy it again")
 
 
 class Lines(NamedTuple):

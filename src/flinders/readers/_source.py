@@ -66,9 +66,9 @@ class File:
                     head += chunk
                     if len(head) >= HEAD:
                         break
-            except EndsEarly:
+            except EndsEarly as cut:
                 if not head:
-                    raise
+                    raise cut.refusal(self.name) from None
         return head[:HEAD]
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
@@ -96,7 +96,7 @@ class File:
             yield raw, gzip.GzipFile(fileobj=raw) if start == GZIP else raw
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes, unpacked."""
+        """Yield all bytes, unpacked; raise `EndsEarly` where they have no end."""
         with self.opened() as (_, unpacked):
             yield from _chunks(self.name, unpacked.read1)
 
@@ -145,11 +145,12 @@ class Stream:
                 self._head += chunk
                 ends_line = b"\n" in chunk or b"\r" in chunk
                 self._is_enough = len(self._head) >= HEAD or (ends_line and _shows_layout(self._head))
-        except EndsEarly as error:
-            self._cut = error
+        except EndsEarly as cut:
+            self._cut = cut
         self._ended = not self._is_enough
         if not self._head:
-            raise self._cut or UnreadableInput(f"{self.name} is empty: nothing was piped in")
+            empty = UnreadableInput(f"{self.name} is empty: nothing was piped in")
+            raise self._cut.refusal(self.name) if self._cut else empty
         return self._head
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
@@ -158,7 +159,7 @@ class Stream:
         return texts if self._ended or len(texts) < 2 else texts[:-1], False
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes as they arrive.
+        """Yield all bytes as they arrive; raise `EndsEarly` where they have no end.
 
         Raises
         ------
@@ -358,7 +359,7 @@ def _read(name: str, read: Callable[[int], bytes], size: int) -> bytes:
     try:
         return read(size)
     except EOFError:
-        raise EndsEarly(f"{name} is cut short: its gzip data have no end; copy it again") from None
+        raise EndsEarly from None
     except (gzip.BadGzipFile, zlib.error) as error:
         raise UnreadableInput(f"{name} has broken gzip data ({error}): copy it again") from None
     except OSError as error:

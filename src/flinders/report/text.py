@@ -159,7 +159,7 @@ def _verdict(fit: Fit) -> RenderableType:
 
 
 def _findings(findings: Iterable[Finding], turn: str) -> RenderableType:
-    """Say what limits it and what to do; how to turn the sensor is said once."""
+    """Say what limits it and what to do; how to move on is said once."""
     from rich.table import Table
     from rich.text import Text
 
@@ -167,7 +167,7 @@ def _findings(findings: Iterable[Finding], turn: str) -> RenderableType:
     said = False
     for finding in findings:
         mark, style = MARKS[finding.severity]
-        advice = finding.advice.replace(turn, "turn the sensor as said above") if said else finding.advice
+        advice = finding.advice.replace(turn, "do as said above") if said else finding.advice
         said = said or turn in finding.advice
         grid.add_row(Text(f"  {mark}", style=style), Text(advice, style="dim" if style == "dim" else ""))
     return grid
