@@ -17,6 +17,7 @@
     │   ├── Unmoved                  unmoved           4    readings that hardly differ from each other
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
+    │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   └── Refused                  refused           4    a fit exists, its verdict is "refused"
     └── OutputError                  output            6    the result cannot be written
@@ -180,6 +181,20 @@ class NotAnEllipsoid(FitError):
             f"they cover too few directions. Turn the sensor upside down and onto each of its sides{instead}",
             eigenvalues=eigenvalues,
             method=method,
+        )
+
+
+class Undetermined(FitError):
+    """Readings say nothing of `unseen` of the nine parameters, and no prior holds them."""
+
+    code = "undetermined"
+
+    def __init__(self, unseen: int) -> None:
+        self.unseen = unseen
+        super().__init__(
+            f"the readings leave {unseen} of nine parameters open, as rings of readings do: turn the sensor about "
+            "more of its axes, or let the prior hold what was not seen",
+            unseen=unseen,
         )
 
 

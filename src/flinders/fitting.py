@@ -114,6 +114,13 @@ def _estimator(method: str, options: dict[str, Any]) -> Estimator:
         raise UsageError(f"{method} takes {known}; got {', '.join(options)}") from None
 
 
+def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
+    """Heading error (rms) that the bias of a method makes."""
+    if not estimate.bias.any():
+        return 0.0
+    return level_error(estimate.ellipsoid, np.outer(estimate.bias, estimate.bias), dip_deg=dip_deg).rms
+
+
 def _judged(estimate: Estimate, summary: Summary, calibration: Calibration, target_deg: float, dip_deg: float) -> Fit:
     """Put together what is known and judge it."""
     # A repeated reading is no new evidence.
@@ -131,6 +138,6 @@ def _judged(estimate: Estimate, summary: Summary, calibration: Calibration, targ
         heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
         target_deg=target_deg,
         held=estimate.held,
-        bias_deg=level_error(estimate.ellipsoid, np.outer(estimate.bias, estimate.bias), dip_deg=dip).rms,
+        bias_deg=_bias_deg(estimate, dip),
     )
     return replace(fitted, findings=judge(fitted, summary))

@@ -201,12 +201,12 @@ def test_the_uncorrected_likelihood_is_scipys_minimum_of_the_sampson_cost(noise:
     found = Likelihood(prior=None, bias_correction=False).estimate(readings)
     wanted = by_scipy(sampson(field), Consistent().estimate(readings).ellipsoid)
     off = np.abs(parameters(found.ellipsoid) - wanted) / np.sqrt(np.diag(found.covariance))
-    assert off.max() < 2e-4
+    assert off.max() < 1e-5
     cost = float(np.sum(sampson(field)(wanted) ** 2))
     assert found.noise == pytest.approx(np.sqrt(cost / (400 - 9)), rel=1e-9)
 
 
-@pytest.mark.parametrize(("noise", "share"), [(0.1, 0.02), (0.5, 0.1), (2.0, 0.35)])
+@pytest.mark.parametrize(("noise", "share"), [(0.1, 0.005), (0.5, 0.02), (2.0, 0.08)])
 def test_the_orthogonal_distance_gives_nearly_the_same(noise: float, share: float) -> None:
     """Sampson's distance is the orthogonal one to first order: the fits differ by a share of σ that grows with σ."""
     field = recorded(SHAPES["general"], noise, n=400)

@@ -121,19 +121,17 @@ def test_the_prior_costs_what_its_formula_says() -> None:
         assert found.count == 0
 
 
-def test_the_gradient_of_the_prior_is_that_of_its_cost_with_the_mean_axis_held() -> None:
-    radius, spread = np.trace(ELLIPSOID.shape) / 3.0, 0.3
+def test_the_gradient_of_the_prior_is_that_of_its_cost() -> None:
+    spread = 0.3
 
     def cost(change: Floats) -> Floats:
         shape = ELLIPSOID.shape + symmetric(change[3:])
-        deviator = shape - np.trace(shape) / 3.0 * np.eye(3)
+        radius = np.trace(shape) / 3.0
+        deviator = shape - radius * np.eye(3)
         return np.asarray(np.sum(deviator**2) / (2.0 * spread**2 * radius**2))
 
     found = prior.equations(ELLIPSOID, spread=spread)
-    npt.assert_allclose(found.gradient, -0.5 * differences(cost), atol=1e-9)
-    # The cost is quadratic, so its second difference is exact for any step.
-    curved = [(cost(unit) + cost(-unit) - 2 * cost(0 * unit)) / 2.0 for unit in np.eye(9)]
-    npt.assert_allclose(np.diag(found.matrix), curved, atol=1e-9)
+    npt.assert_allclose(found.gradient, -0.5 * differences(cost), atol=1e-7)
 
 
 def test_the_prior_says_nothing_of_centre_and_size_and_nothing_against_a_sphere() -> None:

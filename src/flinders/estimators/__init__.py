@@ -5,13 +5,13 @@ What to use when
 ==============  =========  ==============================================================================
 method          unknowns   when
 ==============  =========  ==============================================================================
-auto            9          always, unless there is a reason not to
-likelihood      9          to set the prior or switch off the bias correction
-consistent      9          there are only sums: a stream, a fleet, a saved summary
-li              9          parity with Magneto; something closed at any price
-algebraic       9          parity with NXP, MATLAB and MotionCal
-axes            6          unequal gains, no soft iron; few readings
-sphere          4          a bare sensor; a base line
+auto            10         always, unless there is a reason not to
+likelihood      10         to set the prior or switch off the bias correction
+consistent      10         there are only sums: a stream, a fleet, a saved summary
+li              10         parity with Magneto; something closed at any price
+algebraic       10         parity with NXP, MATLAB and MotionCal
+axes            7          unequal gains, no soft iron; few readings
+sphere          5          a bare sensor; a base line
 ==============  =========  ==============================================================================
 
 Each file holds the formula, when to use it and when not, its source and an example. `METHODS` maps

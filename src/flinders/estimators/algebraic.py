@@ -60,7 +60,7 @@ class Algebraic:
     normalisation: Literal["trace", "unit", "nxp"] = "trace"
 
     name: ClassVar[str] = "algebraic"
-    unknowns: ClassVar[int] = 9
+    unknowns: ClassVar[int] = 10
     use: ClassVar[str] = "general ellipsoid as NXP, MATLAB and MotionCal fit it; biased by noise"
     is_biased: ClassVar[bool] = True
 
@@ -82,7 +82,7 @@ class Algebraic:
         scatter = moments.about(origin, scale)
         coefficients = trace_fit(scatter) if self.normalisation == "trace" else np.linalg.eigh(scatter)[1][:, 0]
         ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns)
+        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
 
 

@@ -60,5 +60,5 @@ class Axes:
         coefficients = np.zeros(10)
         coefficients[_COLUMNS] = fixed + free @ solution
         ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns)
+        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, AXES_ALIGNED), noise, self.name)

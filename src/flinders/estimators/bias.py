@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.errors import NotAnEllipsoid
+from flinders.errors import FitError
 from flinders.estimators.auto import Auto
 from flinders.quadric import upper
 
@@ -34,7 +34,7 @@ def with_bias(estimate: Estimate, readings: Readings) -> Estimate:
     """
     try:
         other = Auto().estimate(readings)
-    except NotAnEllipsoid:
+    except FitError:  # too few readings to see beyond the simpler model
         return estimate
     ours, theirs = estimate.ellipsoid, other.ellipsoid
     apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])

@@ -20,6 +20,7 @@ from flinders.quadric import Ellipsoid
 from flinders.samples import Recording, Samples
 from flinders.summary import Summary
 from flinders.terms import magnitude
+from flinders.terms.support import Support, pretended
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,6 +40,9 @@ FARTHEST: Final = 1000.0
 
 PER_CELL: Final = 4
 """Readings of one place that count, where what counts is how many places agree."""
+
+FINEST: Final = 1e-6
+"""Of the field: no sensor resolves less, and no fit claims to."""
 
 HELD: Final = 500_000
 """Readings of a recording that are kept in memory; a longer one is gone through again."""
@@ -256,6 +260,8 @@ class Estimate:
     held : float
         Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
         it all, 1 where they say nothing.
+    unseen : int
+        Directions of parameter space of which the readings say nothing.
     rejected_beyond : float
         Distance from the surface beyond which readings were left out, in their unit.
     """
@@ -266,6 +272,7 @@ class Estimate:
     method: str
     bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
     held: float = 0.0
+    unseen: int = 0
     rejected_beyond: float = np.inf
 
 
@@ -277,7 +284,7 @@ class Estimator(Protocol):
     name : str
         What `flinders.fit(method=…)` calls it.
     unknowns : int
-        What it finds, and so the least number of readings; the noise counts where it is found too.
+        What it finds, the noise among it, and so the least number of readings.
     use : str
         When to use it, in one line.
     is_biased : bool
@@ -337,7 +344,8 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
 
     q = |∇q| s, so to first order such a fit is a least-squares fit of the distances s with weights
     w = |∇q|², and its covariance is σ² N⁻¹ (Σ w² JJᵀ) N⁻¹ with N = Σ w JJᵀ: larger than that of the
-    likelihood, which weighs all distances alike. The sums run over the cells of the cloud.
+    likelihood, which weighs all distances alike. The sums run over the cells of the cloud. A direction that the
+    readings do not see gets the radius for its standard deviation.
 
     Parameters
     ----------
@@ -351,10 +359,17 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     cloud = readings.summary.cloud
     directions = directions_of(cloud.means, ellipsoid)
     jacobian = magnitude.information(directions, ellipsoid) @ basis
+    variance = max(noise, FINEST * ellipsoid.radius) ** 2
+    counted = jacobian.T * cloud.counts
+    support = Support.of(
+        counted @ jacobian / variance, lambda: basis.T @ pretended(directions, ellipsoid, cloud.counts) @ basis
+    )
+    seen, unseen = support.directions
     gradients = np.linalg.solve(ellipsoid.shape, directions.T) * ellipsoid.radius
     weights = np.einsum("ij,ij->j", gradients, gradients)
-    weighted = jacobian.T * (weights * cloud.counts)
-    normal = weighted @ jacobian
-    inverse = basis @ np.linalg.pinv(normal, rcond=1e-14, hermitian=True)
-    covariance: Floats = noise**2 * inverse @ ((weighted * weights) @ jacobian) @ inverse.T
+    rows = jacobian @ seen
+    weighted = rows.T * (weights * cloud.counts)
+    inverse = basis @ seen @ np.linalg.inv(weighted @ rows)
+    open_ended = ellipsoid.radius * basis @ unseen
+    covariance: Floats = variance * inverse @ ((weighted * weights) @ rows) @ inverse.T + open_ended @ open_ended.T
     return covariance

@@ -51,7 +51,7 @@ class Li:
     k: float | None = None
 
     name: ClassVar[str] = "li"
-    unknowns: ClassVar[int] = 9
+    unknowns: ClassVar[int] = 10
     use: ClassVar[str] = "always an ellipsoid, as Magneto fits it; pulls towards spheres"
     is_biased: ClassVar[bool] = True
 
@@ -71,7 +71,7 @@ class Li:
         scatter = moments.about(origin, scale)
         local = self._searched(scatter) if self.k is None else _ellipsoid(scatter, self.k)
         ellipsoid = local.in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns)
+        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
 
     def _searched(self, scatter: Floats) -> Ellipsoid:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from functools import cached_property
+from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
-from flinders.errors import NotAnEllipsoid
+from flinders.coverage import directions_of
+from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.consistent import adjusted
-from flinders.estimators.estimate import Estimate, Readings
+from flinders.estimators.estimate import FINEST, Estimate, Readings
 from flinders.quadric import Ellipsoid, symmetric
 from flinders.terms import magnitude, prior
 from flinders.terms.equations import NormalEquations
+from flinders.terms.support import Support, pretended
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,7 +31,7 @@ STEPS: Final = 50
 LONGEST_STEP: Final = 0.3
 HALVINGS: Final = 30
 SETTLED: Final = 1e-10
-ROUNDING: Final = 1e-14
+GLANCE: Final = 2_000
 NO_WORSE: Final = 0.01
 """In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
 
@@ -93,6 +96,8 @@ class Likelihood:
             See `Readings.require`.
         NotAnEllipsoid
             If no step leads to a closed surface.
+        Undetermined
+            If readings leave parameters open, and there is no prior to hold them.
         NeedsSamples
             If only sums were given.
         """
@@ -101,66 +106,106 @@ class Likelihood:
 
     def polish(self, readings: Readings, ellipsoid: Ellipsoid) -> Estimate:
         """Fit from a known start; raises as `estimate`."""
-        some = readings.thinned(ENOUGH, self.name)
+        some = _Some.of(readings.thinned(ENOUGH, self.name))
         found = self._settled(some, ellipsoid)
         long = len(some) < len(readings)
         for _ in range(PASSES if long else 1):
             if long:
-                found = self._seen(readings.blocks(self.name), found.ellipsoid)
-            step = self._unbiased(found, some).step()
+                found = self._seen(readings.blocks(self.name), found.ellipsoid, some)
+            step = self._unbiased(found).step()
             ellipsoid = _closed(found.ellipsoid, step)
             if _is_small(step, found.covariance, ellipsoid.radius):
                 break
-        return Estimate(ellipsoid, found.covariance, float(np.sqrt(found.variance)), self.name, held=self._held(found))
+        if found.support.unseen and self.prior is None:
+            raise Undetermined(found.support.unseen)
+        return Estimate(
+            ellipsoid,
+            found.covariance,
+            found.noise,
+            self.name,
+            held=self._held(found),
+            unseen=found.support.unseen,
+        )
 
-    def _settled(self, readings: Floats, ellipsoid: Ellipsoid) -> _Posterior:
+    def _settled(self, some: _Some, ellipsoid: Ellipsoid) -> _Posterior:
         """Iterate until the steps vanish or none makes the fit better."""
-        now = self._seen([readings], ellipsoid)
+        now = self._seen([some.field], ellipsoid, some)
         for _ in range(STEPS):
             step = now.equations.step()
             largest = float(np.abs(step).max()) / now.ellipsoid.radius
-            better = (
-                self._improved(readings, now, step * min(1.0, LONGEST_STEP / largest)) if largest > SETTLED else None
-            )
+            better = self._improved(now, step * min(1.0, LONGEST_STEP / largest)) if largest > SETTLED else None
             if better is None:
                 break
             now = better
         return now
 
-    def _improved(self, readings: Floats, now: _Posterior, step: Floats) -> _Posterior | None:
-        """Take the longest of a step, its half, its quarter … that leaves the surface closed and the fit no worse."""
+    def _improved(self, now: _Posterior, step: Floats) -> _Posterior | None:
+        """Take the longest of a step, its half, its quarter … that leaves the surface closed and the fit no worse.
+
+        Along a direction that the readings do not see, their cost only follows the noise and is not asked.
+        """
         for _ in range(HALVINGS):
             moved = _moved(now.ellipsoid, step)
             if _is_closed(moved):
-                tried = self._seen([readings], moved)
-                if tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
+                tried = self._seen([now.some.field], moved, now.some)
+                if now.support.unseen or tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
                     return tried
             step = step / 2.0
         return None
 
-    def _seen(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid) -> _Posterior:
+    def _seen(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid, some: _Some) -> _Posterior:
         """Linearise the likelihood and the prior at an ellipsoid."""
-        plain = magnitude.equations(blocks, ellipsoid, exact=not self.bias_correction)
-        nothing = NormalEquations.empty()
-        return _Posterior(
-            ellipsoid, plain, nothing if self.prior is None else prior.equations(ellipsoid, spread=self.prior)
-        )
+        likelihood = magnitude.equations(blocks, ellipsoid, exact=not self.bias_correction)
+        believed = NormalEquations.empty()
+        if self.prior is not None:
+            believed = prior.equations(ellipsoid, spread=self.prior) + prior.sense(ellipsoid, some.middle, some.spread)
+        return _Posterior(ellipsoid, likelihood, believed, some, plain=not self.bias_correction)
 
-    def _unbiased(self, found: _Posterior, some: Floats) -> NormalEquations:
+    def _unbiased(self, found: _Posterior) -> NormalEquations:
         """Take off the mean of the gradient that noise causes; a part of the readings speaks for all."""
-        equations = found.equations
         if not self.bias_correction:
-            return equations
-        share = found.likelihood.count / len(some)
-        return replace(equations, gradient=equations.gradient - share * magnitude.curvature(some, found.ellipsoid))
+            return found.equations
+        share = found.likelihood.count / len(found.some)
+        bent = share * magnitude.curvature(found.some.field, found.ellipsoid)
+        return found.combined(replace(found.weighed, gradient=found.weighed.gradient - bent))
 
     def _held(self, found: _Posterior) -> float:
         """Largest share of the information about any combination of parameters that comes from the prior."""
-        shares = np.linalg.eigvals(found.covariance @ found.prior.matrix)
-        return float(np.clip(np.real(shares).max(), 0.0, 1.0))
+        if self.prior is None:
+            return 0.0
+        believed = prior.equations(found.ellipsoid, spread=self.prior).matrix
+        return float(np.clip(np.real(np.linalg.eigvals(found.covariance @ believed)).max(), 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Some:
+    """Readings that are gone through again and again.
+
+    Attributes
+    ----------
+    field : (M, 3) float
+    middle : (3,) float
+        Their mean.
+    spread : float
+        Root mean square distance from it.
+    """
+
+    field: Floats
+    middle: Floats
+    spread: float
+
+    @classmethod
+    def of(cls, field: Floats) -> Self:
+        """Look at them once."""
+        middle = np.einsum("ij->j", field) / len(field)
+        square = float(np.einsum("ij,ij", field, field)) / len(field) - float(middle @ middle)
+        return cls(field, middle, float(np.sqrt(max(square, 0.0))))
+
+    def __len__(self) -> int:
+        return len(self.field)
+
+
+@dataclass(frozen=True, eq=False)
 class _Posterior:
     """What the readings and the prior say near an ellipsoid.
 
@@ -172,30 +217,64 @@ class _Posterior:
         Of the readings, in their unit.
     prior : NormalEquations
         In standard deviations.
+    some : _Some
+        Readings that stand for all where an average is asked for.
+    plain : bool
+        Claim what the textbook claims, without regard to what noise pretends.
     """
 
     ellipsoid: Ellipsoid
     likelihood: NormalEquations
     prior: NormalEquations
+    some: _Some
+    plain: bool
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the residuals."""
+        return float(np.sqrt(max(self.likelihood.cost, 0.0) / max(self.likelihood.count - 9, 1)))
 
     @property
     def variance(self) -> float:
-        """Noise variance of the residuals, kept above rounding so that exact readings can be fitted."""
-        freedom = max(self.likelihood.count - 9, 1)
-        return max(self.likelihood.cost / freedom, (ROUNDING * self.ellipsoid.radius) ** 2)
+        """Noise variance that the readings are weighed with: no sensor resolves a millionth of the field."""
+        return max(self.noise, FINEST * self.ellipsoid.radius) ** 2
 
-    @property
-    def equations(self) -> NormalEquations:
-        """Of both, in standard deviations."""
+    @cached_property
+    def weighed(self) -> NormalEquations:
+        """The likelihood in standard deviations."""
         weight = 1.0 / self.variance
-        return self.prior + replace(
-            self.likelihood, matrix=weight * self.likelihood.matrix, gradient=weight * self.likelihood.gradient
+        return replace(
+            self.likelihood,
+            matrix=weight * self.likelihood.matrix,
+            gradient=weight * self.likelihood.gradient,
+            cost=weight * self.likelihood.cost,
         )
 
-    @property
+    @cached_property
+    def support(self) -> Support:
+        """Which directions the readings see."""
+
+        def pretence() -> Floats:
+            points = self.some.field[:: max(1, len(self.some) // GLANCE)]
+            share = self.likelihood.count / len(points)
+            return share * pretended(directions_of(points, self.ellipsoid), self.ellipsoid)
+
+        return Support.of(self.weighed.matrix, pretence)
+
+    def combined(self, weighed: NormalEquations) -> NormalEquations:
+        """What the readings say of what they see, and the prior."""
+        return self.prior + self.support.keep(weighed)
+
+    @cached_property
+    def equations(self) -> NormalEquations:
+        """Of both, in standard deviations."""
+        return self.combined(self.weighed)
+
+    @cached_property
     def covariance(self) -> Floats:
         """(9, 9) covariance of the parameters, in unit²."""
-        return self.equations.inverse()
+        seen = self.support.keep(self.weighed).matrix if self.plain else self.support.information
+        return replace(self.prior, matrix=self.prior.matrix + seen).inverse()
 
     def cost(self, variance: float) -> float:
         """χ² of the readings for a noise variance, and the prior's."""

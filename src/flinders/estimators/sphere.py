@@ -41,7 +41,7 @@ class Sphere:
     """
 
     name: ClassVar[str] = "sphere"
-    unknowns: ClassVar[int] = 4
+    unknowns: ClassVar[int] = 5
     use: ClassVar[str] = "offset and radius only: a bare sensor, few readings, a base line"
     is_biased: ClassVar[bool] = True
 
@@ -68,5 +68,5 @@ class Sphere:
         if not radius > 0.0:
             raise NotAnEllipsoid((-1.0, -1.0, -1.0), self.name)
         ellipsoid = Ellipsoid(centre, radius * np.eye(3)).in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns)
+        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, SPHERICAL), noise, self.name)

@@ -71,5 +71,6 @@ class NormalEquations:
     @property
     def _scale(self) -> Floats:
         """Root of the diagonal: in this scale the matrix has ones there, whatever the units."""
-        scale: Floats = np.sqrt(np.maximum(np.diag(self.matrix), np.finfo(float).tiny))
+        diagonal = np.diag(self.matrix)
+        scale: Floats = np.sqrt(np.maximum(diagonal, max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)))
         return scale

@@ -7,7 +7,8 @@ The prior says that the departure of S/R from the identity (R the mean semi-axis
     cost = |dev(S)/R|² / (2 spread²)
 
 with dev(S) = S − R·1 and the Frobenius norm, so that each off-diagonal entry has the standard
-deviation `spread`. It says nothing of the centre and nothing of the size. With readings all around
+deviation `spread`. It says nothing of the centre and nothing of the size; `sense` keeps those from running
+away where nothing else holds them. With readings all around
 it has no effect worth a digit; where they are missing it lets the fit fall back to "no soft iron
 there" with an uncertainty of that size.
 
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 SPREAD: Final = 0.3
 """Default departure of the scaled matrix from the identity: the soft iron of ordinary mountings, and more."""
 
+SENSE: Final = 10.0
+
 # Deviator of the entries 11, 22, 33, 12, 13, 23; an off-diagonal entry stands twice in the matrix.
 _DEVIATOR: Final = np.zeros((6, 6))
 _DEVIATOR[:3, :3] = np.eye(3) - 1.0 / 3.0
@@ -44,4 +47,27 @@ def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquation
     residual: Floats = _DEVIATOR @ entries / scale
     jacobian = np.zeros((6, 9))
     jacobian[:, 3:] = -_DEVIATOR / scale
+    jacobian[:, 3:6] += residual[:, np.newaxis] / entries[:3].sum()
+    return NormalEquations(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 0)
+
+
+def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquations:
+    """Give normal equations that keep what no reading speaks for within sense.
+
+    The centre lies within ten spreads of the readings from their middle, and the size is theirs to a factor of about
+    ten. A level turn leaves both open across its plane; anything that was seen does not feel it.
+
+    Parameters
+    ----------
+    ellipsoid : Ellipsoid
+    middle : (3,) float
+        Mean reading.
+    spread : float
+        Root mean square distance of the readings from it.
+    """
+    width = SENSE * spread
+    residual = np.append(ellipsoid.centre - middle, np.trace(ellipsoid.shape) / 3.0 - spread) / width
+    jacobian = np.zeros((4, 9))
+    jacobian[:3, :3] = -np.eye(3) / width
+    jacobian[3, 3:6] = -1.0 / (3.0 * width)
     return NormalEquations(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 0)

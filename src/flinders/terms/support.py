@@ -1,0 +1,144 @@
+"""What the readings really say, and what noise only pretends.
+
+A direction of parameter space is invisible to the readings if no point moves off its surface along it: across
+a ring, or along the pencil of ellipsoids through two rings. But each reading has noise, which shifts
+the point at which the Jacobian is taken along the surface; squares of those shifts add up in JᵀJ to
+information that is not there, N·(σ/R)² where the true one is zero, and the fit then follows the noise
+with great confidence.
+
+That pretended information is known: it is the sum of the squared derivatives of J along the surface,
+times σ². A direction in which it is a good part of all there is counts as unseen.
+
+>>> ring = np.stack([np.cos(np.arange(60.0)), np.sin(np.arange(60.0)), np.zeros(60)], axis=1)
+>>> ellipsoid = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
+>>> across = pretended(ring, ellipsoid)[2, 2]            # a shift of the centre along z
+>>> round(float(across) * 50.0**2 / 60.0, 3)
+1.0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.quadric import GATHER, Ellipsoid
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.terms.equations import NormalEquations
+
+WELL_CONDITIONED: Final = 1e-2
+"""Smallest eigenvalue of the normal matrix in its own scale from which on nothing needs a closer look."""
+
+ROUNDING: Final = 1e-15
+UNSEEN: Final = 1.0 / 3.0
+"""Share of a direction's information that noise may pretend before the direction counts as unseen."""
+
+
+def pretended(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
+    """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and two tangents t: times σ², what noise adds to ΣJJᵀ."""
+    inverse = np.linalg.inv(ellipsoid.shape)
+    u = directions.T
+    normal = inverse @ u
+    steepness = np.sqrt(np.einsum("ij,ij->j", normal, normal))
+    normal = normal / steepness
+    total = np.zeros((9, 9))
+    for tangent in _tangents(normal):
+        along = inverse @ tangent
+        turned = inverse @ along
+        bent = (turned - normal * np.einsum("ij,ij->j", normal, turned)) / steepness
+        products = bent[:, np.newaxis] * u + normal[:, np.newaxis] * along
+        rows = np.concatenate([bent, products.reshape(9, -1)]).T @ GATHER
+        total += rows.T * counts @ rows
+    return total
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Support:
+    """Directions of parameter space, in the scale in which the normal matrix has ones on its diagonal.
+
+    Attributes
+    ----------
+    scale : (K,) float
+        Root of that diagonal.
+    values : (K,) float
+        Eigenvalues of the scaled matrix.
+    vectors : (K, K) float
+        Their directions, in columns.
+    share : (K,) float
+        Of the information about each, what noise alone pretends.
+    """
+
+    scale: Floats
+    values: Floats
+    vectors: Floats
+    share: Floats
+
+    @classmethod
+    def of(cls, matrix: Floats, pretence: Callable[[], Floats]) -> Self:
+        """Look at a normal matrix in standard deviations.
+
+        Parameters
+        ----------
+        matrix : (K, K) float
+        pretence : callable
+            Gives the (K, K) matrix of `pretended`, where it is asked for: a well-conditioned matrix needs none.
+        """
+        diagonal = np.diag(matrix)
+        scale = np.sqrt(np.maximum(diagonal, max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)))
+        values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+        share = np.zeros(len(values))
+        if not values[0] > WELL_CONDITIONED:
+            noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(scale, scale), vectors)
+            share = np.clip(noise / np.maximum(values, ROUNDING * values[-1]), 0.0, 1.0)
+        return cls(scale, values, vectors, share)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(K,) which directions the readings say something about."""
+        return self.share < UNSEEN
+
+    @property
+    def unseen(self) -> int:
+        """How many they say nothing about."""
+        return int(np.count_nonzero(~self.seen))
+
+    @property
+    def directions(self) -> tuple[Floats, Floats]:
+        """(K, seen) and (K, unseen): bases of what is seen and, of unit length, of what is not, in parameters."""
+        unseen = self.vectors[:, ~self.seen] / self.scale[:, np.newaxis]
+        lengths = np.sqrt(np.einsum("ij,ij->j", unseen, unseen))
+        return self.vectors[:, self.seen] / self.scale[:, np.newaxis], unseen / lengths
+
+    def keep(self, equations: NormalEquations) -> NormalEquations:
+        """Take the unseen directions out of the equations that this belongs to."""
+        if not self.unseen:
+            return equations
+        kept = self.vectors[:, self.seen]
+        scaled = kept * self.scale[:, np.newaxis]
+        gradient = scaled @ (kept.T @ (equations.gradient / self.scale))
+        return replace(equations, matrix=(scaled * self.values[self.seen]) @ scaled.T, gradient=gradient)
+
+    @property
+    def information(self) -> Floats:
+        """(K, K) what remains of the matrix after the pretence; its inverse is a covariance.
+
+        Noise adds its share to the matrix and to the scatter of the gradient: (1 − share)² is left.
+        """
+        scaled = self.vectors[:, self.seen] * self.scale[:, np.newaxis]
+        information: Floats = (scaled * (self.values * (1.0 - self.share) ** 2)[self.seen]) @ scaled.T
+        return information
+
+
+def _tangents(normals: Floats) -> tuple[Floats, Floats]:
+    """Two (3, K) unit vectors along the surface at each of (3, K) normals."""
+    axis = np.eye(3)[:, np.argmin(np.abs(normals), axis=0)]
+    first = np.cross(normals, axis, axis=0)
+    first /= np.sqrt(np.einsum("ij,ij->j", first, first))
+    return first, np.cross(normals, first, axis=0)
