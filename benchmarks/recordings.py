@@ -1,4 +1,4 @@
-"""Real recordings beside what another tool made of them: how far apart are the offsets?
+"""Real recordings beside what another tool made of them: how far apart the offsets are.
 
 ``python -m benchmarks.recordings`` prints a table. The recordings are not part of the project; they are looked for in
 the folder that ``FLINDERS_DATA`` names, else in ``shared/data`` beside the project. The reference comes from the same

@@ -123,7 +123,7 @@ class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     frame: str = "sensor"
 
 
-class HeadingError(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The heading error to expect, in degrees.
 
     Attributes
@@ -142,7 +142,7 @@ class HeadingError(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     target_deg: Positive | None = None
 
 
-class Finding(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Something to know about a fit: its number, the limit it is held against, what to do."""
 
     code: str
@@ -168,9 +168,9 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Symmetric, in squares and products of the calibration's unit.
     verdict : str or None
         ``good``, ``limited`` or ``refused``; None where it was not judged.
-    heading_error_deg : HeadingError or None
+    heading_error_deg : HeadingErrorRecord or None
     coverage : name to number
-    findings : of Finding
+    findings : of FindingRecord
     """
 
     method: str
@@ -179,9 +179,9 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     covariance_of: tuple[str, ...] = PARAMETERS
     covariance: tuple[tuple[float, ...], ...] | None = None
     verdict: Literal["good", "limited", "refused"] | None = None
-    heading_error_deg: HeadingError | None = None
+    heading_error_deg: HeadingErrorRecord | None = None
     coverage: dict[str, float] = {}
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[FindingRecord, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a covariance that does not belong to its names; called when a file is read."""

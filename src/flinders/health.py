@@ -91,7 +91,8 @@ class Clock:
 
     @classmethod
     def of(cls, time: Floats | None) -> Self:
-        """Look at (N,) times."""
+        """Look at (N,) times; readings without one are passed over."""
+        time = None if time is None else time[~np.isnan(time)]
         if time is None or not len(time):
             return cls()
         steps = np.diff(time)

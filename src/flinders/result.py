@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 import numpy as np
 
 from flinders.coverage import CELLS
-from flinders.document import Finding as FindingRecord
-from flinders.document import Fitted, write
-from flinders.document import HeadingError as HeadingErrorRecord
+from flinders.document import FindingRecord, Fitted, HeadingErrorRecord, write
 from flinders.errors import FitError
 from flinders.heading import raw_error
 from flinders.quadric import Ellipsoid

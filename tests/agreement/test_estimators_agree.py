@@ -18,7 +18,7 @@ from flinders.estimators import (
     METHODS,
     Algebraic,
     Auto,
-    Axes,
+    AxisAligned,
     Consistent,
     Estimator,
     Li,
@@ -52,8 +52,8 @@ SHAPES: Final = {
     "general": 50.0 * np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]),
 }
 MODELS: Final[dict[str, list[Estimator]]] = {
-    "sphere": [Sphere(), Axes(), *GENERAL],
-    "axes": [Axes(), *GENERAL],
+    "sphere": [Sphere(), AxisAligned(), *GENERAL],
+    "axes": [AxisAligned(), *GENERAL],
     "general": GENERAL,
 }
 

@@ -16,7 +16,7 @@ import flinders
 from flinders import document
 from flinders.axes import Axes
 from flinders.calibration import Calibration
-from flinders.document import Document, Finding, Fitted, HeadingError, Provenance, SourceFile
+from flinders.document import Document, FindingRecord, Fitted, HeadingErrorRecord, Provenance, SourceFile
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -43,13 +43,13 @@ def full_document() -> Document:
         noise=0.5,
         covariance=tuple(tuple(row) for row in covariance.tolist()),
         verdict="limited",
-        heading_error_deg=HeadingError(rms=0.31, worst=1.25, dip_deg=60.0, target_deg=1.0),
+        heading_error_deg=HeadingErrorRecord(rms=0.31, worst=1.25, dip_deg=60.0, target_deg=1.0),
         coverage={"directions": 0.82, "widest_gap_deg": 41.0},
         findings=(
-            Finding(
+            FindingRecord(
                 code="unseen", severity="warning", number=41.0, limit=30.0, advice="turn it nose down, then rotate"
             ),
-            Finding(code="scale-unknown", severity="note"),
+            FindingRecord(code="scale-unknown", severity="note"),
         ),
     )
     files = (SourceFile(name="tumble µ.csv", sha256="0f" * 32, bytes=123456, rows=3004),)

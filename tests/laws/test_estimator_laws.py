@@ -12,7 +12,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders import simulate
-from flinders.estimators import METHODS, Algebraic, Auto, Axes, Consistent, Estimator, Li, Likelihood, Readings, Sphere
+from flinders.estimators import (
+    METHODS,
+    Algebraic,
+    Auto,
+    AxisAligned,
+    Consistent,
+    Estimator,
+    Li,
+    Likelihood,
+    Readings,
+    Sphere,
+)
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -29,7 +40,7 @@ TURNED: list[Estimator] = [
 ]
 """These do not care how the sensor's axes lie."""
 
-SCALED: list[Estimator] = [*TURNED, Algebraic("unit"), Axes()]
+SCALED: list[Estimator] = [*TURNED, Algebraic("unit"), AxisAligned()]
 """These do not care about the unit."""
 
 MOVED: list[Estimator] = [*SCALED, Algebraic("nxp")]
@@ -95,14 +106,14 @@ def test_turning_or_mirroring_the_readings_turns_the_ellipsoid(
     same(estimator, field, field @ rotation.T, rotation, np.zeros(3))
 
 
-@pytest.mark.parametrize("estimator", [Axes(), Algebraic("unit"), Algebraic("nxp")], ids=label)
+@pytest.mark.parametrize("estimator", [AxisAligned(), Algebraic("unit"), Algebraic("nxp")], ids=label)
 @pytest.mark.parametrize("field", CLOUDS, ids=["full", "half"])
 def test_the_other_methods_follow_when_axes_are_swapped_or_change_sign(estimator: Estimator, field: Floats) -> None:
     for matrix in (np.eye(3)[[1, 2, 0]], np.diag([1.0, -1.0, -1.0]), np.eye(3)[[1, 0, 2]] * [1.0, 1.0, -1.0]):
         same(estimator, field, field @ matrix.T, matrix, np.zeros(3))
 
 
-@pytest.mark.parametrize("estimator", [Algebraic("unit"), Algebraic("nxp"), Axes()], ids=label)
+@pytest.mark.parametrize("estimator", [Algebraic("unit"), Algebraic("nxp"), AxisAligned()], ids=label)
 def test_these_do_depend_on_how_the_axes_lie(estimator: Estimator) -> None:
     rotation = simulate.turns([[0.3, -0.5, 0.8]])[0]
     field = CLOUDS[1]

@@ -253,7 +253,7 @@ def test_a_mirror_is_a_calibration_as_two_of_them_may_compose_to_one() -> None:
     assert Calibration(np.diag([1.0, 1.0, -1.0]), np.zeros(3), 50.0).apply([1, 2, 3]).tolist() == [1, 2, -3]
 
 
-def correction(**changes: Any) -> Correction:  # noqa: ANN401
+def correction(**changes: Any) -> Correction:
     return Correction(**{**SOUND["calibration"], **changes})
 
 

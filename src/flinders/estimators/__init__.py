@@ -27,7 +27,7 @@ from typing import Final
 
 from flinders.estimators.algebraic import Algebraic, fit_error
 from flinders.estimators.auto import Auto
-from flinders.estimators.axes import Axes
+from flinders.estimators.axis_aligned import AxisAligned
 from flinders.estimators.bias import with_bias
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.estimate import Estimate, Estimator, Readings
@@ -36,7 +36,7 @@ from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.sphere import Sphere
 
 METHODS: Final[dict[str, type[Estimator]]] = {
-    method.name: method for method in (Auto, Likelihood, Consistent, Li, Algebraic, Axes, Sphere)
+    method.name: method for method in (Auto, Likelihood, Consistent, Li, Algebraic, AxisAligned, Sphere)
 }
 """Every method by name, the one to try first at the top."""
 
@@ -44,7 +44,7 @@ __all__ = [
     "METHODS",
     "Algebraic",
     "Auto",
-    "Axes",
+    "AxisAligned",
     "Consistent",
     "Estimate",
     "Estimator",

@@ -105,8 +105,8 @@ class Columns:
 
     @property
     def needed(self) -> frozenset[int]:
-        """Those without which a line cannot be used: the field, and the time where there is one."""
-        return frozenset((*self.field.cells, *(self.time.cells if self.time else ())))
+        """Those without which a line cannot be used: the field."""
+        return frozenset(self.field.cells)
 
     def taken(self, values: Floats, column: Column) -> Floats:
         """Pick one of the columns from what was read of `cells`."""

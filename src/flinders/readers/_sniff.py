@@ -185,11 +185,17 @@ def _table(
     return Layout(
         grid=_grid(chosen, dialect, width if header or often >= SAME_WIDTH * len(rows) else 0),
         columns=chosen,
-        start=start + 1,
+        start=_first_row(texts, place + 1, start) + 1,
         header=tuple(header),
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
     )
+
+
+def _first_row(texts: list[str], after: int, start: int) -> int:
+    """Place of the first line that looks like a reading, in whichever dialect: it counts, also if it cannot be read."""
+    between = [(place, text) for place, text in enumerate(texts[after:start], after) if not _is_comment(text)]
+    return min((place for dialect in DIALECTS for place in _rows(between, dialect)), default=start)
 
 
 def _grid(columns: Columns, dialect: tuple[str, str], width: int) -> Grid:

@@ -163,11 +163,9 @@ class TextRecording:
         tally.judge(self.source, self.skipped)
 
     def _usable(self, rows: Rows, columns: Columns) -> NDArray[np.bool_]:
-        """Tell which rows have a field, and a time where there is one, that is finite also in `unit.inside`."""
+        """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
         with np.errstate(over="ignore"):
             usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
-        if columns.time:
-            usable = usable & np.isfinite(columns.taken(rows.values, columns.time))
         return np.asarray(usable.all(axis=1), dtype=np.bool_)
 
     def _samples(self, stretch: _Stretch) -> Samples:

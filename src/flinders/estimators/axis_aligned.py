@@ -1,4 +1,4 @@
-"""Axes: offset and one scale for each axis, no cross terms. Seven unknowns."""
+"""Axis-aligned: offset and one scale for each axis, no cross terms. Seven unknowns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _COLUMNS: Final = np.array([0, 1, 2, 6, 7, 8, 9])
 
 
 @dataclass(frozen=True, slots=True)
-class Axes:
+class AxisAligned:
     """Offset and a scale for each axis by linear least squares.
 
     Minimises ``Σ (Σᵢ aᵢxᵢ² + l·x + d)²`` with ``a₁ + a₂ + a₃ = 3``.
@@ -30,7 +30,7 @@ class Axes:
     --------
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    >>> found = Axes().estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
+    >>> found = AxisAligned().estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
     >>> found.centre.round(6), found.semi_axes.round(6)
     (array([-50.,  20., 100.]), array([20., 30., 50.]))
     """
