@@ -67,9 +67,17 @@ class Coverage:
         return cls(seen, CELLS[emptiest], float(np.rad2deg(np.arccos(np.clip(nearest[emptiest], -1.0, 1.0)))))
 
     @classmethod
-    def through(cls, cloud: Cloud, ellipsoid: Ellipsoid) -> Self:
-        """Project the cells of a cloud onto the sphere that an ellipsoid stands for."""
-        return cls.of(directions_of(cloud.means, ellipsoid), cloud.counts)
+    def through(cls, cloud: Cloud, ellipsoid: Ellipsoid, *, within: float = np.inf) -> Self:
+        """Project the cells of a cloud onto the sphere that an ellipsoid stands for.
+
+        Cells that lie farther from the ellipsoid than `within` and their own size hold readings that were rejected.
+        """
+        means, counts = cloud.means, cloud.counts
+        if np.isfinite(within):
+            lengths = np.linalg.norm(np.linalg.solve(ellipsoid.shape, (means - ellipsoid.centre).T), axis=0)
+            near = np.abs(lengths - 1.0) * ellipsoid.semi_axes[0] <= within + cloud.side
+            means, counts = means[near], counts[near]
+        return cls.of(directions_of(means, ellipsoid), counts)
 
     @property
     def fraction(self) -> float:

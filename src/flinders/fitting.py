@@ -17,7 +17,7 @@ from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.coverage import Coverage
 from flinders.errors import UsageError
-from flinders.estimators import METHODS, Readings, with_bias
+from flinders.estimators import METHODS, Readings, strays_of, with_bias
 from flinders.heading import level_error
 from flinders.result import Fit, Refused
 from flinders.units import Unit
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.estimators import Estimate, Estimator
+    from flinders.heading import HeadingError
+    from flinders.result import Stray
     from flinders.samples import Recording
     from flinders.summary import Summary
 
@@ -91,7 +93,7 @@ def fit(
     )
     if estimator.is_biased:
         estimate = with_bias(estimate, readings)
-    fitted = _judged(estimate, readings.summary, calibration, target_deg, dip_deg)
+    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg)
     if fitted.verdict == "refused":
         raise Refused(fitted)
     return fitted
@@ -114,6 +116,24 @@ def _estimator(method: str, options: dict[str, Any]) -> Estimator:
         raise UsageError(f"{method} takes {known}; got {', '.join(options)}") from None
 
 
+def _strays(estimate: Estimate, readings: Readings) -> tuple[Stray, ...]:
+    """Runs of readings that a robust fit left out."""
+    if readings.recording is None or not np.isfinite(estimate.rejected_beyond):
+        return ()
+    return tuple(strays_of(readings.recording.blocks(), estimate.ellipsoid, estimate.rejected_beyond))
+
+
+def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
+    """What independent residuals would allow to claim."""
+    if estimate.textbook is None:
+        return None
+    return level_error(estimate.ellipsoid, estimate.textbook, dip_deg=dip_deg)
+
+
+def _independent(estimate: Estimate, count: int) -> float:
+    return np.inf if estimate.correlation is None else estimate.correlation.effective(count)
+
+
 def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     """Heading error (rms) that the bias of a method makes."""
     if not estimate.bias.any():
@@ -121,23 +141,28 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     return level_error(estimate.ellipsoid, np.outer(estimate.bias, estimate.bias), dip_deg=dip_deg).rms
 
 
-def _judged(estimate: Estimate, summary: Summary, calibration: Calibration, target_deg: float, dip_deg: float) -> Fit:
+def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, target_deg: float, dip_deg: float) -> Fit:
     """Put together what is known and judge it."""
+    summary = readings.summary
+    strays = _strays(estimate, readings)
     # A repeated reading is no new evidence.
     repeated = len(summary) / max(len(summary) - summary.health.repeats, 1)
     covariance = estimate.covariance * repeated
-    coverage = Coverage.through(summary.cloud, estimate.ellipsoid)
+    coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
     dip = coverage.facing(dip_deg)
     fitted = Fit(
         calibration=calibration,
         method=estimate.method,
         covariance=covariance,
         noise=estimate.noise,
-        samples=len(summary),
+        samples=len(summary) - sum(stray.rows for stray in strays),
         coverage=coverage,
         heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
         target_deg=target_deg,
         held=estimate.held,
+        textbook_heading_error_deg=_textbook(estimate, dip),
+        independent_samples=_independent(estimate, len(summary)),
+        strays=strays,
         bias_deg=_bias_deg(estimate, dip),
     )
     return replace(fitted, findings=judge(fitted, summary))

@@ -69,9 +69,26 @@ def level_error(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60
     across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / np.cos(np.deg2rad(dip_deg))
     gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
     gradient -= gradient.mean(axis=0)
-    variance = np.einsum("ki,ij,kj->k", gradient, covariance, gradient).clip(min=0.0)
+    variance = np.sum(gradient @ covariance * gradient, axis=1).clip(min=0.0)
     rms, worst = np.sqrt(variance.mean()), np.sqrt(variance.max())
     return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))
+
+
+def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> tuple[float, float]:
+    """What to expect of the direction of the corrected field over the whole sphere: rms and worst, degrees, 1 σ.
+
+    The error δu = −S⁻¹(δb + δS u) across u, in 400 directions.
+    """
+    height = 1.0 - (2.0 * np.arange(400) + 1.0) / 400
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * (np.arange(400) + 0.5)
+    across = np.sqrt(1.0 - height**2)
+    directions = np.stack([across * np.cos(turn), across * np.sin(turn), height])
+    east = np.stack([-np.sin(turn), np.cos(turn), np.zeros(400)])
+    variance = np.zeros(400)
+    for tangent in (east, np.cross(directions, east, axis=0)):
+        gradient = gathered(np.linalg.solve(ellipsoid.shape, tangent), directions)
+        variance += np.sum(gradient @ covariance * gradient, axis=1).clip(min=0.0)
+    return float(np.rad2deg(np.sqrt(variance.mean()))), float(np.rad2deg(np.sqrt(variance.max())))
 
 
 def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> HeadingError:

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
@@ -14,7 +15,7 @@ import numpy as np
 from flinders.coverage import CELLS
 from flinders.document import FindingRecord, Fitted, HeadingErrorRecord, write
 from flinders.errors import FitError
-from flinders.heading import raw_error
+from flinders.heading import direction_error_deg, raw_error
 from flinders.quadric import Ellipsoid
 from flinders.units import label
 
@@ -63,6 +64,36 @@ class Finding:
         return {name: getattr(self, name) for name in self.__slots__}
 
 
+@dataclass(frozen=True, slots=True)
+class Stray:
+    """A run of readings that do not belong to the rest.
+
+    Attributes
+    ----------
+    first, last : int
+        Rows, counted from 1.
+    rows : int
+        Strays among them.
+    start, end : float, s
+        Times of the first and the last; NaN without time.
+    farthest : float
+        Largest distance from the ellipsoid, in the unit of the readings.
+    """
+
+    first: int
+    last: int
+    rows: int
+    start: float
+    end: float
+    farthest: float
+
+    def __str__(self) -> str:
+        rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
+        if np.isnan(self.start):
+            return f"row {self.first}: {rows}" if self.first == self.last else f"rows {self.first}–{self.last}: {rows}"
+        return f"{self.start:.1f} s: {rows}" if self.rows == 1 else f"{self.start:.1f}–{self.end:.1f} s: {rows}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """A calibration, how it was found and how far to trust it.
@@ -87,6 +118,12 @@ class Fit:
         The worst heading error that was asked for.
     held : float
         Share of the least known shape parameter that the prior speaks for, 0 to 1.
+    textbook_heading_error_deg : HeadingError
+        What the covariance for independent residuals would claim.
+    independent_samples : float
+        Independent readings that say as much as those used, whose residuals hang together.
+    strays : tuple of Stray
+        Runs of readings that were rejected.
     bias_deg : float
         Heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance.
     findings : tuple of Finding
@@ -103,6 +140,9 @@ class Fit:
     target_deg: float = 1.0
     held: float = 0.0
     bias_deg: float = 0.0
+    textbook_heading_error_deg: HeadingError | None = None
+    independent_samples: float = np.inf
+    strays: tuple[Stray, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -137,7 +177,8 @@ class Fit:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
-        raw = self.uncorrected_heading_error_deg
+        raw, textbook = self.uncorrected_heading_error_deg, self.textbook_heading_error_deg
+        direction = direction_error_deg(self.ellipsoid, self.covariance)
         return {
             "verdict": self.verdict,
             "method": self.method,
@@ -149,8 +190,12 @@ class Fit:
                 "target_deg": self.target_deg,
             },
             "uncorrected_heading_error_deg": {"rms": raw.rms, "worst": raw.worst},
+            "textbook_heading_error_deg": None if textbook is None else {"rms": textbook.rms, "worst": textbook.worst},
+            "direction_error_deg": {"rms": direction[0], "worst": direction[1]},
             "noise": self.noise,
             "samples": self.samples,
+            "independent_samples": min(self.independent_samples, float(self.samples)),
+            "rejected": [dataclasses.asdict(stray) for stray in self.strays],
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
             "findings": [finding.as_dict() for finding in self.findings],

@@ -16,7 +16,8 @@ from flinders.units import MICROTESLA, label
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.health import Health
+    from flinders.arrays import Floats
+    from flinders.health import Health, Lows
     from flinders.moments import Moments
     from flinders.result import Fit, Severity
     from flinders.summary import Summary
@@ -28,7 +29,9 @@ CODES: Final = {
     "noise": "readings lie `number` of the field (1 σ) off the ellipsoid: not only iron and noise are at work",
     "prior": "the prior, not the readings, speaks for `number` of the least known shape parameter",
     "bias": "the method's own bias and misfit, estimated beside the likelihood, is `number` degrees of heading (rms)",
-    "few-samples": "only `number` readings",
+    "few-samples": "only `number` independent readings",
+    "correlated": "residuals hang together: `number` is the share of readings that are independent",
+    "strays": "`number` of the readings do not belong to the rest and were left out",
     "saturated": "`number` of the readings sit at the very end of an axis: the sensor was at its limit",
     "stale-repeats": "`number` of the readings repeat the one before: the log is faster than its sensor",
     "time-jump": "time goes back or stands still for long: `number` seconds at the longest",
@@ -50,6 +53,8 @@ NOISE_LIMITS, NOISE_REFUSES = 0.05, 0.2
 PRIOR_SHARE: Final = 0.1
 BIAS_SHARE: Final = 0.1
 FEW: Final = 40
+CORRELATED: Final = 0.5
+STRAYS: Final = 0.1
 RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
 REPEATS: Final = 0.1
 LONG_STEP: Final = 20.0
@@ -130,8 +135,36 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
             "prior", "limits", fit.held, PRIOR_SHARE,
             f"part of the shape rests to {fit.held:.0%} on the prior that soft iron is mild: {movement(fit)}",
         )  # fmt: skip
-    if fit.samples < FEW:
-        yield Finding("few-samples", "limits", fit.samples, FEW, f"only {fit.samples} readings: record for longer")
+    independent = min(fit.independent_samples, float(fit.samples))
+    if independent < FEW:
+        alike = "" if independent == fit.samples else f" ({fit.samples:,} whose residuals hang together)"
+        yield Finding(
+            "few-samples", "limits", independent, FEW,
+            f"only {independent:.0f} independent readings{alike}: record for longer, turning all the time",
+        )  # fmt: skip
+    elif independent < CORRELATED * fit.samples:
+        yield Finding(
+            "correlated", "note", independent / fit.samples, CORRELATED,
+            f"residuals hang together: {fit.samples:,} readings say as much as {independent:,.0f} independent ones, and the "
+            "heading error allows for it. Usual for a tumble by hand; less of it away from iron",
+        )  # fmt: skip
+    yield from _strays(fit)
+
+
+def _strays(fit: Fit) -> Iterator[Finding]:
+    """What a robust fit left out."""
+    rejected = sum(stray.rows for stray in fit.strays)
+    if not rejected:
+        return
+    share = rejected / (rejected + fit.samples)
+    worst = sorted(fit.strays, key=lambda stray: -stray.rows)[:3]
+    runs = "; ".join(str(stray) for stray in worst) + ("; …" if len(fit.strays) > len(worst) else "")
+    farthest = max(stray.farthest for stray in fit.strays)
+    yield Finding(
+        "strays", "limits" if share > STRAYS else "note", share, STRAYS,
+        f"{rejected:,} readings ({share:.1%}) lie up to {farthest:.2g} {label(fit.calibration.unit)} off the rest and were "
+        f"left out ({runs}): something magnetic passed by, or bits were lost on the way",
+    )  # fmt: skip
 
 
 def _recording(health: Health) -> Iterator[Finding]:
@@ -139,8 +172,7 @@ def _recording(health: Health) -> Iterator[Finding]:
     for name, end, ends in (("lowest", "low", health.lows), ("highest", "high", health.highs)):
         for axis, letter in enumerate("xyz"):
             share = float(ends.counts[axis]) / max(health.rows, 1)
-            wide = np.delete(ends.beside[axis], axis) > RAIL_WIDTH * np.delete(health.extent, axis)
-            if ends.counts[axis] >= RAIL_COUNT and share > RAIL_SHARE and wide.all():
+            if ends.counts[axis] >= RAIL_COUNT and share > RAIL_SHARE and _is_wide(ends, health.extent, axis):
                 value = float(ends.values[axis]) * (1 if end == "low" else -1)
                 yield Finding(
                     "saturated", "limits", share, RAIL_SHARE,
@@ -161,6 +193,12 @@ def _recording(health: Health) -> Iterator[Finding]:
             "skipped-rows", "limits" if skipped > 0.1 * health.rows else "note", skipped, 0.1 * health.rows,
             "left out: " + "; ".join(str(part) for part in health.skipped),
         )  # fmt: skip
+
+
+def _is_wide(ends: Lows, extent: Floats, axis: int) -> bool:
+    """Whether readings at the end of an axis lie far apart along the other two, as at a rail."""
+    others = [other for other in range(3) if other != axis]
+    return bool(np.all(ends.beside[axis, others] > RAIL_WIDTH * extent[others]))
 
 
 def _time(health: Health) -> Iterator[Finding]:

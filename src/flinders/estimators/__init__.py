@@ -7,6 +7,7 @@ method          unknowns   when
 ==============  =========  ==============================================================================
 auto            10         always, unless there is a reason not to
 likelihood      10         to set the prior or switch off the bias correction
+robust          12         strays are known to be there, however quiet
 consistent      10         there are only sums: a stream, a fleet, a saved summary
 li              10         parity with Magneto; something closed at any price
 algebraic       10         parity with NXP, MATLAB and MotionCal
@@ -18,7 +19,7 @@ Each file holds the formula, when to use it and when not, its source and an exam
 names to classes.
 
 >>> sorted(METHODS)
-['algebraic', 'auto', 'axes', 'consistent', 'li', 'likelihood', 'sphere']
+['algebraic', 'auto', 'axes', 'consistent', 'li', 'likelihood', 'robust', 'sphere']
 """
 
 from __future__ import annotations
@@ -33,10 +34,12 @@ from flinders.estimators.consistent import Consistent
 from flinders.estimators.estimate import Estimate, Estimator, Readings
 from flinders.estimators.li import Li
 from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.robust import Robust
 from flinders.estimators.sphere import Sphere
+from flinders.estimators.strays import strays_of
 
 METHODS: Final[dict[str, type[Estimator]]] = {
-    method.name: method for method in (Auto, Likelihood, Consistent, Li, Algebraic, AxisAligned, Sphere)
+    method.name: method for method in (Auto, Likelihood, Robust, Consistent, Li, Algebraic, AxisAligned, Sphere)
 }
 """Every method by name, the one to try first at the top."""
 
@@ -51,7 +54,9 @@ __all__ = [
     "Li",
     "Likelihood",
     "Readings",
+    "Robust",
     "Sphere",
     "fit_error",
+    "strays_of",
     "with_bias",
 ]

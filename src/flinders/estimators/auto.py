@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from flinders.errors import NotAnEllipsoid
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.robust import Robust, asks_for_it
 from flinders.terms import prior
 
 if TYPE_CHECKING:
@@ -15,9 +17,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Auto:
-    """Consistent start, likelihood polish; the consistent fit alone where there are only sums.
+    """Likelihood from a consistent start; robust where residuals ask for it; consistent where there are only sums.
 
-    Minimises what `Likelihood` minimises.
+    Minimises what `Likelihood` minimises, over all readings or, as `Robust`, over those that belong together.
 
     Use it unless there is a reason not to. The estimate names what was run.
 
@@ -25,6 +27,8 @@ class Auto:
     ----------
     prior : float, optional
         See `Likelihood`.
+    robust : bool
+        Look for strays whether or not the residuals ask for it.
 
     Examples
     --------
@@ -32,18 +36,24 @@ class Auto:
     >>> from flinders.estimators.estimate import Readings
     >>> directions = np.random.default_rng(1).normal(size=(200, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    >>> readings = Readings.of(directions * [45, 50, 55] + [20, 120, 90])
+    >>> field = directions * [45, 50, 55] + [20, 120, 90]
+    >>> field += np.random.default_rng(2).normal(size=field.shape)
+    >>> readings = Readings.of(field)
     >>> Auto().estimate(readings).method, Auto().estimate(Readings(readings.summary)).method
     ('likelihood', 'consistent')
+    >>> field[:20] += 100.0                                # something magnetic passes
+    >>> Auto().estimate(Readings.of(field)).method
+    'robust'
     """
 
     prior: float | None = prior.SPREAD
+    robust: bool = False
 
     name: ClassVar[str] = "auto"
     unknowns: ClassVar[int] = 10
     is_biased: ClassVar[bool] = False
     use: ClassVar[str] = (
-        "the default: likelihood, started from the consistent fit; consistent where there are only sums"
+        "the default: likelihood, or robust where residuals ask for it; consistent where there are only sums"
     )
 
     def estimate(self, readings: Readings) -> Estimate:
@@ -51,9 +61,18 @@ class Auto:
 
         Raises
         ------
-        TooFewSamples, StuckAxis, NotAnEllipsoid
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved, NotAnEllipsoid
             As the method that is run.
         """
         if readings.recording is None:
             return Consistent().estimate(readings)
-        return Likelihood(prior=self.prior).estimate(readings)
+        robust = Robust(prior=self.prior)
+        if self.robust:
+            return robust.estimate(readings)
+        found = Likelihood(prior=self.prior).estimate(readings)
+        if len(readings) >= Robust.unknowns and asks_for_it(readings, found.ellipsoid):
+            try:
+                return robust.estimate(readings)
+            except NotAnEllipsoid:
+                return found
+        return found

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.axes import Axes
+    from flinders.estimators.correlation import Correlation
     from flinders.units import Unit
 
 SMALLEST, LARGEST = 1e-12, 1e15
@@ -37,6 +38,9 @@ SMALLEST, LARGEST = 1e-12, 1e15
 
 FARTHEST: Final = 1000.0
 """Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
+
+STRETCHES, STRETCH = 20, 1024
+"""Stretches of consecutive readings, and readings in each, that tell how residuals hang together."""
 
 PER_CELL: Final = 4
 """Readings of one place that count, where what counts is how many places agree."""
@@ -58,7 +62,7 @@ class Kept:
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
-        self._fields: list[Floats] | None = None
+        self._blocks: list[Samples] | None = None
 
     @property
     def source(self) -> str:
@@ -77,20 +81,27 @@ class Kept:
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording and keep the readings of up to `HELD` rows."""
-        self._fields, rows = [], 0
+        self._blocks, rows = [], 0
         for block in self.recording.blocks():
             rows += len(block)
             if rows > HELD:
-                self._fields = None
-            if self._fields is not None:
-                self._fields.append(block.field)
+                self._blocks = None
+            if self._blocks is not None:
+                self._blocks.append(block)
             yield block
 
     def samples(self) -> Recording:
         """The readings in memory, or the recording itself where they were too many."""
-        if not self._fields:
+        if not self._blocks:
             return self.recording
-        return Samples(np.concatenate(self._fields), unit=self.unit, axes=self.axes, source=self.source)
+        times = [block.time for block in self._blocks if block.time is not None]
+        return Samples(
+            np.concatenate([block.field for block in self._blocks]),
+            unit=self.unit,
+            axes=self.axes,
+            time=np.concatenate(times) if len(times) == len(self._blocks) else None,
+            source=self.source,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,6 +201,23 @@ class Readings:
             seen += len(block)
         return kept[0] if len(kept) == 1 else np.concatenate(kept)
 
+    def stretches(self, method: str) -> list[Floats]:
+        """Some consecutive readings, spread over the recording; all of them where they are not too many."""
+        if len(self) <= STRETCHES * STRETCH:
+            return (
+                list(self.blocks(method)) if isinstance(self.recording, Samples) else [self.thinned(len(self), method)]
+            )
+        every = len(self) // STRETCHES
+        found: list[Floats] = []
+        seen = 0
+        for block in self.blocks(method):
+            begin = -seen % every
+            while begin < len(block):
+                found.append(block[begin : begin + STRETCH])
+                begin += every
+            seen += len(block)
+        return [stretch for stretch in found if len(stretch) >= STRETCH // 2]
+
     def only(self, field: Floats) -> Self:
         """Some of the readings, in memory, with the sums of all."""
         return dataclasses.replace(self, recording=Samples(field))
@@ -260,6 +288,10 @@ class Estimate:
     held : float
         Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
         it all, 1 where they say nothing.
+    correlation : Correlation, optional
+        How residuals hang together; the covariance is wider for it.
+    textbook : (9, 9) float, optional
+        Covariance that would hold for independent residuals.
     unseen : int
         Directions of parameter space of which the readings say nothing.
     rejected_beyond : float
@@ -272,6 +304,8 @@ class Estimate:
     method: str
     bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
     held: float = 0.0
+    correlation: Correlation | None = None
+    textbook: Floats | None = None
     unseen: int = 0
     rejected_beyond: float = np.inf
 

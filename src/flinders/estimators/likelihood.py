@@ -12,6 +12,7 @@ from flinders.coverage import directions_of
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.consistent import adjusted
+from flinders.estimators.correlation import FEW, Correlation, correlation_of
 from flinders.estimators.estimate import FINEST, Estimate, Readings
 from flinders.quadric import Ellipsoid, symmetric
 from flinders.terms import magnitude, prior
@@ -30,7 +31,9 @@ PASSES: Final = 3
 STEPS: Final = 50
 LONGEST_STEP: Final = 0.3
 HALVINGS: Final = 30
-SETTLED: Final = 1e-10
+SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
+"""Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
+
 GLANCE: Final = 2_000
 NO_WORSE: Final = 0.01
 """In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
@@ -118,22 +121,30 @@ class Likelihood:
                 break
         if found.support.unseen and self.prior is None:
             raise Undetermined(found.support.unseen)
+        correlation = None
+        covariance = found.covariance
+        if not found.plain and len(readings) >= FEW:
+            correlation = correlation_of(readings.stretches(self.name), len(readings), ellipsoid)
+            covariance = found.widened(correlation)
         return Estimate(
             ellipsoid,
-            found.covariance,
+            covariance,
             found.noise,
             self.name,
             held=self._held(found),
+            correlation=correlation,
+            textbook=found.covariance,
             unseen=found.support.unseen,
         )
 
     def _settled(self, some: _Some, ellipsoid: Ellipsoid) -> _Posterior:
         """Iterate until the steps vanish or none makes the fit better."""
+        settled = SETTLED_BUT_FOR_ONE if self.bias_correction else SETTLED
         now = self._seen([some.field], ellipsoid, some)
         for _ in range(STEPS):
             step = now.equations.step()
             largest = float(np.abs(step).max()) / now.ellipsoid.radius
-            better = self._improved(now, step * min(1.0, LONGEST_STEP / largest)) if largest > SETTLED else None
+            better = self._improved(now, step * min(1.0, LONGEST_STEP / largest)) if largest > settled else None
             if better is None:
                 break
             now = better
@@ -147,19 +158,21 @@ class Likelihood:
         for _ in range(HALVINGS):
             moved = _moved(now.ellipsoid, step)
             if _is_closed(moved):
-                tried = self._seen([now.some.field], moved, now.some)
-                if now.support.unseen or tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
+                tried = self._seen([now.some.field], moved, now.some, sound=now.sound or now.support.is_sound)
+                if not tried.sound and now.support.unseen:
+                    return tried
+                if tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
                     return tried
             step = step / 2.0
         return None
 
-    def _seen(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid, some: _Some) -> _Posterior:
+    def _seen(self, blocks: Iterable[Floats], ellipsoid: Ellipsoid, some: _Some, *, sound: bool = False) -> _Posterior:
         """Linearise the likelihood and the prior at an ellipsoid."""
         likelihood = magnitude.equations(blocks, ellipsoid, exact=not self.bias_correction)
         believed = NormalEquations.empty()
         if self.prior is not None:
             believed = prior.equations(ellipsoid, spread=self.prior) + prior.sense(ellipsoid, some.middle, some.spread)
-        return _Posterior(ellipsoid, likelihood, believed, some, plain=not self.bias_correction)
+        return _Posterior(ellipsoid, likelihood, believed, some, plain=not self.bias_correction, sound=sound)
 
     def _unbiased(self, found: _Posterior) -> NormalEquations:
         """Take off the mean of the gradient that noise causes; a part of the readings speaks for all."""
@@ -221,6 +234,8 @@ class _Posterior:
         Readings that stand for all where an average is asked for.
     plain : bool
         Claim what the textbook claims, without regard to what noise pretends.
+    sound : bool
+        A step before has shown that all directions are seen well.
     """
 
     ellipsoid: Ellipsoid
@@ -228,13 +243,14 @@ class _Posterior:
     prior: NormalEquations
     some: _Some
     plain: bool
+    sound: bool = False
 
-    @property
+    @cached_property
     def noise(self) -> float:
         """Standard deviation of the residuals."""
         return float(np.sqrt(max(self.likelihood.cost, 0.0) / max(self.likelihood.count - 9, 1)))
 
-    @property
+    @cached_property
     def variance(self) -> float:
         """Noise variance that the readings are weighed with: no sensor resolves a millionth of the field."""
         return max(self.noise, FINEST * self.ellipsoid.radius) ** 2
@@ -263,7 +279,7 @@ class _Posterior:
 
     def combined(self, weighed: NormalEquations) -> NormalEquations:
         """What the readings say of what they see, and the prior."""
-        return self.prior + self.support.keep(weighed)
+        return self.prior + (weighed if self.sound else self.support.keep(weighed))
 
     @cached_property
     def equations(self) -> NormalEquations:
@@ -275,6 +291,14 @@ class _Posterior:
         """(9, 9) covariance of the parameters, in unit²."""
         seen = self.support.keep(self.weighed).matrix if self.plain else self.support.information
         return replace(self.prior, matrix=self.prior.matrix + seen).inverse()
+
+    def widened(self, correlation: Correlation) -> Floats:
+        """(9, 9) covariance with the scatter that correlated residuals give the gradient."""
+        if correlation.is_white:
+            return self.covariance
+        scatter = self.support.projected(correlation.scatter) / self.variance**2
+        covariance: Floats = self.covariance @ (self.prior.matrix + scatter) @ self.covariance
+        return covariance
 
     def cost(self, variance: float) -> float:
         """χ² of the readings for a noise variance, and the prior's."""

@@ -26,7 +26,7 @@ TO_SIGMA: Final = 1.4826
 HEAVY_TAIL: Final = 1.2
 FAR_OUT: Final = 6.5
 MASKED: Final = 0.75
-FEW_DRAWS, FEW_SCORED = 24, 250
+FEW_DRAWS, FEW_SCORED = 24, 150
 
 
 @dataclass(frozen=True, slots=True)

@@ -105,6 +105,11 @@ class Support:
         return self.share < UNSEEN
 
     @property
+    def is_sound(self) -> bool:
+        """All directions are seen, none of them badly."""
+        return bool(self.values[0] > WELL_CONDITIONED)
+
+    @property
     def unseen(self) -> int:
         """How many they say nothing about."""
         return int(np.count_nonzero(~self.seen))
@@ -124,6 +129,13 @@ class Support:
         scaled = kept * self.scale[:, np.newaxis]
         gradient = scaled @ (kept.T @ (equations.gradient / self.scale))
         return replace(equations, matrix=(scaled * self.values[self.seen]) @ scaled.T, gradient=gradient)
+
+    def projected(self, scatter: Floats) -> Floats:
+        """(K, K) the part of a scatter of the gradient that lies in seen directions."""
+        kept = self.vectors[:, self.seen]
+        onto = (kept * self.scale[:, np.newaxis]) @ (kept / self.scale[:, np.newaxis]).T
+        part: Floats = onto @ scatter @ onto.T
+        return part
 
     @property
     def information(self) -> Floats:
