@@ -145,8 +145,8 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
     elif independent < CORRELATED * fit.samples:
         yield Finding(
             "correlated", "note", independent / fit.samples, CORRELATED,
-            f"residuals hang together: {fit.samples:,} readings say as much as {independent:,.0f} independent ones, and the "
-            "heading error allows for it. Usual for a tumble by hand; less of it away from iron",
+            f"residuals hang together: {fit.samples:,} readings say as much as {independent:,.0f} independent ones, "
+            "and the heading error allows for it. Usual for a tumble by hand; less of it away from iron",
         )  # fmt: skip
     yield from _strays(fit)
 
@@ -160,9 +160,10 @@ def _strays(fit: Fit) -> Iterator[Finding]:
     worst = sorted(fit.strays, key=lambda stray: -stray.rows)[:3]
     runs = "; ".join(str(stray) for stray in worst) + ("; …" if len(fit.strays) > len(worst) else "")
     farthest = max(stray.farthest for stray in fit.strays)
+    off = f"{farthest:.2g} {label(fit.calibration.unit)}"
     yield Finding(
         "strays", "limits" if share > STRAYS else "note", share, STRAYS,
-        f"{rejected:,} readings ({share:.1%}) lie up to {farthest:.2g} {label(fit.calibration.unit)} off the rest and were "
+        f"{rejected:,} readings ({share:.1%}) lie up to {off} off the rest and were "
         f"left out ({runs}): something magnetic passed by, or bits were lost on the way",
     )  # fmt: skip
 

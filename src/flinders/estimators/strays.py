@@ -1,5 +1,7 @@
 """Readings that do not belong: which, when, and how far off.
 
+>>> from flinders.quadric import Ellipsoid
+>>> from flinders.samples import Samples
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> strays_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
