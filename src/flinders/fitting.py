@@ -18,7 +18,7 @@ from flinders.calibration import Calibration
 from flinders.coverage import Coverage
 from flinders.errors import UsageError
 from flinders.estimators import METHODS, Readings, strays_of, with_bias
-from flinders.heading import level_error
+from flinders.heading import alignment_error_deg, level_error
 from flinders.result import Fit, Refused
 from flinders.units import Unit
 from flinders.verdict import judge
@@ -40,6 +40,7 @@ def fit(
     field_strength: float | None = None,
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
+    alignment_sigma_deg: float | None = None,
     unit: Unit | None = None,
     axes: Axes | None = None,
     sensor: str | None = None,
@@ -60,6 +61,9 @@ def fit(
         Worst heading error that is good enough, in degrees.
     dip_deg : float
         Inclination of the field at the site.
+    alignment_sigma_deg : float, optional
+        How well the mounting is known, 1 σ about each axis; its heading error is told on its own, since no
+        magnetometer sees it.
     unit, axes : Unit, Axes, optional
         Of an array or a Summary; a recording brings its own.
     sensor : str, optional
@@ -94,6 +98,9 @@ def fit(
     if estimator.is_biased:
         estimate = with_bias(estimate, readings)
     fitted = _judged(estimate, readings, calibration, target_deg, dip_deg)
+    if alignment_sigma_deg is not None:
+        dip = fitted.heading_error_deg.dip_deg
+        fitted = replace(fitted, alignment_error_deg=alignment_error_deg(alignment_sigma_deg, dip_deg=dip))
     if fitted.verdict == "refused":
         raise Refused(fitted)
     return fitted
@@ -160,6 +167,7 @@ def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, ta
         heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
         target_deg=target_deg,
         held=estimate.held,
+        unseen=estimate.unseen,
         textbook_heading_error_deg=_textbook(estimate, dip),
         independent_samples=_independent(estimate, len(summary)),
         strays=strays,

@@ -91,6 +91,17 @@ def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> tuple[float
     return float(np.rad2deg(np.sqrt(variance.mean()))), float(np.rad2deg(np.sqrt(variance.max())))
 
 
+def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
+    """Heading error (1 σ) of a level vehicle from a mounting that is known to `sigma_deg` about each axis.
+
+    A turn about z goes straight into the heading; a tilt mixes the vertical field in, by tan I of it.
+
+    >>> round(alignment_error_deg(1.0, dip_deg=60.0), 2)
+    2.0
+    """
+    return float(sigma_deg * np.hypot(1.0, np.tan(np.deg2rad(dip_deg))))
+
+
 def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> HeadingError:
     """What the heading of a level vehicle errs by if its readings are used as they come.
 

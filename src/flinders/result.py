@@ -124,6 +124,10 @@ class Fit:
         Independent readings that say as much as those used, whose residuals hang together.
     strays : tuple of Stray
         Runs of readings that were rejected.
+    unseen : int
+        Directions of parameter space of which the readings say nothing; the prior holds them.
+    alignment_error_deg : float, optional
+        Heading error (1 σ) from a mounting of the stated uncertainty, beside `heading_error_deg`.
     bias_deg : float
         Heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance.
     findings : tuple of Finding
@@ -139,6 +143,8 @@ class Fit:
     heading_error_deg: HeadingError
     target_deg: float = 1.0
     held: float = 0.0
+    unseen: int = 0
+    alignment_error_deg: float | None = None
     bias_deg: float = 0.0
     textbook_heading_error_deg: HeadingError | None = None
     independent_samples: float = np.inf
@@ -191,6 +197,7 @@ class Fit:
             },
             "uncorrected_heading_error_deg": {"rms": raw.rms, "worst": raw.worst},
             "textbook_heading_error_deg": None if textbook is None else {"rms": textbook.rms, "worst": textbook.worst},
+            "alignment_error_deg": self.alignment_error_deg,
             "direction_error_deg": {"rms": direction[0], "worst": direction[1]},
             "noise": self.noise,
             "samples": self.samples,

@@ -27,6 +27,7 @@ CODES: Final = {
     "heading-error": "the worst heading error to expect, `number` degrees (1 σ), is above the target",
     "coverage": "directions left unseen: the middle of the largest gap is `number` degrees from the nearest reading",
     "noise": "readings lie `number` of the field (1 σ) off the ellipsoid: not only iron and noise are at work",
+    "rings": "the readings say nothing of `number` of nine parameters, as where they lie on one ring or on two",
     "prior": "the prior, not the readings, speaks for `number` of the least known shape parameter",
     "bias": "the method's own bias and misfit, estimated beside the likelihood, is `number` degrees of heading (rms)",
     "few-samples": "only `number` independent readings",
@@ -130,7 +131,14 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
             f"the readings lie {share:.0%} of the field off the ellipsoid: record again away from iron and currents, "
             "without moving anything magnetic near the sensor, and check the columns",
         )  # fmt: skip
-    if fit.held > PRIOR_SHARE:
+    if fit.unseen:
+        rings = "two rings of readings" if fit.unseen == 1 else "a ring of readings"
+        yield Finding(
+            "rings", "limits", fit.unseen, 0,
+            f"the readings leave {fit.unseen} of nine parameters open, as {rings} would, and the prior holds them: "
+            f"turn the sensor about another axis, too; {movement(fit)}",
+        )  # fmt: skip
+    elif fit.held > PRIOR_SHARE:
         yield Finding(
             "prior", "limits", fit.held, PRIOR_SHARE,
             f"part of the shape rests to {fit.held:.0%} on the prior that soft iron is mild: {movement(fit)}",

@@ -51,6 +51,11 @@ Example:
     metavar="SPREAD|none",
     help="Soft iron thought likely where nothing was seen [default: 0.3].",
 )
+@click.option("--robust", is_flag=True, help="Look for stray readings whether or not the residuals ask for it.")
+@click.option(
+    "--alignment-sigma", "alignment_sigma_deg", type=_options.positive, metavar="DEG",
+    help="How well the mounting is known, 1 σ about each axis: its heading error is told on its own.",
+)  # fmt: skip
 @click.option("--sensor", metavar="NAME", help="Name or serial number to keep with the calibration.")
 @_options.judgement
 @_options.recording
@@ -62,6 +67,7 @@ def command(
     force: bool,
     as_json: bool,
     prior: float | str | None,
+    robust: bool,
     **options: Any,
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
@@ -76,6 +82,8 @@ def command(
 
     if prior is not None:
         options["prior"] = None if prior == "none" else prior
+    if robust:
+        options["robust"] = True
     _check(recordings, output, options, force=force, as_json=as_json)
     reading = {name: options.pop(name) for name in ("columns", "unit", "scale", "axes")}
     with progress("reading") as watch:
@@ -116,6 +124,8 @@ def _check(
     with_prior = [name for name, kind in METHODS.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
     if prior and method not in with_prior:
         raise UsageError(f"--prior goes with --method {' or '.join(with_prior)}: {method} has none, leave --prior out")
+    if "robust" in options and method != "auto":
+        raise UsageError(f"--robust goes with --method auto: leave it out, or use --method robust instead of {method}")
     if options["unit"]:
         Unit.of(options["unit"], options["scale"])
     _options.refuse_twice(recordings)

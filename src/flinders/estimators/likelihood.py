@@ -31,6 +31,7 @@ PASSES: Final = 3
 STEPS: Final = 50
 LONGEST_STEP: Final = 0.3
 HALVINGS: Final = 30
+NOTHING: Final = 1e-3
 SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 """Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
 
@@ -187,6 +188,9 @@ class Likelihood:
         if self.prior is None:
             return 0.0
         believed = prior.equations(found.ellipsoid, spread=self.prior).matrix
+        at_most = float(np.sum(found.covariance * believed))
+        if at_most < NOTHING:
+            return at_most
         return float(np.clip(np.real(np.linalg.eigvals(found.covariance @ believed)).max(), 0.0, 1.0))
 
 

@@ -26,6 +26,7 @@ TO_SIGMA: Final = 1.4826
 HEAVY_TAIL: Final = 1.2
 FAR_OUT: Final = 6.5
 MASKED: Final = 0.75
+NORMAL: Final = 2.0
 FEW_DRAWS, FEW_SCORED = 24, 150
 
 
@@ -109,15 +110,20 @@ def rejection_limit(readings: Floats, ellipsoid: Ellipsoid) -> float:
 def asks_for_it(readings: Readings, ellipsoid: Ellipsoid) -> bool:
     """Whether the residuals of a fit to all readings call for a robust one.
 
-    They do where their tail is heavy, where one is far out, or where an ellipsoid through a few readings
-    explains the median reading clearly better: then strays have bent the fit towards themselves (masking).
+    They do where their tail is heavy, where one is far out, or where an ellipsoid through a few readings explains
+    the median reading clearly better: then strays have bent the fit towards themselves (masking). A bent fit
+    does not leave residuals of normal kurtosis, so only others are looked at twice.
     """
     rng = np.random.default_rng(SEED)
     spread = readings.spread_out(readings.thinned(ENOUGH, Robust.name), rng)
     distances = np.abs(magnitude.distances(spread, ellipsoid))
-    sigma = TO_SIGMA * float(np.median(distances))
-    if float(np.sqrt(np.mean(distances**2))) > HEAVY_TAIL * sigma or float(distances.max()) > FAR_OUT * sigma:
+    squares = distances * distances
+    sigma, square = TO_SIGMA * float(np.median(distances)), float(squares.mean())
+    if square > (HEAVY_TAIL * sigma) ** 2 or float(distances.max()) > FAR_OUT * sigma:
         return True
+    kurtosis = float(squares @ squares) / len(squares) / max(square * square, np.finfo(float).tiny)
+    if abs(kurtosis - 3.0) < NORMAL * np.sqrt(24.0 / len(squares)):
+        return False
     try:
         other = subset_start(spread, rng, draws=FEW_DRAWS, scored=FEW_SCORED)
     except NotAnEllipsoid:

@@ -155,6 +155,8 @@ def _verdict(fit: Fit) -> RenderableType:
     grid.add_column()
     grid.add_row(Text(fit.verdict.upper(), f"bold {COLOURS[fit.verdict]}"), words)
     grid.add_row("", Text(basis, "dim"))
+    if fit.alignment_error_deg is not None and fit.verdict != "refused":
+        grid.add_row("", f"the mounting adds {degrees(fit.alignment_error_deg)} (1 σ), which no magnetometer can see")
     return grid
 
 
