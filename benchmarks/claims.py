@@ -1,0 +1,483 @@
+"""Are the claims true? Errors beside the uncertainty that a fit claims, as Markdown.
+
+    python -m benchmarks.claims [--trials 400] [--tables noise,time,outliers] [--processes 2]
+
+``noise``       white noise: mean of dᵀP⁻¹d/9, d the error of (b, F·A) and P the covariance that the fit claims
+``time``        noise that remembers, AR(1) at 50 Hz, on a tumble by hand
+``distortion``  a smooth distortion that belongs to the direction, and a field with a gradient along the hand's path
+``outliers``    efficiency (bound ÷ rms angle error) with strays; centre error with clusters, over that without
+``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
+``repeats``     four recordings of one real board: their differences over what is claimed of them
+
+A fit that is refused counts with the fit that the refusal carries. The recordings of ``repeats`` are looked for as
+`benchmarks.recordings` does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations, repeat
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from benchmarks.accuracy import fitted, score
+from benchmarks.datasets import (
+    FIELD,
+    FIELD_STRENGTH,
+    SEED,
+    SETS,
+    bound,
+    dataset,
+    heading_error_deg,
+    parameter_error,
+)
+from benchmarks.recordings import FOLDER
+from flinders import simulate
+from flinders.errors import FlindersError
+from flinders.estimators import Auto, Readings
+from flinders.quadric import upper
+from flinders.result import Refused
+from flinders.samples import Samples
+from flinders.simulate import Sensor, Simulated, angle_error_deg
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from concurrent.futures import Executor
+
+    from numpy.random import Generator
+
+    from flinders.arrays import Floats
+    from flinders.result import Fit
+
+WHITE: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S8")
+NOISES: Final = (0.1, 0.5, 2.0)
+MEMORIES: Final = (0.0, 0.5, 0.8, 0.95)
+DISTORTED: Final = 0.01
+"""Of the field, root mean square."""
+
+MEDIAN_CHI_SQUARE: Final = 8.343
+"""Of nine degrees of freedom."""
+
+REPEATS: Final = ("198_253_-9", "208_249_-2", "215_253_0", "222_240_-8")
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One recording, its fit and the truth.
+
+    Attributes
+    ----------
+    weighed, textbook : float
+        dᵀP⁻¹d/9 with the covariance that is claimed, and with that for independent residuals.
+    bound_deg, error_deg, centre : float
+        Least and found angle error, degrees; error of the offset, µT.
+    heading_deg, claimed_deg : float
+        Of a level vehicle, rms, mean removed: true and claimed.
+    verdict, method : str
+        ``error`` and nothing where there was no fit at all.
+    """
+
+    weighed: float = math.nan
+    textbook: float = math.nan
+    bound_deg: float = math.nan
+    error_deg: float = math.nan
+    centre: float = math.nan
+    heading_deg: float = math.nan
+    claimed_deg: float = math.nan
+    verdict: str = "error"
+    method: str = ""
+
+
+def judged(field: Floats) -> Fit | None:
+    """The fit, refused or not; None where there is none."""
+    try:
+        return flinders.fit(field, field_strength=FIELD_STRENGTH)
+    except Refused as refusal:
+        return refusal.fit
+    except FlindersError:
+        return None
+
+
+def tried(recipe: Callable[[int], Simulated], seed: int, *, textbook: bool = False) -> Trial:
+    """Make a recording, fit it and compare."""
+    recording = recipe(seed)
+    fit = judged(recording.samples.field)
+    if fit is None:
+        return Trial()
+    matrix, offset = fit.calibration.matrix, fit.calibration.offset
+    off = parameter_error(matrix, offset, recording)
+    plain = Auto().estimate(Readings.of(recording.samples.field)).textbook if textbook else None
+    return Trial(
+        weighed=_weighed(off, fit.covariance),
+        textbook=math.nan if plain is None else _weighed(off, plain),
+        bound_deg=bound(recording).angle_deg,
+        error_deg=angle_error_deg(matrix, offset, recording),
+        centre=float(np.linalg.norm(off[:3])),
+        heading_deg=heading_error_deg(matrix, offset, recording),
+        claimed_deg=fit.heading_error_deg.rms,
+        verdict=fit.verdict,
+        method=fit.method,
+    )
+
+
+def by_hand(
+    seed: int,
+    *,
+    memory: float = 0.0,
+    sigma: float = 0.5,
+    distorted: float = 0.0,
+    gradient: float = 0.0,
+    walk_s: float = 1.0,
+    magnet: str = "",
+) -> Simulated:
+    """Tumble by hand for a minute.
+
+    Parameters
+    ----------
+    seed : int
+    memory : float
+        Correlation of the noise with that of the reading before.
+    sigma : float, µT
+    distorted : float
+        Of the field, rms: harmonics of degree 3 and 4 of the direction, along the field.
+    gradient : float
+        Of the field, rms about its mean: a field that changes along the path of the hand.
+    walk_s : float
+        Time constant of that path.
+    magnet : str
+        ``cut``: passes within 3 s and is gone; ``tails``: comes from afar and goes as dipoles do.
+    """
+    of_sensor, of_motion, of_noise, of_field = np.random.default_rng([SEED, 100, seed]).spawn(4)
+    sensor = Sensor.random(of_sensor, noise=sigma)
+    turning = simulate.hand_tumble(of_motion)
+    directions = simulate.seen_from(turning.attitudes, FIELD)
+    strength = np.ones(len(directions))
+    if distorted:
+        strength += distorted * harmonics(directions, of_field)
+    if gradient:
+        strength += gradient * wandering(of_field, len(directions), walk_s)
+    true = FIELD_STRENGTH * directions * strength[:, np.newaxis]
+    strays = np.zeros(len(directions), dtype=np.bool_)
+    if magnet:
+        pulse, strays = passing(turning.time, of_field, cut=magnet == "cut")
+        true += simulate.seen_from(turning.attitudes, simulate.uniform(of_field, 1)[0]) * pulse[:, np.newaxis]
+    raw = replace(sensor, noise=0.0).read(true, of_noise) + sigma * remembering(of_noise, true.shape, memory)
+    return Simulated(Samples.of(raw, unit="uT", time=turning.time), sensor, directions, FIELD_STRENGTH, strays)
+
+
+def remembering(rng: Generator, shape: tuple[int, int], memory: float) -> Floats:
+    """AR(1) noise of unit variance."""
+    noise = rng.standard_normal(shape)
+    for row in range(1, shape[0]):
+        noise[row] = memory * noise[row - 1] + math.sqrt(1.0 - memory**2) * noise[row]
+    return noise
+
+
+def harmonics(directions: Floats, rng: Generator) -> Floats:
+    """(N,) a random sum of the sixteen harmonics of degree 3 and 4, of unit variance over the sphere."""
+    everywhere = simulate.fibonacci(2000)
+
+    def powers(u: Floats, degree: int) -> Floats:
+        return np.stack(
+            [
+                u[:, 0] ** i * u[:, 1] ** j * u[:, 2] ** (degree - i - j)
+                for i in range(degree + 1)
+                for j in range(degree + 1 - i)
+            ],
+            axis=1,
+        )
+
+    lower = np.concatenate([powers(everywhere, degree) for degree in (1, 2)], axis=1)  # 1 = x² + y² + z²
+    upper_ones = np.concatenate([powers(everywhere, degree) for degree in (3, 4)], axis=1)
+    coefficients = np.linalg.lstsq(lower, upper_ones, rcond=None)[0]
+    basis, values, turn = np.linalg.svd(upper_ones - lower @ coefficients, full_matrices=False)
+    kept = values > 1e-3 * values[0]
+    weights = (turn[kept].T / values[kept]) @ rng.standard_normal(int(kept.sum()))
+    at = np.concatenate([powers(directions, degree) for degree in (3, 4)], axis=1)
+    below = np.concatenate([powers(directions, degree) for degree in (1, 2)], axis=1)
+    scale = float(np.sqrt(np.mean(((upper_ones - lower @ coefficients) @ weights) ** 2)))
+    found: Floats = (at - below @ coefficients) @ weights / scale
+    return found
+
+
+def wandering(rng: Generator, count: int, seconds: float) -> Floats:
+    """(N,) a smooth walk about its mean, of unit variance: white noise through two low-pass filters."""
+    memory = math.exp(-1.0 / (simulate.RATE_HZ * seconds))
+    settle = round(10 * seconds * simulate.RATE_HZ)
+    walk, first, second = np.empty(count + settle), 0.0, 0.0
+    for row, push in enumerate(rng.standard_normal(count + settle)):
+        first = memory * first + push
+        second = memory * second + (1.0 - memory) * first
+        walk[row] = second
+    walk = walk[settle:] - walk[settle:].mean()
+    found: Floats = walk / walk.std()
+    return found
+
+
+def passing(time: Floats, rng: Generator, *, cut: bool) -> tuple[Floats, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Strength in µT of a magnet that passes at some moment, and which readings are within 1.5 s of it."""
+    middle = rng.uniform(5.0, float(time[-1]) - 5.0)
+    pulse = rng.uniform(20.0, 60.0) * (1.0 + ((time - middle) / 0.5) ** 2) ** -1.5
+    near = np.abs(time - middle) < 1.5
+    return (np.where(near, pulse, 0.0) if cut else pulse), near
+
+
+def clustered(seed: int, *, share: float, kind: str) -> Simulated:
+    """Five hundred readings all around, some of them moved alike or put into one place (literature §13)."""
+    rng, of_cluster = np.random.default_rng([SEED, 101, seed]).spawn(2)
+    sensor = Sensor.random(rng)
+    directions = simulate.uniform(rng, 500)
+    raw = sensor.read(FIELD_STRENGTH * directions, rng)
+    strays = np.zeros(500, dtype=np.bool_)
+    strays[: round(500 * share)] = True
+    moved = simulate.uniform(of_cluster, 1)[0] * of_cluster.uniform(0.5, 1.5) * FIELD_STRENGTH
+    if kind == "moved alike":
+        raw[strays] += moved
+    elif kind == "one place":
+        out = np.array([0.3, 0.5, 1.6, 2.5])[seed % 4]
+        place = FIELD_STRENGTH * out * simulate.uniform(of_cluster, 1) @ sensor.matrix + sensor.offset
+        raw[strays] = place + 0.5 * of_cluster.standard_normal((int(strays.sum()), 3))
+    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, strays)
+
+
+def _ring(rng: Generator, count: int, height: float) -> Floats:
+    angle = rng.uniform(0, 2 * np.pi, count)
+    across = math.sqrt(1.0 - height * height)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), np.full(count, height)], axis=1)
+
+
+MOTIONS: Final[Mapping[str, Callable[[Generator], Floats]]] = {
+    "one level turn": lambda rng: simulate.seen_from(simulate.level_turn(rng, 1000), FIELD),
+    "turns tilted by up to 5°": lambda rng: simulate.seen_from(simulate.tilted(rng, 2000, tilt_deg=5.0), FIELD),
+    "two rings, one upside down": lambda rng: np.concatenate([_ring(rng, 500, FIELD[2]), _ring(rng, 500, -FIELD[2])]),
+    "two rings, one on its side": lambda rng: np.concatenate(
+        [_ring(rng, 500, FIELD[2]), np.roll(_ring(rng, 500, FIELD[2]), 1, axis=1)]
+    ),
+    "one hemisphere": lambda rng: simulate.hemisphere(rng, 1000),
+}
+
+
+def moving(seed: int, *, motion: str, sigma: float) -> Simulated:
+    """Record a sensor that does not see everything."""
+    rng = np.random.default_rng([SEED, 102, seed])
+    sensor = Sensor.random(rng, noise=sigma)
+    directions = MOTIONS[motion](rng)
+    raw = sensor.read(FIELD_STRENGTH * directions, rng)
+    strays = np.zeros(len(raw), dtype=np.bool_)
+    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, strays)
+
+
+def noise(pool: Executor, trials: int) -> Iterator[str]:
+    """White noise; required 0.85 to 1.2."""
+    yield from _head("white noise", "σ µT", "weighed/9", "its median", "claimed to be robust")
+    for name in WHITE:
+        for sigma in NOISES:
+            done = _run(pool, partial(_set, name, sigma), trials)
+            yield _row(name, f"{sigma:g}", _mean(done, "weighed"), _median(done), _share(done, "method", "robust"))
+
+
+def time(pool: Executor, trials: int) -> Iterator[str]:
+    """Noise with memory; required 0.7 to 1.4."""
+    yield from _head("AR(1) noise by hand", "weighed/9", "its median", "textbook", "robust")
+    for memory in MEMORIES:
+        done = _run(pool, partial(by_hand, memory=memory), trials, textbook=True)
+        yield _row(
+            f"ρ = {memory:g}",
+            _mean(done, "weighed"), _median(done), _mean(done, "textbook"), _share(done, "method", "robust"),
+        )  # fmt: skip
+
+
+def distortion(pool: Executor, trials: int) -> Iterator[str]:
+    """Errors of the model; required 0.7 to 1.4."""
+    yield from _head("1 % of the field, by hand", "σ µT", "weighed/9", "its median", "textbook", "robust")
+    for sigma in (0.1, 0.5):
+        for name, recipe in (
+            ("belongs to the direction", partial(by_hand, distorted=DISTORTED, sigma=sigma)),
+            ("gradient, path of 1 s", partial(by_hand, gradient=DISTORTED, sigma=sigma)),
+            ("gradient, path of 3 s", partial(by_hand, gradient=DISTORTED, walk_s=3.0, sigma=sigma)),
+        ):
+            done = _run(pool, recipe, trials, textbook=True)
+            yield _row(
+                name, f"{sigma:g}",
+                _mean(done, "weighed"), _median(done), _mean(done, "textbook"), _share(done, "method", "robust"),
+            )  # fmt: skip
+
+
+def outliers(pool: Executor, trials: int) -> Iterator[str]:
+    """Strays: S5 0.95, a magnet 0.9; clean data lose 0.02; clusters within 1.3 of the clean error."""
+    yield from _head("strays", "σ µT", "efficiency", "of the likelihood", "failed")
+    for name in ("S1", "S3", "S5"):
+        for sigma in NOISES:
+            auto, plain = (
+                list(
+                    pool.map(score, repeat(partial(fitted, method=method)), repeat(name), repeat(sigma), range(trials))
+                )
+                for method in ("auto", "likelihood")
+            )
+            good, also = ([one for one in scores if not one.failed] for scores in (auto, plain))
+            yield _row(
+                name, f"{sigma:g}",
+                *(f"{_rms(o.bound_deg for o in some) / _rms(o.error_deg for o in some):.3f}" for some in (good, also)),
+                str(len(auto) - len(good)),
+            )  # fmt: skip
+    for kind in ("cut", "tails"):
+        done = _run(pool, partial(by_hand, magnet=kind), trials)
+        efficiency = _rms(one.bound_deg for one in done) / _rms(one.error_deg for one in done)
+        yield _row(f"a magnet passes ({kind})", "0.5", f"{efficiency:.3f}", "–", _share(done, "verdict", "error"))
+    yield ""
+    yield from _head("clusters", "centre µT", "÷ clean", "largest", "weighed/9", "not robust")
+    clean = _run(pool, partial(clustered, share=0.0, kind=""), trials)
+    for kind in ("moved alike", "one place"):
+        for share in (0.05, 0.1, 0.2):
+            done = _run(pool, partial(clustered, share=share, kind=kind), trials)
+            centre = _rms(one.centre for one in done)
+            missed = sum(one.method != "robust" for one in done)
+            yield _row(
+                f"{share:.0%}, {kind}", f"{centre:.3f}", f"{centre / _rms(one.centre for one in clean):.2f}",
+                f"{max(one.centre for one in done):.2f}", _mean(done, "weighed"), f"{missed / len(done):.1%}",
+            )  # fmt: skip
+
+
+def confidence(pool: Executor, trials: int) -> Iterator[str]:
+    """What is not seen; a true heading error above three times the claim in at most 2 %."""
+    yield from _head(
+        "motion", "σ µT", "good", "limited", "refused", "above 3 × claim", "of those not refused", "rms true", "claimed"
+    )
+    for motion in MOTIONS:
+        for sigma in (0.1, 0.5, 2.0):
+            done = _run(pool, partial(moving, motion=motion, sigma=sigma), trials)
+            given = [one for one in done if one.verdict in ("good", "limited")]
+            yield _row(
+                motion, f"{sigma:g}",
+                *(_share(done, "verdict", verdict) for verdict in ("good", "limited", "refused")),
+                _above(done), _above(given),
+                f"{_rms(one.heading_deg for one in done):.3g}°", f"{_rms(one.claimed_deg for one in done):.3g}°",
+            )  # fmt: skip
+
+
+def repeats(pool: Executor, trials: int) -> Iterator[str]:
+    """Four recordings of one board; required 0.4 to 1.5."""
+    del pool, trials
+    paths = [FOLDER / "pichim_betaflight" / f"calTest1_{name}.csv" for name in REPEATS]
+    if not all(path.exists() for path in paths):
+        yield f"(no recordings in {FOLDER}: set FLINDERS_DATA)"
+        return
+    fits = [flinders.fit(flinders.read(path), target_deg=90.0) for path in paths]
+    plain = [Auto().estimate(Readings.of(flinders.read(path))) for path in paths]
+    found = [np.concatenate([fit.calibration.offset, upper(fit.calibration.shape)]) for fit in fits]
+    pairs = list(combinations(range(len(paths)), 2))
+    yield from _head("four recordings of one board", "all nine", "offset", "shape")
+    for name, covariances in (
+        ("claimed", [fit.covariance for fit in fits]),
+        ("textbook", [one.textbook if one.textbook is not None else one.covariance for one in plain]),
+    ):
+        cells = [
+            math.sqrt(
+                float(
+                    np.mean(
+                        [
+                            _weighed((found[i] - found[j])[part], (covariances[i] + covariances[j])[part, part])
+                            for i, j in pairs
+                        ]
+                    )
+                )
+            )
+            for part in (slice(0, 9), slice(0, 3), slice(3, 9))
+        ]
+        yield _row(name, *(f"{cell:.2f}" for cell in cells))
+    yield ""
+    yield from _head("recording", "method", "noise", "heading, worst", "textbook", "independent", "of")
+    for name, fit in zip(REPEATS, fits, strict=True):
+        textbook = fit.textbook_heading_error_deg
+        yield _row(
+            name, fit.method, f"{fit.noise:.3g}", f"{fit.heading_error_deg.worst:.2f}°",
+            "–" if textbook is None else f"{textbook.worst:.2f}°", f"{fit.independent_samples:.0f}", str(fit.samples),
+        )  # fmt: skip
+
+
+TABLES: Final[Mapping[str, Callable[[Executor, int], Iterator[str]]]] = {
+    "noise": noise,
+    "time": time,
+    "distortion": distortion,
+    "outliers": outliers,
+    "confidence": confidence,
+    "repeats": repeats,
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    options = _parser().parse_args(arguments)
+    unknown = [name for name in options.tables if name not in TABLES]
+    if unknown:
+        sys.exit(f"no table {', '.join(unknown)}: there are {', '.join(TABLES)}")
+    with ProcessPoolExecutor(options.processes) as pool:
+        for name in options.tables:
+            for line in TABLES[name](pool, options.trials):
+                print(line, flush=True)
+            print(flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Describe the command line."""
+    parser = argparse.ArgumentParser("python -m benchmarks.claims", description="Errors beside the claimed ones.")
+    parser.add_argument("--trials", type=int, default=400)
+    parser.add_argument("--tables", type=lambda text: text.split(","), default=list(TABLES), metavar="noise,time,…")
+    parser.add_argument("--processes", type=int, default=2)
+    return parser
+
+
+def _set(name: str, sigma: float, trial: int) -> Simulated:
+    return dataset(name, trial, SETS[name].sigmas[0] if SETS[name].sigmas else sigma)
+
+
+def _run(pool: Executor, recipe: Callable[[int], Simulated], trials: int, *, textbook: bool = False) -> list[Trial]:
+    job = partial(tried, recipe, textbook=textbook)
+    return list(pool.map(job, range(trials), chunksize=max(1, trials // 8)))
+
+
+def _weighed(off: Floats, covariance: Floats) -> float:
+    """Square of an error in units of its covariance, over its number of components."""
+    return float(off @ np.linalg.pinv(covariance, rcond=1e-14, hermitian=True) @ off) / len(off)
+
+
+def _head(*titles: str) -> Iterator[str]:
+    yield _row(*titles)
+    yield "|---|" + "---:|" * (len(titles) - 1)
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _mean(done: Sequence[Trial], name: str) -> str:
+    return f"{np.nanmean([getattr(one, name) for one in done]):.2f}"
+
+
+def _median(done: Sequence[Trial]) -> str:
+    """Median of dᵀP⁻¹d over that of χ²."""
+    return f"{9 * np.nanmedian([one.weighed for one in done]) / MEDIAN_CHI_SQUARE:.2f}"
+
+
+def _share(done: Sequence[Trial], name: str, value: str) -> str:
+    return f"{np.mean([getattr(one, name) == value for one in done]):.1%}"
+
+
+def _above(done: Sequence[Trial]) -> str:
+    return f"{np.mean([one.heading_deg > 3.0 * one.claimed_deg for one in done]):.1%}" if done else "–"
+
+
+def _rms(values: Iterator[float]) -> float:
+    """Of those that are numbers."""
+    return math.sqrt(float(np.nanmean(np.square(list(values)))))
+
+
+if __name__ == "__main__":
+    main()
