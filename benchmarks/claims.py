@@ -32,7 +32,6 @@ from benchmarks.datasets import (
     FIELD,
     FIELD_STRENGTH,
     SEED,
-    SETS,
     bound,
     dataset,
     heading_error_deg,
@@ -197,7 +196,7 @@ def harmonics(directions: Floats, rng: Generator) -> Floats:
     lower = np.concatenate([powers(everywhere, degree) for degree in (1, 2)], axis=1)  # 1 = x² + y² + z²
     upper_ones = np.concatenate([powers(everywhere, degree) for degree in (3, 4)], axis=1)
     coefficients = np.linalg.lstsq(lower, upper_ones, rcond=None)[0]
-    basis, values, turn = np.linalg.svd(upper_ones - lower @ coefficients, full_matrices=False)
+    _, values, turn = np.linalg.svd(upper_ones - lower @ coefficients, full_matrices=False)
     kept = values > 1e-3 * values[0]
     weights = (turn[kept].T / values[kept]) @ rng.standard_normal(int(kept.sum()))
     at = np.concatenate([powers(directions, degree) for degree in (3, 4)], axis=1)
@@ -276,7 +275,7 @@ def moving(seed: int, *, motion: str, sigma: float) -> Simulated:
 
 def noise(pool: Executor, trials: int) -> Iterator[str]:
     """White noise; required 0.85 to 1.2."""
-    yield from _head("white noise", "σ µT", "weighed/9", "its median", "claimed to be robust")
+    yield from _head("white noise", "σ µT", "weighed/9", "its median", "robust")
     for name in WHITE:
         for sigma in NOISES:
             done = _run(pool, partial(_set, name, sigma), trials)
@@ -435,7 +434,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _set(name: str, sigma: float, trial: int) -> Simulated:
-    return dataset(name, trial, SETS[name].sigmas[0] if SETS[name].sigmas else sigma)
+    return dataset(name, trial, sigma)
 
 
 def _run(pool: Executor, recipe: Callable[[int], Simulated], trials: int, *, textbook: bool = False) -> list[Trial]:

@@ -157,16 +157,33 @@ class _Residuals:
 
     def scatter(self, autocovariance: Floats) -> Floats:
         """(9, 9) Σᵢⱼ JᵢJⱼᵀ C(i − j), the products of Jacobians interpolated between a few lags."""
-        total = autocovariance[0] * self.jacobian.T @ self.jacobian
+        white = autocovariance[0] * self.jacobian.T @ self.jacobian
+        total = white.copy()
         lags, weights = _quadrature(autocovariance)
         for lag, weight in zip(lags, weights, strict=True):
             for stretch in self.stretches:
                 rows = self.jacobian[stretch]
                 product = rows[:-lag].T @ rows[lag:]
                 total += weight * (product + product.T)
-        values, vectors = np.linalg.eigh(total)
-        scatter: Floats = vectors * values.clip(min=0.0) @ vectors.T
-        return scatter
+        return total if not lags else _not_below(total, white)
+
+
+def _not_below(scatter: Floats, white: Floats) -> Floats:
+    """Keep a scatter matrix from claiming more than white residuals would, or much more than it does on average.
+
+    An autocovariance that is cut off is not positive definite, and few independent readings make a noisy sum: in
+    units of the white scatter no eigenvalue may be below one, or below a quarter of their mean.
+    """
+    scale = np.sqrt(np.maximum(np.diag(white), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(white / np.outer(scale, scale))
+    known = values > 1e-12 * values[-1]
+    root = vectors[:, known] * np.sqrt(values[known])
+    inverse = vectors[:, known] / np.sqrt(values[known])
+    inflation, turned = np.linalg.eigh(inverse.T @ (scatter / np.outer(scale, scale)) @ inverse)
+    inflation = np.maximum(inflation, max(1.0, float(inflation.mean()) / 4.0))
+    spread = (root @ turned) * scale[:, np.newaxis]
+    kept: Floats = spread * inflation @ spread.T
+    return kept
 
 
 def _quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:
