@@ -162,7 +162,7 @@ def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, ta
         method=estimate.method,
         covariance=covariance,
         noise=estimate.noise,
-        samples=len(summary) - sum(stray.rows for stray in strays),
+        samples=estimate.used or len(summary),
         coverage=coverage,
         heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
         target_deg=target_deg,

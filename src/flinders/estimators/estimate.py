@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.random import Generator
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
     from flinders.axes import Axes
@@ -47,6 +47,8 @@ PER_CELL: Final = 4
 
 FINEST: Final = 1e-6
 """Of the field: no sensor resolves less, and no fit claims to."""
+
+WINDOW, MARGIN = 11, 25
 
 HELD: Final = 500_000
 """Readings of a recording that are kept in memory; a longer one is gone through again."""
@@ -136,9 +138,30 @@ class Near:
         return self.recording.axes
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording and leave out what is farther away."""
+        """Go through the recording and leave out what is farther away, and what lies around a run of it."""
         for block in self.recording.blocks():
-            yield block[np.abs(magnitude.distances(block.field, self.ellipsoid)) <= self.limit]
+            far = np.abs(magnitude.distances(block.field, self.ellipsoid)) > self.limit
+            yield block[~(far | around_runs(far))]
+
+
+def around_runs(strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,) readings beside a run of strays, from (N,) which readings in a row are strays.
+
+    What passes by fades in and out, and its field crosses zero along the surface's normal: readings
+    between strays and shortly before and after them are no better. A run is where more of eleven
+    readings are strays than chance would put there; the margin is half a second at 50 Hz.
+    """
+    around = np.zeros(len(strays), dtype=bool)
+    if len(strays) < WINDOW or not strays.any():
+        return around
+    share = float(strays.mean())
+    expected = WINDOW * share
+    dense = max(3.0, expected + 4.5 * np.sqrt(expected * (1.0 - share)) + 1.0)
+    runs = np.convolve(strays, np.ones(WINDOW), mode="same") >= dense
+    if not runs.any():
+        return around
+    reach = np.convolve(runs & strays, np.ones(2 * MARGIN + 1))[MARGIN : MARGIN + len(strays)]
+    return np.asarray(reach > 0.5, dtype=bool)
 
 
 def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
@@ -292,6 +315,8 @@ class Estimate:
         How residuals hang together; the covariance is wider for it.
     textbook : (9, 9) float, optional
         Covariance that would hold for independent residuals.
+    used : int
+        Readings that it rests on.
     unseen : int
         Directions of parameter space of which the readings say nothing.
     rejected_beyond : float
@@ -306,6 +331,7 @@ class Estimate:
     held: float = 0.0
     correlation: Correlation | None = None
     textbook: Floats | None = None
+    used: int = 0
     unseen: int = 0
     rejected_beyond: float = np.inf
 

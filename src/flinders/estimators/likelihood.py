@@ -135,6 +135,7 @@ class Likelihood:
             held=self._held(found),
             correlation=correlation,
             textbook=found.covariance,
+            used=found.likelihood.count,
             unseen=found.support.unseen,
         )
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.terms.equations import NormalEquations
 
-WELL_CONDITIONED: Final = 1e-2
+WELL_CONDITIONED: Final = 0.1
 """Smallest eigenvalue of the normal matrix in its own scale from which on nothing needs a closer look."""
 
 ROUNDING: Final = 1e-15
