@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from flinders import units as units
     from flinders.axes import Axes as Axes
     from flinders.calibration import Calibration as Calibration
+    from flinders.comparison import Judged as Judged
+    from flinders.comparison import compare as compare
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.fitting import fit as fit
@@ -41,9 +43,11 @@ _HOMES: Final = {
     "Fit": "result",
     "FitError": "errors",
     "FlindersError": "errors",
+    "Judged": "comparison",
     "Samples": "samples",
     "Summary": "summary",
     "Unit": "units",
+    "compare": "comparison",
     "errors": "",
     "estimators": "",
     "fit": "fitting",

@@ -137,7 +137,8 @@ def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
     return level_error(estimate.ellipsoid, estimate.textbook, dip_deg=dip_deg)
 
 
-def _independent(estimate: Estimate, count: int) -> float:
+def _independent(estimate: Estimate, count: float) -> float:
+    """How many independent readings say as much."""
     return np.inf if estimate.correlation is None else estimate.correlation.effective(count)
 
 
@@ -152,8 +153,9 @@ def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, ta
     """Put together what is known and judge it."""
     summary = readings.summary
     strays = _strays(estimate, readings)
-    # A repeated reading is no new evidence.
-    repeated = len(summary) / max(len(summary) - summary.health.repeats, 1)
+    # A repeated reading is no new evidence; a correlation in time has seen the repeats already.
+    seen = estimate.correlation is not None and estimate.correlation.time > 1.0
+    repeated = 1.0 if seen else len(summary) / max(len(summary) - summary.health.repeats, 1)
     covariance = estimate.covariance * repeated
     coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
     dip = coverage.facing(dip_deg)
@@ -169,7 +171,7 @@ def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, ta
         held=estimate.held,
         unseen=estimate.unseen,
         textbook_heading_error_deg=_textbook(estimate, dip),
-        independent_samples=_independent(estimate, len(summary)),
+        independent_samples=_independent(estimate, len(summary) / repeated),
         strays=strays,
         bias_deg=_bias_deg(estimate, dip),
     )

@@ -24,6 +24,7 @@ from flinders.estimators import (
     Li,
     Likelihood,
     Readings,
+    Robust,
     Sphere,
 )
 from flinders.quadric import Ellipsoid, symmetric, upper
@@ -37,6 +38,7 @@ GENERAL: Final[list[Estimator]] = [
     Auto(),
     Auto(prior=None),
     Likelihood(),
+    Robust(),
     Likelihood(prior=None, bias_correction=False),
     Consistent(),
     Li(),

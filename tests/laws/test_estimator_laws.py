@@ -130,7 +130,7 @@ def test_nxp_depends_on_the_unit_and_on_which_reading_comes_first() -> None:
     assert np.linalg.norm(rolled.centre - one.centre) > 3e-5 * one.radius
 
 
-@pytest.mark.parametrize("name", sorted(METHODS))
+@pytest.mark.parametrize("name", sorted(set(METHODS) - {"robust"}))  # which draws at random, and has laws of its own
 @given(field=fields, seed=st.integers(0, 1000))
 @few
 def test_the_order_of_the_readings_does_not_matter(name: str, field: Floats, seed: int) -> None:
@@ -143,7 +143,7 @@ def test_the_order_of_the_readings_does_not_matter(name: str, field: Floats, see
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_sums_alone_give_the_same_where_sums_are_enough(name: str) -> None:
     readings = Readings.of(CLOUDS[0])
-    if name != "likelihood":
+    if name not in ("likelihood", "robust"):
         whole = METHODS[name]().estimate(readings if name != "auto" else Readings(readings.summary))
         sums = METHODS[name]().estimate(Readings(readings.summary))
         assert sums.ellipsoid.isclose(whole.ellipsoid, rtol=1e-12)

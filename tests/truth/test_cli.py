@@ -128,7 +128,10 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     found = flinders_("calibrate", "tumble.csv", "--json").json
     promised = ["verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings"]
     assert [key for key in found if key in promised] == promised
-    assert set(found) - set(promised) == {"uncorrected_heading_error_deg", "samples", "covariance"}
+    assert set(found) - set(promised) == {
+        "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
+        "samples", "independent_samples", "rejected", "covariance",
+    }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])
     assert {"rms", "worst"} <= set(found["heading_error_deg"])
     assert all(set(finding) == {"code", "severity", "number", "limit", "advice"} for finding in found["findings"])

@@ -85,7 +85,39 @@ def hardly_skewed_sphere() -> Fit:
 
 
 def short() -> Fit:
-    return judged(plain(30))
+    return judged(plain(16))
+
+
+def crossing_rings() -> Fit:
+    """A level turn, and the same on its side."""
+    angle = np.linspace(0.0, 2 * np.pi, 500, endpoint=False)
+    ring = np.stack([0.5 * np.cos(angle), 0.5 * np.sin(angle), np.full(500, 0.866)], axis=1)
+    white = np.random.default_rng(1).standard_normal((1000, 3))
+    return judged(50.0 * np.concatenate([ring, np.roll(ring, 1, axis=1)]) + BARE.offset + 0.3 * white)
+
+
+def remembering() -> Fit:
+    """Noise that follows the noise before, by hand."""
+    truth = tumble(seed=1, sensor=BARE, noise=0.0)
+    noise = np.random.default_rng(1).standard_normal((3000, 3))
+    for row in range(1, 3000):
+        noise[row] = 0.8 * noise[row - 1] + 0.6 * noise[row]
+    return judged(truth.samples.field + 0.3 * noise)
+
+
+def struck(share: float) -> Fit:
+    """A share of the readings moved alike."""
+    field = plain(1000).field.copy()
+    field[: round(share * 1000)] += [0.0, 60.0, 0.0]
+    return judged(field)
+
+
+def a_few_strays() -> Fit:
+    return struck(0.05)
+
+
+def many_strays() -> Fit:
+    return struck(0.2)
 
 
 def at_the_rails() -> Fit:
@@ -155,7 +187,11 @@ CASES: Final[list[tuple[str, str, Callable[[], Fit], tuple[float, float]]]] = [
     ("prior", "limits", leaning_on_the_prior, (0.1, 1.0)),
     ("bias", "limits", skewed_sphere, (1.5, 5.0)),
     ("bias", "note", hardly_skewed_sphere, (0.1, 0.3)),
-    ("few-samples", "limits", short, (30, 30)),
+    ("few-samples", "limits", short, (12, 16)),
+    ("rings", "limits", crossing_rings, (1, 1)),
+    ("correlated", "note", remembering, (0.05, 0.25)),
+    ("strays", "note", a_few_strays, (0.05, 0.07)),
+    ("strays", "limits", many_strays, (0.2, 0.23)),
     ("saturated", "limits", at_the_rails, (0.01, 0.2)),
     ("stale-repeats", "note", stale, (0.66, 0.67)),
     ("time-jump", "note", interrupted, (60.0, 60.1)),

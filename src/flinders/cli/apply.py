@@ -11,8 +11,9 @@ from typing import IO, TYPE_CHECKING, Any
 import click
 
 from flinders.cli import _options
+from flinders.cli._calibration import agree, load
 from flinders.cli._talk import print_json, progress, say
-from flinders.errors import DocumentError, InputError, UnitError, UsageError
+from flinders.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -55,12 +56,12 @@ def command(
     _options.refuse_to_overwrite(output, [calibration, recording])
     if output != "-":
         refuse_existing(output, force=force)
-    correction = _load(calibration, recording)
+    correction = load("apply", calibration, [recording]).calibration
     with progress("correcting") as watch:
         source = open_recording(recording, columns=columns, axes=str(correction.axes), once=True, progress=watch)
         if not isinstance(source, TextRecording):
             raise UsageError(f"{recording} is no text: only text recordings can be corrected")
-        _agree(correction, source)
+        agree(correction, source)
         corrector = Corrector(correction, source.source)
         with _output(output, source, force=force, live=not Path(recording).is_file()) as file:
             for line in source.corrected_lines(corrector, add=add):
@@ -74,61 +75,20 @@ def command(
         print_json({**corrector.as_dict(), "skipped": [str(skipped) for skipped in source.skipped]})
 
 
-def _load(calibration: str, recording: str) -> Calibration:
-    """Load the calibration, and see whether the two files were given the other way round.
-
-    Raises
-    ------
-    UsageError
-        Where the recording is the calibration file, or the calibration would come from standard input.
-    DocumentError
-        For what is no calibration file.
-    """
-    from flinders.calibration import Calibration
-
-    if calibration == "-":
-        raise UsageError("the calibration must be a file: flinders apply calibration.json -")
-    try:
-        return Calibration.load(calibration)
-    except DocumentError:
-        with contextlib.suppress(DocumentError):
-            Calibration.load(recording)
-            raise UsageError(
-                f"{recording} is the calibration, it comes first: flinders apply {recording} {calibration}"
-            ) from None
-        raise
-
-
-def _agree(correction: Calibration, source: TextRecording) -> None:
-    """Give the recording the calibration's unit, or refuse where it states another kind.
-
-    Raises
-    ------
-    UnitError
-        If one is in counts and the other in microtesla.
-    """
-    if not source.layout.columns.stated:
-        source.unit = correction.raw
-    if source.unit.inside != correction.unit:
-        raise UnitError(
-            f"{source.source} is in {source.unit.name}, the calibration is for readings in {correction.raw.name}: "
-            "it belongs to another kind of recording; calibrate again from a recording like this one"
-        )
-
-
 class Corrector:
     """Applies a calibration block by block, and watches whether the result makes sense.
 
     Attributes
     ----------
-    rows : int
-        Readings corrected so far.
+    strength : Strength
+        Of the readings corrected so far.
     """
 
     def __init__(self, correction: Calibration, source: str) -> None:
+        from flinders.comparison import Strength
+
         self._correction, self._source = correction, source
-        self.rows = 0
-        self._sum = self._sum_of_squares = 0.0
+        self.strength = Strength()
 
     def __call__(self, readings: Floats) -> Floats:
         """Correct (N, 3) readings.
@@ -140,31 +100,28 @@ class Corrector:
         """
         import numpy as np
 
+        from flinders.comparison import Strength
+
         corrected = self._correction.apply(readings)
         strength = np.linalg.norm(corrected, axis=1) / self._correction.field_strength
         middle = float(np.median(strength))
-        if self.rows == 0 and not 1 / 3 < middle < 3:
+        if self.strength.readings == 0 and not 1 / 3 < middle < 3:
             raise InputError(
                 f"corrected readings of {self._source} are {middle:.2g} times as long as the calibration's field "
                 f"({self._correction.field_strength:.4g} {self._correction.unit}): it is for another sensor, unit or "
                 "range; check --columns, or calibrate this sensor"
             )
-        self.rows += len(strength)
-        self._sum += float(strength.sum())
-        self._sum_of_squares += float(strength @ strength)
+        self.strength += Strength.of(strength)
         return corrected
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: rows, mean strength as a fraction of the calibration's field, and its spread."""
-        mean = self._sum / max(self.rows, 1)
-        spread = max(self._sum_of_squares / max(self.rows, 1) - mean * mean, 0.0) ** 0.5
-        return {"rows": self.rows, "strength": mean, "spread": spread}
+        return {"rows": self.strength.readings, **self.strength.as_dict()}
 
     def __str__(self) -> str:
-        found = self.as_dict()
         return (
-            f"{self.rows:,} readings corrected; their strength is {found['strength']:.3f} of the calibration's field, "
-            f"with a spread of {found['spread']:.1%}"
+            f"{self.strength.readings:,} readings corrected; their strength is {self.strength.mean:.3f} of the "
+            f"calibration's field, with a spread of {self.strength.spread:.1%}"
         )
 
 

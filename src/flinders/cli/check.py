@@ -1,0 +1,117 @@
+"""``flinders check``: does a calibration hold on another recording?"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._calibration import agree, is_calibration, load
+from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._talk import drawn, print_json, progress, say
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from flinders.calibration import Calibration
+    from flinders.comparison import Strength
+    from flinders.samples import Joined
+
+
+@click.command(
+    "check",
+    short_help="Say whether a calibration holds on another recording.",
+    epilog="""\b
+Example:
+  flinders check calibration.json today.csv
+  flinders check calibration.json monday.csv tuesday.csv --target 2
+
+\b
+Exit codes:
+  0  it holds
+  3  it is off by less than the target, or the recording tells too little
+  4  it does not hold, or the recording cannot be fitted
+""",
+)
+@click.argument("calibration", metavar="CALIBRATION")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@_options.judgement
+@_options.columns
+@_options.as_json
+def command(
+    calibration: str,
+    recordings: tuple[str, ...],
+    target_deg: float,
+    dip_deg: float,
+    columns: str | None,
+    as_json: bool,
+) -> int:
+    """Fit RECORDING afresh and say how far CALIBRATION is from that, and whether it is more than chance.
+
+    Record as for a calibration: turn the sensor through all directions. Unit and axes come from the
+    calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
+    input; several recordings are fitted together.
+    """
+    from flinders.comparison import Judged, compare
+    from flinders.fitting import fit
+    from flinders.report.comparison import page
+    from flinders.result import Refused
+
+    known = load("check", calibration, recordings)
+    with progress("reading") as watch:
+        recording = _open(known.calibration, recordings, columns=columns, progress=watch)
+        found = _strength(known.calibration, recording)
+        if known.covariance is None:
+            say(f"{calibration} states no uncertainty: it is taken as exact")
+        try:
+            fresh = fit(recording, target_deg=target_deg, dip_deg=dip_deg)
+        except Refused:
+            say(
+                f"under {calibration} the strength is {found.mean:.3f} of its field, with a spread of "
+                f"{found.spread:.1%}; the recording does not tell more:"
+            )
+            raise
+        renewed = _strength(fresh.calibration, recording)
+    dip = fresh.heading_error_deg.dip_deg
+    comparison = compare(known, Judged.from_fit(fresh, name="fresh fit"), dip_deg=dip, target_deg=target_deg)
+    if as_json:
+        residual = {"calibration": found.as_dict(), "fresh": renewed.as_dict()}
+        print_json({**comparison.as_dict(), "residual": residual, "fresh": fresh.as_dict()})
+    else:
+        click.echo(drawn(page(comparison, fresh=fresh, strengths=(found, renewed)), sys.stdout))
+    if comparison.verdict == "contradict":
+        return REFUSED
+    holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good"
+    return GOOD if holds else LIMITED
+
+
+def _open(calibration: Calibration, paths: tuple[str, ...], **options: Any) -> Joined:
+    """Open recordings in the unit and axes of the calibration.
+
+    Raises
+    ------
+    UsageError
+        For a recording that is given twice, or is a calibration.
+    UnitError
+        For one that states another kind of unit.
+    """
+    from flinders.readers import open_recording
+    from flinders.samples import Joined
+
+    _options.refuse_twice(paths)
+    for path in paths:
+        if is_calibration(path):
+            raise UsageError(f"{path} is a calibration too: flinders compare compares two of them")
+    parts = tuple(open_recording(path, axes=str(calibration.axes), **options) for path in paths)
+    for part in parts:
+        agree(calibration, part)
+        say(str(part))
+    return Joined(parts)
+
+
+def _strength(calibration: Calibration, recording: Joined) -> Strength:
+    """How evenly long the readings come out."""
+    from flinders.comparison import Strength
+
+    return sum((Strength.under(calibration, block.field) for block in recording.blocks()), Strength())

@@ -1,0 +1,76 @@
+"""``flinders compare``: two calibrations of one sensor, held against each other."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._calibration import is_calibration
+from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._talk import drawn, print_json, say
+from flinders.errors import DocumentError, UsageError
+
+
+@click.command(
+    "compare",
+    short_help="Say how far two calibrations are apart, in degrees.",
+    epilog="""\b
+Example:
+  flinders compare monday.json tuesday.json
+
+\b
+Exit codes:
+  0  they agree
+  3  they differ by less than the target, or claim too little to tell
+  4  they contradict each other
+""",
+)
+@click.argument("first", metavar="A")
+@click.argument("second", metavar="B")
+@_options.judgement
+@_options.as_json
+def command(first: str, second: str, target_deg: float, dip_deg: float, as_json: bool) -> int:
+    """Say how far calibration B is from calibration A, and whether that is more than chance.
+
+    Both are calibration files of one sensor. The difference in heading is held against what both claim of
+    themselves; two calibrations from one recording agree better than that. A file without a covariance is
+    taken as exact.
+    """
+    from flinders.comparison import Judged, compare
+    from flinders.report.comparison import page
+
+    for path, other in ((first, second), (second, first)):
+        try:
+            Judged.load(path)
+        except DocumentError:
+            if not is_calibration(path) and is_calibration(other) and _is_recording(path):
+                raise UsageError(f"{path} is a recording: flinders check {other} {path}") from None
+            raise
+    a, b = Judged.load(first), Judged.load(second)
+    comparison = compare(a, b, dip_deg=dip_deg, target_deg=target_deg)
+    for one in (a, b):
+        if one.covariance is None:
+            say(f"{one.name} states no uncertainty: it is taken as exact")
+    if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
+        say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
+    if as_json:
+        print_json(comparison.as_dict())
+    else:
+        click.echo(drawn(page(comparison), sys.stdout))
+    if comparison.verdict == "contradict":
+        return REFUSED
+    return GOOD if comparison.verdict == "agree" and comparison.is_telling else LIMITED
+
+
+def _is_recording(path: str) -> bool:
+    """Whether a path leads to a file with a magnetometer in it."""
+    from flinders.errors import FlindersError
+    from flinders.readers import open_recording
+
+    try:
+        open_recording(path)
+    except FlindersError:
+        return False
+    return path != "-"

@@ -1,0 +1,142 @@
+"""The covariance is the textbook's where residuals are white, and as wide as the errors where they are not."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from benchmarks.claims import by_hand, remembering
+from benchmarks.datasets import parameter_error
+
+import flinders
+from flinders.estimators import Auto, Likelihood, Readings, estimate
+from flinders.estimators.correlation import correlation_of
+from flinders.simulate import Sensor, tumble
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+    from flinders.simulate import Simulated
+
+MANY: Final = 40
+
+
+def weighed(recording: Simulated, covariance: Floats, matrix: Floats, offset: Floats) -> float:
+    off = parameter_error(matrix, offset, recording)
+    return float(off @ np.linalg.solve(covariance, off)) / 9.0
+
+
+def remembered(seed: int, n: int, memory: float) -> Floats:
+    """Readings of a bare sensor by hand, with AR(1) noise of 0.5 µT on the strength alone."""
+    truth = tumble(seed=seed, n=n, sensor=Sensor())
+    noise = remembering(np.random.default_rng(seed), (n, 1), memory)
+    return np.asarray(truth.directions * (50.0 + 0.5 * noise), np.float64)
+
+
+def claims(record: Callable[[int], Simulated], trials: int = MANY) -> tuple[float, float]:
+    """Mean squared error in units of the claimed covariance, and of the textbook's, over nine."""
+    claimed, textbook = [], []
+    for seed in range(trials):
+        recording = record(seed)
+        fit = flinders.fit(recording.samples.field, field_strength=50.0, target_deg=90.0)
+        plain = Auto().estimate(Readings.of(recording.samples.field)).textbook
+        assert plain is not None
+        found = fit.calibration.matrix, fit.calibration.offset
+        claimed.append(weighed(recording, fit.covariance, *found))
+        textbook.append(weighed(recording, plain, *found))
+    return float(np.mean(claimed)), float(np.mean(textbook))
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hand", "tilted", "clumped"])
+def test_white_residuals_leave_the_covariance_as_it_is(motion: str) -> None:
+    """But for a few recordings, by chance."""
+    white, wider = 0, []
+    for seed in range(40):
+        found = Likelihood().estimate(Readings.of(tumble(seed=seed, motion=motion).samples))
+        assert found.correlation is not None
+        assert found.textbook is not None
+        wider.append(np.trace(found.covariance) / np.trace(found.textbook))
+        if found.correlation.is_white:
+            white += 1
+            npt.assert_array_equal(found.covariance, found.textbook)
+            assert found.correlation.effective(1000) == 1000
+    assert white >= 32
+    assert float(np.mean(wider)) < 1.15
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8, 0.95])
+def test_noise_with_a_memory_is_allowed_for(memory: float) -> None:
+    claimed, textbook = claims(lambda seed: by_hand(seed, memory=memory))
+    assert 0.6 < claimed < 1.5
+    if memory:
+        assert textbook > 0.6 * (1.0 + memory) / (1.0 - memory)
+
+
+def test_a_distortion_that_belongs_to_the_direction_is_allowed_for() -> None:
+    """1 % of the field, where the textbook is off by a factor of five (in variance)."""
+    claimed, textbook = claims(lambda seed: by_hand(seed, distorted=0.01))
+    assert 0.5 < claimed < 1.6
+    assert textbook > 5.0
+
+
+@pytest.mark.parametrize("walk_s", [1.0, 3.0])
+def test_a_gradient_along_the_path_of_the_hand_is_allowed_for(walk_s: float) -> None:
+    claimed, textbook = claims(lambda seed: by_hand(seed, gradient=0.01, walk_s=walk_s))
+    assert 0.3 < claimed < 1.6
+    assert textbook > 5.0
+
+
+@pytest.mark.parametrize("memory", [0.5, 0.8, 0.95])
+def test_independent_samples_are_those_of_an_autoregressive_process(memory: float) -> None:
+    """N (1 − ρ)/(1 + ρ)."""
+    found = [flinders.fit(remembered(seed, 3000, memory), target_deg=90.0).independent_samples for seed in range(12)]
+    assert float(np.median(found)) == pytest.approx(3000 * (1 - memory) / (1 + memory), rel=0.25)
+
+
+def test_the_direction_of_a_distortion_is_told_from_its_time() -> None:
+    recording = by_hand(1, distorted=0.01, sigma=0.2)
+    found = Auto().estimate(Readings.of(recording.samples.field)).correlation
+    assert found is not None
+    assert found.direction == pytest.approx(0.5, rel=0.5)
+    assert not found.is_white
+
+
+def test_long_recordings_are_judged_by_stretches_and_agree_with_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every fourth reading is looked at, in stretches."""
+    ratios = []
+    for seed in range(6):
+        field = remembered(seed, 12_000, 0.8)
+        readings = Readings.of(field)
+        ellipsoid = Likelihood().estimate(readings).ellipsoid
+        whole = correlation_of(readings.stretches("auto"), len(field), ellipsoid)
+        with monkeypatch.context() as patched:
+            patched.setattr(estimate, "STRETCHES", 10)
+            patched.setattr(estimate, "STRETCH", 300)
+            stretches = readings.stretches("auto")
+        assert [len(stretch) for stretch in stretches] == [300] * 10
+        npt.assert_array_equal(stretches[3], field[3600:3900])
+        part = correlation_of(stretches, len(field), ellipsoid)
+        assert part.lag_one == pytest.approx(whole.lag_one, abs=0.06)
+        ratios.append(np.trace(part.scatter) / np.trace(whole.scatter))
+    assert math.exp(float(np.mean(np.log(ratios)))) == pytest.approx(1.0, abs=0.25)
+
+
+def test_few_readings_say_nothing_of_their_correlation() -> None:
+    found = Likelihood().estimate(Readings.of(tumble(seed=1, motion="uniform", n=49).samples))
+    assert found.correlation is None
+    fit = flinders.fit(tumble(seed=1, motion="uniform", n=49).samples)
+    assert fit.independent_samples == np.inf
+    assert fit.as_dict()["independent_samples"] == 49
+
+
+def test_a_variance_is_never_below_the_textbook() -> None:
+    for seed in range(12):
+        recording = by_hand(seed, gradient=0.01, walk_s=3.0)
+        found = Auto().estimate(Readings.of(recording.samples.field))
+        assert found.textbook is not None
+        root = np.linalg.inv(np.linalg.cholesky(found.textbook))
+        assert np.linalg.eigvalsh(root @ found.covariance @ root.T)[0] > 0.99

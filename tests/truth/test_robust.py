@@ -1,0 +1,227 @@
+"""Strays are found, left out and listed; where there are none, nothing is looked for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.coverage import Coverage
+from flinders.errors import NotAnEllipsoid
+from flinders.estimators import Auto, Likelihood, Readings, Robust, estimate, likelihood
+from flinders.estimators.robust import asks_for_it
+from flinders.quadric import upper
+from flinders.samples import Samples
+from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.estimators import Estimate
+
+SENSOR: Final = Sensor(
+    np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5
+)
+PASSED: Final = slice(1200, 1320)
+"""Rows, from 0, that a magnet spoils: 24.0 to 26.4 s."""
+
+
+class Streamed:
+    """A recording that is gone through block by block."""
+
+    def __init__(self, samples: Samples, rows: int = 777) -> None:
+        self.whole, self.rows = samples, rows
+        self.source, self.unit, self.axes = samples.source, samples.unit, samples.axes
+
+    def blocks(self) -> Iterator[Samples]:
+        """From the first block again."""
+        return self.whole.blocks(self.rows)
+
+
+def weighed(found: Estimate, truth: Simulated) -> float:
+    """Square of the error in units of what is claimed, over nine."""
+    wanted = np.concatenate([truth.sensor.offset, upper(50.0 * truth.sensor.matrix)])
+    off = np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)]) - wanted
+    return float(off @ np.linalg.solve(found.covariance, off)) / 9.0
+
+
+def struck(seed: int, share: float, moved: Floats) -> Floats:
+    """Five hundred readings all around, the first share of them moved alike."""
+    field = tumble(seed=seed, motion="uniform", n=500, sensor=SENSOR).samples.field.copy()
+    field[: round(share * 500)] += moved
+    return field
+
+
+def with_magnet() -> tuple[Simulated, Samples]:
+    """A tumble by hand, and the same while a magnet passes: 40 µT along a direction of the world."""
+    truth = tumble(seed=3, sensor=SENSOR)
+    field = truth.samples.field.copy()
+    assert truth.attitudes is not None
+    field[PASSED] += 40.0 * truth.attitudes[PASSED, 2] @ SENSOR.matrix.T
+    return truth, Samples.of(field, unit="uT", time=truth.samples.time)
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.5, 2.0])
+def test_gross_outliers_cost_no_more_than_the_readings_they_are(noise: float) -> None:
+    """3 % at up to three field strengths: as good as the likelihood of the other 97 %, and as good as it claims."""
+    robust, clean, claims = [], [], []
+    for seed in range(25):
+        truth = tumble(seed=seed, motion="uniform", n=500, noise=noise, outliers=0.03)
+        fit = flinders.fit(truth.samples)
+        assert fit.method == "robust"
+        kept = flinders.fit(truth.samples.field[~truth.strays], method="likelihood")
+        robust.append(angle_error_deg(fit.calibration.matrix, fit.calibration.offset, truth))
+        clean.append(angle_error_deg(kept.calibration.matrix, kept.calibration.offset, truth))
+        claims.append(weighed(Auto().estimate(Readings.of(truth.samples)), truth))
+    assert np.sqrt(np.mean(np.square(robust))) < 1.06 * np.sqrt(np.mean(np.square(clean)))
+    assert 0.7 < np.mean(claims) < 1.4
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+@pytest.mark.parametrize("size", [30.0, 70.0])
+def test_a_minority_that_is_moved_alike_cannot_win(share: float, size: float) -> None:
+    spoiled, clean = [], []
+    for seed in range(12):
+        moved = size * simulate.uniform(np.random.default_rng(seed), 1)[0]
+        found = flinders.fit(struck(seed, share, moved))
+        assert found.method == "robust"
+        spoiled.append(found.calibration.offset - SENSOR.offset)
+        clean.append(flinders.fit(struck(seed, 0.0, moved)).calibration.offset - SENSOR.offset)
+    assert np.sqrt(np.mean(np.square(spoiled))) < 1.4 * np.sqrt(np.mean(np.square(clean)))
+
+
+@pytest.mark.parametrize("place", [0.2, 0.6, 1.5, 3.0], ids=lambda place: f"{place:g} radii from the centre")
+def test_a_fifth_in_one_tight_cluster_cannot_win(place: float) -> None:
+    rng = np.random.default_rng(7)
+    field = tumble(seed=7, motion="uniform", n=500, sensor=SENSOR).samples.field.copy()
+    field[:100] = SENSOR.offset + place * 50.0 * SENSOR.matrix @ [0.6, 0.0, 0.8] + 0.3 * rng.standard_normal((100, 3))
+    fit = flinders.fit(field)
+    assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.35
+    assert sum(stray.rows for stray in fit.strays) >= 100
+    assert fit.strays[0].first == 1
+
+
+def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pulled() -> None:
+    truth, samples = with_magnet()
+    fit = flinders.fit(samples, field_strength=50.0)
+    assert fit.method == "robust"
+    assert np.linalg.norm(fit.calibration.offset - truth.sensor.offset) < 0.2
+    largest = max(fit.strays, key=lambda stray: stray.rows)
+    assert largest.rows > 60
+    assert PASSED.start < largest.first <= largest.last <= PASSED.stop + 25
+    assert samples.time is not None
+    assert largest.start == samples.time[largest.first - 1]
+    assert largest.end == samples.time[largest.last - 1]
+    assert 10.0 < largest.farthest < 60.0
+    finding = next(finding for finding in fit.findings if finding.code == "strays")
+    assert finding.severity == "note"
+    assert finding.number < 0.08
+    assert f"{largest.start:.1f}–{largest.end:.1f} s" in finding.advice
+
+
+def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
+    field = tumble(seed=5, motion="uniform", n=600, sensor=SENSOR).samples.field.copy()
+    for row in (0, 99, 599):
+        field[row] = SENSOR.offset + np.array([200.0, 0.0, 0.0])
+    fit = flinders.fit(field)
+    assert [(stray.first, stray.last, stray.rows) for stray in fit.strays] == [(1, 1, 1), (100, 100, 1), (600, 600, 1)]
+    assert [str(stray) for stray in fit.strays][1] == "row 100: a reading"
+    assert all(np.isnan(stray.start) for stray in fit.strays)
+    assert fit.samples == 597
+
+
+def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit from a part of the readings, then the whole again and again, block by block."""
+    _, samples = with_magnet()
+    whole = flinders.fit(samples)
+    monkeypatch.setattr(estimate, "HELD", 1000)
+    streamed = flinders.fit(Streamed(samples))
+    apart = np.abs(streamed.calibration.offset - whole.calibration.offset)
+    assert (apart < 0.1 * whole.offset_sigma).all()
+    for one, other in zip(whole.strays, streamed.strays, strict=True):
+        assert (one.first, one.last, one.start, one.end) == (other.first, other.last, other.start, other.end)
+    monkeypatch.setattr(likelihood, "ENOUGH", 800)
+    monkeypatch.setattr("flinders.estimators.robust.ENOUGH", 800)
+    thinned = flinders.fit(Streamed(samples))
+    assert thinned.method == "robust"
+    assert (np.abs(thinned.calibration.offset - whole.calibration.offset) < 0.7 * whole.offset_sigma).all()
+    longest = max(thinned.strays, key=lambda stray: stray.rows)
+    assert PASSED.start - 25 <= longest.first <= longest.last <= PASSED.stop + 25
+
+
+@pytest.mark.parametrize("motion", ["uniform", "hand", "tilted", "hemisphere", "clumped"])
+@pytest.mark.parametrize("noise", [0.1, 2.0])
+def test_clean_readings_do_not_ask_for_it(motion: str, noise: float) -> None:
+    for seed in range(15):
+        readings = Readings.of(tumble(seed=seed, motion=motion, noise=noise).samples)
+        assert not asks_for_it(readings, Likelihood().estimate(readings).ellipsoid)
+
+
+def test_asked_for_it_costs_clean_readings_next_to_nothing() -> None:
+    for seed in range(5):
+        truth = tumble(seed=seed, motion="uniform", n=2000, sensor=SENSOR)
+        plain, robust = flinders.fit(truth.samples), flinders.fit(truth.samples, robust=True)
+        assert (plain.method, robust.method) == ("likelihood", "robust")
+        assert robust.samples >= 1996
+        npt.assert_allclose(
+            robust.calibration.offset, plain.calibration.offset, rtol=0, atol=0.4 * plain.offset_sigma.max()
+        )
+        npt.assert_allclose(np.diag(robust.covariance), np.diag(plain.covariance), rtol=0.05)
+
+
+def test_the_method_and_the_option_are_the_same() -> None:
+    field = struck(1, 0.1, np.array([0.0, 80.0, 0.0]))
+    fits = flinders.fit(field), flinders.fit(field, method="robust"), flinders.fit(field, robust=True)
+    assert {fit.method for fit in fits} == {"robust"}
+    for fit in fits:
+        npt.assert_array_equal(fit.calibration.offset, fits[0].calibration.offset)
+        assert fit.strays == fits[0].strays
+    assert Robust().estimate(Readings.of(field)).rejected_beyond < 3.0
+
+
+@pytest.mark.parametrize("method", ["auto", "robust"])
+def test_a_sensor_that_lies_still_most_of_the_time_is_not_rejected(method: str) -> None:
+    """60 % of the readings in one place, first or last, are as good as the rest."""
+    for seed in range(4):
+        truth = tumble(seed=seed, motion="clumped", n=1250, sensor=SENSOR)
+        for field in (truth.samples.field, truth.samples.field[::-1]):
+            fit = flinders.fit(field, method=method)
+            assert sum(stray.rows for stray in fit.strays) <= 2
+            assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.3
+
+
+def test_a_rest_that_is_disturbed_is_rejected_though_it_is_the_majority() -> None:
+    """A place counts once, however long the sensor lay there: beside iron, say, 20 % off the field."""
+    truth = tumble(seed=2, motion="clumped", n=1250, sensor=SENSOR)
+    field = truth.samples.field.copy()
+    field[500:] += 0.2 * 50.0 * truth.directions[500:] @ SENSOR.matrix.T
+    fit = flinders.fit(field)
+    assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.4
+    assert sum(stray.rows for stray in fit.strays) >= 750
+
+
+def test_coverage_does_not_count_directions_of_strays() -> None:
+    """Half of the sphere is seen; what lies on the other side is off the surface."""
+    field = tumble(seed=4, motion="hemisphere", n=2000, sensor=SENSOR).samples.field
+    below = SENSOR.offset + 1.8 * 50.0 * simulate.uniform(np.random.default_rng(1), 150) @ SENSOR.matrix.T
+    fit = flinders.fit(np.concatenate([field, below]))
+    assert fit.method == "robust"
+    assert fit.coverage.fraction < 0.6
+    assert fit.coverage.hole_deg > 60.0
+    summary = Readings.of(np.concatenate([field, below])).summary
+    assert Coverage.through(summary.cloud, fit.ellipsoid).fraction > 0.75
+
+
+def test_nonsense_is_no_minority() -> None:
+    """Readings without any surface: refused, one way or another, and never by another error."""
+    field = 50.0 * np.random.default_rng(3).standard_normal((400, 3))
+    try:
+        fit = flinders.fit(field, robust=True)
+    except (flinders.FitError, NotAnEllipsoid):
+        return
+    assert fit.verdict != "good"
