@@ -136,6 +136,8 @@ class Comparison:
         Angle between the corrected fields, rms over 400 directions spread evenly over the sphere. A rotation
         common to all directions is left in: both matrices are applied as they are.
     offset_difference : (3,) float, in `unit`
+    offset_sigma : (3,) float or None, in `unit`
+        1 σ of that, as claimed.
     field_strength : float, in `unit`
         Radius of the sphere that both are brought to; what `offset_share` is a share of.
     scale_difference : float
@@ -157,6 +159,7 @@ class Comparison:
     claimed_deg: HeadingError | None
     direction_difference_deg: float
     offset_difference: Floats
+    offset_sigma: Floats | None
     field_strength: float
     scale_difference: float
     is_scale_known: bool
@@ -168,7 +171,7 @@ class Comparison:
     @property
     def offset_share(self) -> float:
         """Length of the offset difference, as a fraction of the field."""
-        return float(np.linalg.norm(self.offset_difference)) / self.field_strength
+        return math.hypot(*self.offset_difference) / self.field_strength
 
     @property
     def ratio(self) -> float | None:
@@ -224,6 +227,7 @@ class Comparison:
             "p_value": self.p_value,
             "direction_difference_deg": self.direction_difference_deg,
             "offset_difference": self.offset_difference.tolist(),
+            "offset_sigma": None if self.offset_sigma is None else self.offset_sigma.tolist(),
             "offset_share": self.offset_share,
             "unit": self.unit,
             "scale_difference": self.scale_difference,
@@ -235,7 +239,7 @@ class Comparison:
         chance = "no uncertainty stated" if self.p_value is None else f"p = {self.p_value:.2g}"
         return (
             f"Comparison({self.verdict}, heading {found.rms:.2g}° rms, {found.worst:.2g}° worst, {chance}, "
-            f"offset {np.linalg.norm(self.offset_difference):.3g} {label(self.unit)})"
+            f"offset {math.hypot(*self.offset_difference):.3g} {label(self.unit)})"
         )
 
 
@@ -266,7 +270,8 @@ class Strength:
     @classmethod
     def under(cls, calibration: Calibration, field: Floats) -> Self:
         """Correct (N, 3) raw readings, in the calibration's unit and axes, and add up their lengths."""
-        return cls.of(np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength)
+        with np.errstate(over="ignore"):
+            return cls.of(np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength)
 
     @property
     def mean(self) -> float:
@@ -277,6 +282,8 @@ class Strength:
     def spread(self) -> float:
         """Standard deviation of the lengths."""
         count = max(self.readings, 1)
+        if not math.isfinite(self.squares):
+            return math.inf
         return math.sqrt(max(self.squares / count - (self.total / count) ** 2, 0.0))
 
     def as_dict(self) -> dict[str, float]:
@@ -293,9 +300,9 @@ class Strength:
 def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
     """Say how far two calibrations of one sensor are apart, and whether that is more than chance.
 
-    Both correct the readings halfway between those that either expects, so that it makes no difference but of
-    sign which comes first. The covariances are added, as those of independent recordings: two fits of one
-    recording share its noise and agree better than this claims.
+    Each corrects the readings that the other expects of a vehicle that turns, and what comes out is held against
+    the turn: so it makes no difference but of sign which comes first. The covariances are added, as those of
+    independent recordings: two fits of one recording share its noise and agree better than this claims.
 
     The scale: readings of one sensor are longer in a stronger field, which says nothing of the sensor. Unless
     both calibrations were given the strength of their field, both ellipsoids are therefore brought to one radius,
@@ -331,6 +338,7 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
         claimed_deg=level_error(pair.middle, pair.covariance, dip_deg=dip_deg) if stated else None,
         direction_difference_deg=pair.direction_difference(),
         offset_difference=b.calibration.offset - a.calibration.offset,
+        offset_sigma=np.sqrt(np.diag(pair.covariance)[:3]) if stated else None,
         field_strength=pair.middle.radius,
         scale_difference=pair.scale_difference,
         is_scale_known=pair.is_scale_known,
@@ -414,28 +422,38 @@ class _Pair:
         return np.concatenate([second.centre - first.centre, upper(second.shape - first.shape)])
 
     def corrected(self, directions: Floats) -> tuple[Floats, Floats]:
-        """(3, K) readings halfway between those that either expects for (3, K) directions, as either corrects them."""
-        centres = [offset[:, np.newaxis] for offset in self.offsets]
-        pairs = list(zip(centres, self.shapes, strict=True))
-        readings = sum(centre + shape @ directions for centre, shape in pairs) / 2.0
-        first, second = (np.linalg.solve(shape, readings - centre) for centre, shape in pairs)
-        return first, second
+        """What the second makes of the readings that the first expects for (3, K) directions, and the other way."""
+        (p, q), (first, second) = [offset[:, np.newaxis] for offset in self.offsets], self.shapes
+        return np.linalg.solve(second, p + first @ directions - q), np.linalg.solve(first, q + second @ directions - p)
 
     def heading_difference(self, dip_deg: float) -> tuple[HeadingError, float]:
         """Difference over a level turn with its mean taken off, and the mean in degrees."""
-        first, second = self.corrected(level_turn(dip_deg)[1])
-        turns = np.exp(1j * np.angle((second[0] - 1j * second[1]) * (first[0] + 1j * first[1])))
-        mean = float(np.angle(turns.mean()))
-        errors = np.rad2deg(np.angle(turns * np.exp(-1j * mean)))
+        heading, directions = level_turn(dip_deg)
+        forth, back = (np.arctan2(-seen[1], seen[0]) - heading for seen in self.corrected(directions))
+        differences, means = zip(*map(_about_mean, (forth, -back)), strict=True)
+        errors = np.rad2deg(differences)
         rms, worst = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
-        return HeadingError(rms, worst, float(dip_deg)), math.degrees(mean)
+        return HeadingError(rms, worst, float(dip_deg)), float(np.rad2deg(np.mean(means)))
 
     def direction_difference(self) -> float:
         """Angle between the corrected fields in degrees, rms over the sphere."""
-        first, second = self.corrected(DIRECTIONS)
-        across = np.linalg.norm(np.cross(first, second, axis=0), axis=0)
-        angles = np.arctan2(across, np.sum(first * second, axis=0))
-        return float(np.rad2deg(np.sqrt(np.mean(angles**2))))
+        angles = [_angles(seen, DIRECTIONS) for seen in self.corrected(DIRECTIONS)]
+        return float(np.rad2deg(np.sqrt(np.mean(np.square(angles)))))
+
+
+def _about_mean(angles: Floats) -> tuple[Floats, float]:
+    """Angles less their mean on the circle, from −π to π, and that mean; all in rad."""
+    turns = np.exp(1j * angles)
+    mean = float(np.angle(turns.mean()))
+    return np.angle(turns * np.exp(-1j * mean)), mean
+
+
+def _angles(vectors: Floats, directions: Floats) -> Floats:
+    """(K,) angles between (3, K) vectors of any length and unit vectors, in rad."""
+    scaled = vectors / np.abs(vectors).max(axis=0).clip(min=1e-300)
+    across = np.linalg.norm(np.cross(scaled, directions, axis=0), axis=0)
+    angles: Floats = np.arctan2(across, np.sum(scaled * directions, axis=0))
+    return angles
 
 
 def _covariance(values: Floats) -> Floats:
@@ -495,4 +513,5 @@ def _chi_square(difference: Floats, covariance: Floats) -> tuple[float, int]:
     values, axes = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sigma, sigma))
     kept = values > DEPENDENT * values[-1]
     along = axes[:, kept].T @ (difference / sigma)
-    return float(np.sum(along**2 / values[kept])), int(kept.sum())
+    with np.errstate(over="ignore"):
+        return float(np.sum(along**2 / values[kept])), int(kept.sum())

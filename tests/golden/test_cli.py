@@ -60,7 +60,7 @@ def rounded(value: object) -> object:
     return value
 
 
-@pytest.mark.parametrize("command", ["", "calibrate", "apply", "demo", "methods"])
+@pytest.mark.parametrize("command", ["", "calibrate", "apply", "check", "compare", "demo", "methods"])
 def test_help(command: str, golden: Golden) -> None:
     words = ["flinders", *command.split(), "--help"]
     golden(f"cli/{'-'.join(words[:-1])}-help.txt", session(" ".join(words)))

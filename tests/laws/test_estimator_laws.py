@@ -137,7 +137,9 @@ def test_the_order_of_the_readings_does_not_matter(name: str, field: Floats, see
     shuffled = np.random.default_rng(seed).permutation(field)
     one, other = (METHODS[name]().estimate(Readings.of(x)) for x in (field, shuffled))
     assert other.ellipsoid.isclose(one.ellipsoid, rtol=1e-6)
-    npt.assert_allclose(other.covariance, one.covariance, rtol=1e-4, atol=1e-5 * np.abs(one.covariance).max())
+    # How residuals hang together in time is a matter of their order; the rest of the covariance is not.
+    claims = [fit.covariance if fit.textbook is None else fit.textbook for fit in (one, other)]
+    npt.assert_allclose(claims[1], claims[0], rtol=1e-4, atol=1e-5 * np.abs(claims[0]).max())
 
 
 @pytest.mark.parametrize("name", sorted(METHODS))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 TUMBLE = simulate.tumble(seed=5, n=600, motion="uniform")
 FIELD = TUMBLE.samples.field
-COMMANDS = ("calibrate", "apply", "demo", "methods")
+COMMANDS = ("calibrate", "apply", "check", "compare", "demo", "methods")
 INTERRUPTIBLE = """
 import signal
 from flinders.cli import main

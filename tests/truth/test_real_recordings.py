@@ -35,7 +35,6 @@ SOUND: Final = [
     "ckexplorer_acc_mag/acc_mag_log.csv",
     "fhoevi_ellipsoid/mag_out.txt",
     "hightower70_magcal/mag.txt",
-    "jremington_icm20948/icm_20948_cal_mag.csv",
     "jremington_icm20948/mag3_raw.csv",
     "jremington_mpu9250/mag.txt",
     "michaelwro_fxos8700/mag-readings.txt",
@@ -44,9 +43,13 @@ SOUND: Final = [
     "pichim_betaflight/20231015_ctzsnooze_PR_Cal_3.csv",
     "pichim_betaflight/CalCareful_2282320.csv",
     "sunsided_hmc5883l/full-sphere.csv",
-    "uutzinger_gearvr/Officemag.txt",
-    "uutzinger_gearvr/mag_data.txt",
 ]
+HONEST: Final = {
+    # Good but for this: not enough that is independent for one degree, or too much that does not belong.
+    "jremington_icm20948/icm_20948_cal_mag.csv": {"heading-error"},  # 300 readings that hang together
+    "uutzinger_gearvr/Officemag.txt": {"strays"},  # its last 1,700 readings and others, up to a quarter of the field
+    "uutzinger_gearvr/mag_data.txt": {"few-samples"},
+}
 DOUBTFUL: Final = {
     # Not good, and at least one of these says why.
     "nliaudat_hmc5883l/mag_out_sample.txt": {"coverage", "prior", "axis-ratio"},  # 39 % of the sphere
@@ -83,7 +86,7 @@ def test_the_offset_is_that_of_the_reference(name: str, recordings: Callable[[st
     fit = flinders.fit(flinders.read(recordings(name)))
     apart = float(np.linalg.norm(fit.calibration.offset - offset)) / fit.calibration.field_strength
     assert apart < allowed
-    assert fit.verdict == "good"
+    assert fit.verdict == ("limited" if name in HONEST else "good")
 
 
 @pytest.mark.parametrize("name", sorted(REFERENCES))
@@ -102,6 +105,17 @@ def test_sound_recordings_are_good_and_become_spheres(name: str, recordings: Cal
     raw = np.linalg.norm(samples.field, axis=1)
     assert float(lengths.std() / lengths.mean()) < min(0.05, float(raw.std() / raw.mean()))
     assert float(lengths.mean()) == pytest.approx(fit.calibration.field_strength, rel=0.005)
+
+
+@pytest.mark.parametrize("name", sorted(HONEST))
+def test_recordings_of_little_that_is_independent_are_limited_for_that_alone(
+    name: str, recordings: Callable[[str], Path]
+) -> None:
+    fit = flinders.fit(flinders.read(recordings(name)))
+    assert fit.verdict == "limited"
+    assert codes(fit) <= HONEST[name] | {"heading-error"}
+    assert codes(fit) & HONEST[name]
+    assert fit.heading_error_deg.worst < 2.5
 
 
 @pytest.mark.parametrize("name", sorted(DOUBTFUL))

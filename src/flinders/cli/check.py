@@ -1,4 +1,4 @@
-"""``flinders check``: does a calibration hold on another recording?"""
+"""``flinders check``: whether a calibration holds on another recording."""
 
 from __future__ import annotations
 

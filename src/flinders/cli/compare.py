@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,7 +11,10 @@ from flinders.cli import _options
 from flinders.cli._calibration import is_calibration
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._talk import drawn, print_json, say
-from flinders.errors import DocumentError, UsageError
+from flinders.errors import DocumentError, FlindersError, UsageError
+
+if TYPE_CHECKING:
+    from flinders.comparison import Judged
 
 
 @click.command(
@@ -38,17 +42,10 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     themselves; two calibrations from one recording agree better than that. A file without a covariance is
     taken as exact.
     """
-    from flinders.comparison import Judged, compare
+    from flinders.comparison import compare
     from flinders.report.comparison import page
 
-    for path, other in ((first, second), (second, first)):
-        try:
-            Judged.load(path)
-        except DocumentError:
-            if not is_calibration(path) and is_calibration(other) and _is_recording(path):
-                raise UsageError(f"{path} is a recording: flinders check {other} {path}") from None
-            raise
-    a, b = Judged.load(first), Judged.load(second)
+    a, b = _load(first, second), _load(second, first)
     comparison = compare(a, b, dip_deg=dip_deg, target_deg=target_deg)
     for one in (a, b):
         if one.covariance is None:
@@ -64,13 +61,31 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     return GOOD if comparison.verdict == "agree" and comparison.is_telling else LIMITED
 
 
+def _load(path: str, other: str) -> Judged:
+    """Load a calibration, and see whether a recording was given in its place.
+
+    Raises
+    ------
+    UsageError
+        For a recording beside a calibration.
+    DocumentError
+        For what is no calibration file.
+    """
+    from flinders.comparison import Judged
+
+    try:
+        return Judged.load(path)
+    except DocumentError:
+        if is_calibration(other) and _is_recording(path):
+            raise UsageError(f"{path} is a recording: flinders check {other} {path}") from None
+        raise
+
+
 def _is_recording(path: str) -> bool:
     """Whether a path leads to a file with a magnetometer in it."""
-    from flinders.errors import FlindersError
     from flinders.readers import open_recording
 
     try:
-        open_recording(path)
+        return path != "-" and bool(open_recording(path))
     except FlindersError:
         return False
-    return path != "-"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
+from flinders.estimators.estimate import FINEST
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.subsets import subset_start
 from flinders.terms import magnitude, prior
@@ -27,6 +28,9 @@ HEAVY_TAIL: Final = 1.2
 FAR_OUT: Final = 6.5
 MASKED: Final = 0.75
 NORMAL: Final = 2.0
+QUIET: Final = 0.05
+ENOUGH_TO_JUDGE: Final = 40
+VERY_FAR_OUT: Final = 20.0
 FEW_DRAWS, FEW_SCORED = 24, 150
 
 
@@ -101,31 +105,42 @@ class Robust:
         return replace(found, method=self.name, rejected_beyond=limit)
 
 
+def typical_distance(distances: Floats) -> float:
+    """Standard deviation of absolute distances, from their median; nine parameters were fitted to them."""
+    freedom = max(len(distances) - 9, 1) / len(distances)
+    return TO_SIGMA * float(np.median(distances)) / float(np.sqrt(freedom))
+
+
 def rejection_limit(readings: Floats, ellipsoid: Ellipsoid) -> float:
     """The distance from the surface beyond which a reading is rejected."""
-    typical = float(np.median(np.abs(magnitude.distances(readings, ellipsoid))))
-    return REJECT * TO_SIGMA * max(typical, 1e-9 * ellipsoid.radius)
+    distances = np.abs(magnitude.distances(readings, ellipsoid))
+    return REJECT * max(typical_distance(distances), FINEST * ellipsoid.radius)
 
 
 def asks_for_it(readings: Readings, ellipsoid: Ellipsoid) -> bool:
     """Whether the residuals of a fit to all readings call for a robust one.
 
     They do where their tail is heavy, where one is far out, or where an ellipsoid through a few readings explains
-    the median reading clearly better: then strays have bent the fit towards themselves (masking). A bent fit
-    does not leave residuals of normal kurtosis, so only others are looked at twice.
+    the median reading clearly better: then strays have bent the fit towards themselves (masking). A bent fit leaves
+    residuals that are large or not of normal kurtosis, so only those are looked at twice. Of few
+    readings only one that is very far out is a stray: their median says little of their spread.
     """
     rng = np.random.default_rng(SEED)
     spread = readings.spread_out(readings.thinned(ENOUGH, Robust.name), rng)
     distances = np.abs(magnitude.distances(spread, ellipsoid))
+    sigma, farthest = typical_distance(distances), float(distances.max())
+    if len(spread) < ENOUGH_TO_JUDGE:
+        return farthest > VERY_FAR_OUT * sigma
     squares = distances * distances
-    sigma, square = TO_SIGMA * float(np.median(distances)), float(squares.mean())
-    if square > (HEAVY_TAIL * sigma) ** 2 or float(distances.max()) > FAR_OUT * sigma:
+    square = float(squares.mean())
+    if square > ((HEAVY_TAIL + 3.0 / np.sqrt(len(spread))) * sigma) ** 2 or farthest > FAR_OUT * sigma:
         return True
     kurtosis = float(squares @ squares) / len(squares) / max(square * square, np.finfo(float).tiny)
-    if abs(kurtosis - 3.0) < NORMAL * np.sqrt(24.0 / len(squares)):
+    is_normal = abs(kurtosis - 3.0) < NORMAL * np.sqrt(24.0 / len(squares))
+    if is_normal and square < (QUIET * ellipsoid.radius) ** 2:
         return False
     try:
         other = subset_start(spread, rng, draws=FEW_DRAWS, scored=FEW_SCORED)
     except NotAnEllipsoid:
         return False
-    return TO_SIGMA * float(np.median(np.abs(magnitude.distances(spread, other)))) < MASKED * sigma
+    return typical_distance(np.abs(magnitude.distances(spread, other))) < MASKED * sigma

@@ -1,23 +1,25 @@
 """Two calibrations side by side as a page for the terminal: the difference, what chance explains, the verdict.
 
->>> chance(0.43), chance(1e-9), chance(None)
-('p = 0.43', 'p < 0.0001', 'no uncertainty is stated')
+>>> chance(0.43), chance(1e-9)
+('no more than chance explains (p = 0.43)', 'more than chance explains (p < 0.0001)')
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.report.text import COLOURS, MARKS, degrees, four_digits
+from flinders.comparison import CHANCE
+from flinders.report.text import COLOURS, MARKS, degrees, four_digits, with_uncertainty
 from flinders.units import label
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+    from rich.table import Table
 
     from flinders.comparison import Comparison, Strength
     from flinders.result import Fit
 
-TITLES: Final = {"agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "IS WRONG")}
+TITLES: Final = {"agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS")}
 """Of two calibrations, and of one on another recording."""
 
 
@@ -36,49 +38,63 @@ def page(
     """
     from rich.console import Group
 
-    parts: list[RenderableType] = ["", _differences(comparison), ""]
+    parts: list[RenderableType] = ["", _angles(comparison), "", _numbers(comparison), ""]
     if strengths is not None:
         parts += [_strengths(*strengths), ""]
     return Group(*parts, _verdict(comparison, fresh))
 
 
 def chance(p_value: float | None) -> str:
-    """Write how often chance explains a difference."""
+    """Say whether chance explains a difference."""
     if p_value is None:
-        return "no uncertainty is stated"
-    return f"p = {p_value:.2g}" if p_value >= 1e-4 else "p < 0.0001"
+        return "no uncertainty is stated, so nothing is left to chance"
+    told = f"p = {p_value:.2g}" if p_value >= 1e-4 else "p < 0.0001"
+    return f"{'no more' if p_value >= CHANCE else 'more'} than chance explains ({told})"
 
 
-def _differences(comparison: Comparison) -> RenderableType:
+def _table(*headings: str) -> Table:
+    """Lay out a table as that of a fit: names to the left, numbers to the right."""
     from rich import box
     from rich.table import Table
 
-    unit = label(comparison.unit)
-    found, claimed = comparison.heading_difference_deg, comparison.claimed_deg
-    offset = ", ".join(f"{part + 0.0:+.2g}" for part in comparison.offset_difference)
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    table.add_column("")
-    table.add_column("difference")
-    table.add_column("claimed, 1 σ")
-    table.add_row("heading, rms", degrees(found.rms), "" if claimed is None else degrees(claimed.rms), style="bold")
-    table.add_row("heading, worst", degrees(found.worst), "" if claimed is None else degrees(claimed.worst))
-    table.add_row("heading, mean", f"{comparison.heading_mean_deg + 0.0:+.2g}°", "")
-    table.add_row("direction, rms", degrees(comparison.direction_difference_deg), "")
-    table.add_row("offset", f"{offset} {unit} ({comparison.offset_share:.2%} of the field)", "")
-    what = "" if comparison.is_scale_known else ", with that of the field"
-    table.add_row("scale", f"{comparison.scale_difference:+.2%}{what}", "")
+    table.add_column(headings[0])
+    for heading in headings[1:]:
+        table.add_column(heading, justify="right")
     return table
 
 
-def _strengths(known: Strength, fresh: Strength) -> RenderableType:
-    from rich import box
-    from rich.table import Table
+def _angles(comparison: Comparison) -> RenderableType:
+    found, claimed = comparison.heading_difference_deg, comparison.claimed_deg
+    table = _table("difference", "rms", "worst", "mean")
+    table.add_row(
+        "heading", _angle(found.rms), _angle(found.worst), f"{comparison.heading_mean_deg + 0.0:.2f}°", style="bold"
+    )
+    if claimed is not None:
+        table.add_row("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst), "")
+    table.add_row("direction", _angle(comparison.direction_difference_deg), "", "")
+    return table
 
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    for heading in ("corrected with", "strength", "spread"):
-        table.add_column(heading, justify="left" if heading == "corrected with" else "right")
+
+def _numbers(comparison: Comparison) -> RenderableType:
+    from rich.text import Text
+
+    sigmas = (0.0, 0.0, 0.0) if comparison.offset_sigma is None else comparison.offset_sigma
+    pairs = zip(comparison.offset_difference + 0.0, sigmas, strict=True)
+    parts = "   ".join(with_uncertainty(*pair) for pair in pairs)
+    scale = "" if comparison.is_scale_known else "   of sensor and field together"
+    text = Text(no_wrap=True, overflow="ignore")
+    text.append("offset   ", "dim").append(parts).append(
+        f"   {label(comparison.unit)}, {_share(comparison.offset_share)} of the field\n", "dim"
+    )
+    text.append("scale    ", "dim").append(_share(comparison.scale_difference + 0.0)).append(scale, "dim")
+    return text
+
+
+def _strengths(known: Strength, fresh: Strength) -> RenderableType:
+    table = _table("corrected with", "strength", "spread")
     for name, strength in (("the calibration", known), ("a fresh fit", fresh)):
-        table.add_row(name, four_digits(strength.mean), f"{strength.spread:.1%}")
+        table.add_row(name, four_digits(strength.mean), _share(strength.spread))
     return table
 
 
@@ -91,15 +107,16 @@ def _verdict(comparison: Comparison, fresh: Fit | None) -> RenderableType:
     firm = comparison.is_telling and not limited
     colour = {"agree": "good" if firm else "limited", "differ": "limited", "contradict": "refused"}[comparison.verdict]
     basis = f"level, dip {abs(comparison.heading_difference_deg.dip_deg):g}°"
-    if comparison.p_value is not None:
-        basis += f"; χ² = {comparison.chi_square:.3g} for {comparison.freedom} degrees of freedom"
+    if comparison.chi_square is not None:
+        square = f"= {comparison.chi_square:.3g}" if comparison.chi_square < 1000.0 else "> 1000"
+        basis += f"; χ² {square} for {comparison.freedom} degrees of freedom"
     if fresh is not None:
         basis += f"; {fresh.samples:,} readings, {fresh.coverage.fraction:.0%} of the sphere seen"
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column()
     title = TITLES[comparison.verdict][fresh is not None]
-    grid.add_row(Text(title, f"bold {COLOURS[colour]}"), _words(comparison))
+    grid.add_row(Text(title, f"bold {COLOURS[colour]}"), _words(comparison, limited=limited))
     grid.add_row("", Text(basis, "dim"))
     if fresh is not None and limited:
         mark, style = MARKS["limits"]
@@ -109,14 +126,28 @@ def _verdict(comparison: Comparison, fresh: Fit | None) -> RenderableType:
     return grid
 
 
-def _words(comparison: Comparison) -> str:
+def _words(comparison: Comparison, *, limited: bool) -> str:
     told, target = chance(comparison.p_value), f"{comparison.target_deg:g}°"
-    worst = degrees(comparison.heading_difference_deg.worst)
+    worst = _angle(comparison.heading_difference_deg.worst)
     if comparison.verdict == "agree":
         vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}"
-        return f"heading within {worst}, no more than chance explains ({told}){vague}"
-    what = (
-        "more than chance explains" if comparison.p_value is not None else "and nothing says how much chance explains"
-    )
+        limits = ", with these limits of the recording:" if limited else ""
+        if comparison.p_value is None:
+            return "the same calibration twice"
+        return f"heading within {worst}, {told}{vague}{limits}"
     side = "less" if comparison.verdict == "differ" else "more"
-    return f"headings up to {worst} apart, {what} ({told}), and {side} than the target of {target}"
+    return f"headings up to {worst} apart, {side} than the target of {target}; {told}"
+
+
+def _angle(angle: float) -> str:
+    """Write an angle, without the digits of rounding errors."""
+    return degrees(angle) if angle > 1e-6 else "0°"
+
+
+def _share(share: float) -> str:
+    """Write a fraction as a percentage.
+
+    >>> _share(0.00126), _share(0.2), _share(float("inf"))
+    ('0.13%', '20%', '> 1000%')
+    """
+    return "> 1000%" if not abs(share) < 10.0 else f"{share:.2%}" if abs(share) < 0.1 else f"{share:.0%}"

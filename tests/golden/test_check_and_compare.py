@@ -1,0 +1,69 @@
+"""What `flinders check` and `flinders compare` print, to the letter."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.cli import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Golden = Callable[[str, str], None]
+
+SENSOR = simulate.tumble(seed=2, motion="uniform").sensor
+
+
+@pytest.fixture(autouse=True)
+def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three recordings of a sensor, the last after its offset moved by 5 µT; calibrations of two."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+    moved = replace(SENSOR, offset=SENSOR.offset + [5, 0, 0])
+    for seed, (name, sensor) in enumerate((("monday", SENSOR), ("tuesday", SENSOR), ("moved", moved)), 3):
+        field = simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples.field
+        rows = [",".join(f"{value:.3f}" for value in row) for row in field]
+        Path(f"{name}.csv").write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+    for name in ("monday", "tuesday"):
+        assert CliRunner().invoke(main, ["calibrate", f"{name}.csv", "-o", f"{name}.json"]).exit_code == 0
+
+
+def session(*lines: tuple[str, int]) -> str:
+    """What a terminal shows for some command lines, each with the code it ends with."""
+    shown = ""
+    for line, code in lines:
+        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
+        shown += f"$ {line}\n{ended.output}"
+        assert ended.exit_code == code, shown
+    return shown
+
+
+def rounded(value: object) -> object:
+    """Round to four digits, on which all machines agree."""
+    if isinstance(value, dict):
+        return {key: rounded(member) for key, member in value.items()}
+    if isinstance(value, list):
+        return [rounded(member) for member in value]
+    return float(f"{value:.4g}") if isinstance(value, float) and math.isfinite(value) else value
+
+
+def test_a_calibration_that_holds_and_one_that_fails(golden: Golden) -> None:
+    lines = ("flinders check monday.json tuesday.csv", 0), ("flinders check monday.json moved.csv", 4)
+    golden("cli/check.txt", session(*lines))
+
+
+def test_two_calibrations(golden: Golden) -> None:
+    golden("cli/compare.txt", session(("flinders compare monday.json tuesday.json", 0)))
+
+
+def test_two_calibrations_as_json(golden: Golden) -> None:
+    ended = CliRunner().invoke(main, ["compare", "monday.json", "tuesday.json", "--json"])
+    golden("cli/compare.json", json.dumps(rounded(json.loads(ended.stdout)), indent=1, ensure_ascii=False) + "\n")

@@ -1,0 +1,262 @@
+"""`flinders check` and `flinders compare` as a user meets them: verdicts, exit codes, JSON, bad input."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from click.testing import CliRunner
+
+import flinders
+from flinders import document, simulate
+from flinders.calibration import Calibration
+from flinders.cli import main
+
+if TYPE_CHECKING:
+    from flinders.simulate import Sensor
+
+SENSOR = simulate.tumble(seed=2, motion="uniform").sensor
+HEADER = "mx_uT,my_uT,mz_uT"
+KEYS = [
+    "verdict", "telling", "heading_difference_deg", "claimed_deg", "ratio", "chi_square", "freedom", "p_value",
+    "direction_difference_deg", "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference",
+    "scale_known",
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How the program ended, and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:  # noqa: ANN401 - whatever was printed
+        return json.loads(self.out)
+
+
+def flinders_(*words: str, stdin: bytes = b"") -> Ended:
+    result = CliRunner().invoke(main, list(words), input=stdin)
+    return Ended(result.exit_code, result.stdout, result.stderr)
+
+
+def record(
+    name: str, seed: int, *, offset: float = 0.0, motion: str = "uniform", header: str = HEADER, factor: float = 1.0
+) -> None:
+    """Write a recording of the sensor, its offset moved by so many µT."""
+    sensor: Sensor = replace(SENSOR, offset=SENSOR.offset + [offset, 0, 0])
+    field = factor * simulate.tumble(seed=seed, motion=motion, sensor=sensor).samples.field
+    rows = [",".join(f"{value:.4f}" for value in row) for row in field]
+    Path(name).write_text("\n".join([header, *rows, ""] if header else [*rows, ""]), encoding="utf-8")
+
+
+def edit(source: str, target: str, **parts: dict[str, object] | None) -> None:
+    """Copy a calibration file with some of its parts changed."""
+    content = json.loads(Path(source).read_text(encoding="utf-8"))
+    for part, entries in parts.items():
+        content[part] = None if entries is None else {**content[part], **entries}
+    Path(target).write_text(json.dumps(content), encoding="utf-8")
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two recordings of a sensor and their calibrations."""
+    monkeypatch.chdir(tmp_path)
+    for seed, name in ((3, "monday"), (4, "tuesday")):
+        record(f"{name}.csv", seed)
+        flinders.fit(flinders.read(f"{name}.csv")).save(f"{name}.json")
+
+
+# compare
+
+
+def test_two_calibrations_of_a_sensor_agree() -> None:
+    ended = flinders_("compare", "monday.json", "tuesday.json")
+    assert (ended.code, ended.err) == (0, "")
+    assert "AGREE  heading within" in ended.out
+
+
+@pytest.mark.parametrize(("offset", "code", "verdict"), [(0.3, 3, "differ"), (5.0, 4, "contradict")])
+def test_a_sensor_that_changed(offset: float, code: int, verdict: str) -> None:
+    record("later.csv", 5, offset=offset)
+    flinders_("calibrate", "later.csv", "-o", "later.json")
+    for words in (("compare", "monday.json", "later.json"), ("check", "monday.json", "later.csv")):
+        ended = flinders_(*words, "--json")
+        assert (ended.code, ended.json["verdict"]) == (code, verdict)
+        assert flinders_(*words).code == code
+
+
+def test_compare_prints_the_fields_of_the_python_object() -> None:
+    found = flinders_("compare", "monday.json", "tuesday.json", "--json", "--dip", "-40", "--target", "2").json
+    wanted = flinders.compare(
+        flinders.Judged.load("monday.json"), flinders.Judged.load("tuesday.json"), dip_deg=-40.0, target_deg=2.0
+    )
+    assert list(found) == KEYS
+    assert found == json.loads(json.dumps(wanted.as_dict()))
+
+
+def test_calibrations_too_vague_to_tell_end_with_3() -> None:
+    ended = flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1", "--json")
+    assert ended.json["verdict"] == "agree"
+    assert (ended.code, ended.json["telling"]) == (3, False)
+    assert "too little to tell 0.1°" in flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1").out
+
+
+def test_a_file_without_a_covariance_is_exact() -> None:
+    edit("tuesday.json", "bare.json", fit=None)
+    ended = flinders_("compare", "monday.json", "bare.json", "--json")
+    assert ended.err == "bare.json states no uncertainty: it is taken as exact\n"
+    assert ended.json["chi_square"] > flinders_("compare", "monday.json", "tuesday.json", "--json").json["chi_square"]
+    edit("monday.json", "other.json", fit=None)
+    ended = flinders_("compare", "other.json", "bare.json")
+    assert ended.code == 3
+    assert "nothing is left to chance" in " ".join(ended.out.split())
+    found = flinders_("compare", "other.json", "bare.json", "--json").json
+    assert (found["p_value"], found["claimed_deg"], found["offset_sigma"]) == (None, None, None)
+    assert "the same calibration twice" in flinders_("compare", "bare.json", "bare.json").out
+
+
+def test_names_of_two_sensors_are_noticed() -> None:
+    edit("tuesday.json", "second.json", raw={"sensor": "hull 8"})
+    assert flinders_("compare", "monday.json", "second.json").err == ""
+    edit("monday.json", "first.json", raw={"sensor": "hull 7"})
+    assert flinders_("compare", "first.json", "second.json").err == (
+        "first.json is for sensor 'hull 7', second.json for 'hull 8'\n"
+    )
+
+
+# check
+
+
+def test_a_calibration_holds_on_another_recording() -> None:
+    ended = flinders_("check", "monday.json", "tuesday.csv")
+    assert ended.code == 0
+    assert ended.err == "tuesday.csv: columns mx_uT, my_uT, mz_uT in uT; comma-separated\n"
+    assert "HOLDS  heading within" in ended.out
+
+
+def test_check_compares_with_a_fresh_fit() -> None:
+    found = flinders_("check", "monday.json", "tuesday.csv", "--json").json
+    assert list(found) == [*KEYS, "residual", "fresh"]
+    compared = flinders_("compare", "monday.json", "tuesday.json", "--json").json
+    assert {key: found[key] for key in KEYS} == pytest.approx(compared, rel=1e-9) or found["verdict"] == "agree"
+    assert found["chi_square"] == pytest.approx(compared["chi_square"])
+    assert found["fresh"]["verdict"] == "good"
+    assert found["residual"]["calibration"]["spread"] >= found["residual"]["fresh"]["spread"] > 0.005
+    assert found["residual"]["fresh"]["strength"] == pytest.approx(1.0, abs=0.001)
+
+
+def test_a_moved_offset_widens_the_spread_under_the_calibration() -> None:
+    record("moved.csv", 5, offset=5.0)
+    residual = flinders_("check", "monday.json", "moved.csv", "--json").json["residual"]
+    assert residual["calibration"]["spread"] > 3 * residual["fresh"]["spread"]
+    assert "FAILS  headings up to" in flinders_("check", "monday.json", "moved.csv").out
+
+
+def test_a_recording_too_poor_to_tell_ends_with_3_and_says_what_to_do() -> None:
+    record("deck.csv", 6, motion="tilted")
+    ended = flinders_("check", "monday.json", "deck.csv")
+    assert ended.code == 3
+    assert "with these limits of the recording" in " ".join(ended.out.split())
+    assert "turn the sensor until" in " ".join(ended.out.split())
+
+
+def test_a_recording_that_cannot_be_fitted_ends_with_4_and_says_what_it_does_show() -> None:
+    record("table.csv", 7, motion="level")
+    ended = flinders_("check", "monday.json", "table.csv")
+    assert (ended.code, ended.out) == (4, "")
+    assert "under monday.json the strength is 1.00" in ended.err
+    assert "all readings lie in one plane" in " ".join(ended.err.split())
+    found = flinders_("check", "monday.json", "table.csv", "--json").json
+    assert (found["verdict"], found["error"]["code"]) == ("refused", "refused")
+    Path("short.csv").write_text(f"{HEADER}\n1,2,3\n2,3,4\n", encoding="utf-8")
+    assert flinders_("check", "monday.json", "short.csv").code == 4
+
+
+def test_unit_and_axes_come_from_the_calibration() -> None:
+    record("raw.csv", 3, header="", factor=10.0)
+    flinders_("calibrate", "raw.csv", "--unit", "mG", "--axes", "y,-x,z", "-o", "raw.json")
+    record("again.csv", 4, header="", factor=10.0)
+    ended = flinders_("check", "raw.json", "again.csv", "--json")
+    assert (ended.code, ended.json["unit"]) == (0, "uT")
+    assert "axes y,-x,z" in ended.err
+
+
+def test_several_recordings_and_standard_input() -> None:
+    record("wednesday.csv", 8)
+    found = flinders_("check", "monday.json", "tuesday.csv", "wednesday.csv", "--json")
+    assert (found.code, found.json["fresh"]["samples"]) == (0, 2000)
+    piped = flinders_("check", "monday.json", "-", "--json", stdin=Path("tuesday.csv").read_bytes())
+    assert piped.json == flinders_("check", "monday.json", "tuesday.csv", "--json").json
+
+
+def test_columns_are_chosen() -> None:
+    rows = [f"0,0,1,{line}" for line in Path("tuesday.csv").read_text(encoding="utf-8").splitlines()[1:]]
+    Path("wide.csv").write_text("\n".join(["a,b,c,u,v,w", *rows, ""]), encoding="utf-8")
+    assert flinders_("check", "monday.json", "wide.csv", "--columns", "u,v,w").code == 0
+
+
+def test_the_dip_has_the_sign_that_the_recording_shows() -> None:
+    sensor = simulate.Sensor(noise=0.5)
+    field = simulate.tumble(seed=9, motion="hemisphere", sensor=sensor).samples.field
+    rows = [",".join(f"{value:.4f}" for value in row) for row in field]
+    Path("half.csv").write_text("\n".join([HEADER, *rows, ""]), encoding="utf-8")
+    Calibration.identity(field_strength=50.0, raw=flinders.Unit.of("uT")).save("flat.json")
+    found = flinders_("check", "flat.json", "half.csv", "--json").json
+    assert found["heading_difference_deg"]["dip_deg"] == found["fresh"]["heading_error_deg"]["dip_deg"]
+
+
+# bad input
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "said"),
+    [
+        ("check tuesday.csv monday.json", 2, "monday.json is the calibration, it comes first: flinders check"),
+        ("check monday.json tuesday.json", 2, "tuesday.json is a calibration too"),
+        ("check - tuesday.csv", 2, "the calibration must be a file"),
+        ("check monday.json tuesday.csv tuesday.csv", 2, "given twice"),
+        ("check monday.json", 2, "missing argument"),
+        ("check monday.json counts.csv", 2, "counts.csv is in counts, the calibration is for readings in uT"),
+        ("check counts.json tuesday.csv", 2, "the calibration is for readings in counts"),
+        ("check monday.json nix.csv", 5, "nix.csv does not exist"),
+        ("check nix.json tuesday.csv", 5, "nix.json: cannot be read"),
+        ("check monday.json tuesday.csv --columns q,r,s", 2, "q"),
+        ("check monday.json tuesday.csv --dip 90", 2, "need degrees from -89 to 89"),
+        ("check broken.json tuesday.csv", 5, "covariance is not symmetric"),
+        ("compare monday.json", 2, "missing argument"),
+        ("compare monday.json tuesday.csv", 2, "tuesday.csv is a recording: flinders check monday.json tuesday.csv"),
+        ("compare tuesday.csv monday.json", 2, "tuesday.csv is a recording: flinders check monday.json tuesday.csv"),
+        ("compare tuesday.csv monday.csv", 5, "tuesday.csv: cannot be read as JSON"),
+        ("compare monday.json nix.json", 5, "nix.json: cannot be read"),
+        ("compare monday.json -", 5, "cannot be read"),
+        ("compare monday.json counts.json", 2, "counts.json for counts"),
+        ("compare monday.json axes.json", 2, "axes.json has axes x,-y,-z"),
+        ("compare monday.json broken.json", 5, "broken.json: fit.covariance is not symmetric"),
+        ("compare monday.json tuesday.json --target 0", 2, "need degrees above 0"),
+    ],
+)
+def test_bad_input_is_a_line_that_says_what_to_do(line: str, code: int, said: str) -> None:
+    record("counts.csv", 3, header="mx_counts,my_counts,mz_counts")
+    edit("monday.json", "counts.json", calibration={"unit": "counts"}, raw={"unit": "counts"})
+    edit("monday.json", "axes.json", raw={"axes": "x,-y,-z"})
+    covariance = [[float(row <= column) for column in range(9)] for row in range(9)]
+    edit("monday.json", "broken.json", fit={"covariance": covariance})
+    ended = flinders_(*line.split())
+    assert ended.code == code, ended.err
+    assert said.casefold() in ended.err.casefold()
+    assert ended.out == ""
+    assert flinders_(*line.split(), "--json").json["error"]["exit_code"] == code
+
+
+def test_numbers_beyond_reason_are_no_fault() -> None:
+    edit("monday.json", "huge.json", calibration={"offset": [1e200, 0.0, 0.0]})
+    assert document.read("huge.json").calibration.offset[0] == 1e200
+    assert flinders_("compare", "monday.json", "huge.json").code == 4
+    assert flinders_("check", "huge.json", "monday.csv").code == 4
+    assert flinders_("check", "huge.json", "monday.csv", "--json").json["residual"]["calibration"]["spread"] is None

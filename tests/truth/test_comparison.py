@@ -1,0 +1,257 @@
+"""Two calibrations of one simulated sensor: they agree as often as chance says, and a sensor that changed is seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from scipy import stats
+
+import flinders
+from flinders import simulate
+from flinders.axes import Axes
+from flinders.calibration import Calibration
+from flinders.comparison import Judged, Strength, chance_of, compare
+from flinders.document import Document, Fitted
+from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flinders.comparison import Comparison
+
+SENSOR = simulate.Sensor.random(np.random.default_rng(7))
+
+
+@cache
+def judged(seed: int, *, n: int = 400, field_strength: float | None = None, moved: float = 0.0) -> Judged:
+    """Calibrate a recording of the sensor; its offset moved by so many µT along x."""
+    sensor = replace(SENSOR, offset=SENSOR.offset + [moved, 0.0, 0.0])
+    recording = simulate.tumble(seed=seed, motion="uniform", n=n, sensor=sensor)
+    return Judged.from_fit(flinders.fit(recording.samples, field_strength=field_strength))
+
+
+def changed(one: Judged, **changes: Any) -> Judged:
+    return replace(one, calibration=replace(one.calibration, **changes))
+
+
+# what chance does
+
+
+@pytest.mark.parametrize("field_strength", [None, 50.0])
+def test_chance_explains_the_difference_as_often_as_it_says(field_strength: float | None) -> None:
+    pairs = [
+        compare(*(judged(2 * seed + part, field_strength=field_strength) for part in (0, 1))) for seed in range(100)
+    ]
+    chances = np.array([pair.p_value for pair in pairs], float)
+    assert 0.01 <= np.mean(chances < 0.05) <= 0.11
+    assert 0.4 < np.mean(chances) < 0.6
+    assert {pair.freedom for pair in pairs} == {8 if field_strength is None else 9}
+    assert sum(pair.verdict == "agree" for pair in pairs) >= 96
+    ratios = np.array([pair.ratio for pair in pairs], float)
+    assert 0.85 < np.sqrt(np.mean(ratios**2)) < 1.15
+
+
+@pytest.mark.parametrize("freedom", range(1, 10))
+def test_chance_is_that_of_the_chi_square_distribution(freedom: int) -> None:
+    values = np.linspace(0.0, 40.0, 200)
+    found = [chance_of(value, freedom) for value in values]
+    npt.assert_allclose(
+        found, stats.chi2.sf(values, freedom), atol=0.03 if freedom == 1 else 0.01 if freedom == 2 else 0.004
+    )
+
+
+# what has changed
+
+
+def test_a_moved_offset_contradicts() -> None:
+    found = compare(judged(0), judged(1, moved=5.0))
+    assert found.verdict == "contradict"
+    npt.assert_allclose(found.offset_difference, [5.0, 0.0, 0.0], atol=0.5)
+    assert found.offset_share == pytest.approx(0.1, abs=0.01)
+    assert found.p_value is not None
+    assert found.p_value < 1e-10
+
+
+def test_a_change_of_no_consequence_differs() -> None:
+    found = compare(judged(0, n=4000), judged(1, n=4000, moved=0.3))
+    assert found.verdict == "differ"
+    assert compare(judged(0, n=4000), judged(1, n=4000, moved=0.3), target_deg=0.1).verdict == "contradict"
+
+
+def test_the_heading_difference_is_the_one_of_the_offset() -> None:
+    """An offset of δ across a horizontal field of H cos I errs by δ/(H cos I) sin ψ."""
+    one = Judged(Calibration(np.eye(3), np.zeros(3), 50.0))
+    other = changed(one, offset=np.array([0.1, 0.0, 0.0]))
+    found = compare(one, other, dip_deg=60.0)
+    assert found.heading_difference_deg.worst == pytest.approx(np.rad2deg(0.1 / 25.0), rel=0.01)
+    assert found.heading_difference_deg.rms == pytest.approx(np.rad2deg(0.1 / 25.0) / np.sqrt(2.0), rel=0.01)
+    assert found.heading_mean_deg == pytest.approx(0.0, abs=1e-9)
+    assert found.direction_difference_deg == pytest.approx(np.rad2deg(0.1 / 50.0) * np.sqrt(2 / 3), rel=0.01)
+
+
+def test_a_rotation_is_the_mean_of_the_heading_difference_and_left_in_the_direction_difference() -> None:
+    turn = np.deg2rad(2.0)
+    about_z = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    one = Judged(Calibration(np.eye(3), np.zeros(3), 50.0))
+    found = compare(one, changed(one, matrix=about_z, rotation="estimated"))
+    assert found.heading_mean_deg == pytest.approx(-2.0)
+    assert found.heading_difference_deg.worst == pytest.approx(0.0, abs=1e-9)
+    assert found.direction_difference_deg == pytest.approx(2.0 * np.sqrt(2 / 3), rel=0.01)
+
+
+def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
+    """Where the heading no longer goes round, the difference is all angles, not a mean to be taken off."""
+    one = Judged(Calibration(np.eye(3), np.zeros(3), 50.0))
+    for far in (200.0, 1e200):
+        found = compare(one, changed(one, offset=np.array([far, 0.0, 0.0])))
+        assert found.heading_difference_deg.rms > 60.0
+        assert found.verdict == "contradict"
+
+
+def test_the_scale_counts_where_both_fields_are_known() -> None:
+    """The same sensor in a stronger field reads longer; a gain that changed reads longer in the same field."""
+    one = judged(0, n=4000)
+    stronger = replace(one, covariance=one.covariance)
+    shape = 1.1 * one.calibration.shape
+    stronger = replace(one, calibration=Calibration.from_ellipsoid(one.calibration.offset, shape, raw=Unit.of("uT")))
+    found = compare(one, stronger)
+    assert (found.verdict, found.is_scale_known) == ("agree", False)
+    assert found.scale_difference == pytest.approx(0.1)
+    assert found.chi_square == pytest.approx(0.0, abs=1e-6)
+    known = [
+        replace(one, calibration=Calibration.from_ellipsoid(
+            one.calibration.offset, factor * one.calibration.shape, field_strength=field, raw=Unit.of("uT")
+        ))
+        for factor, field in ((1.0, 50.0), (1.1, 55.0), (1.1, 50.0))
+    ]  # fmt: skip
+    assert compare(known[0], known[1]).verdict == "agree"
+    assert compare(known[0], known[1]).scale_difference == pytest.approx(0.0, abs=1e-12)
+    gain = compare(known[0], known[2])
+    assert (gain.verdict, gain.is_scale_known, gain.freedom) == ("differ", True, 9)
+    assert gain.scale_difference == pytest.approx(0.1)
+    assert gain.heading_difference_deg.worst < 0.5
+
+
+# either way round
+
+
+def test_it_makes_no_difference_but_of_sign_which_comes_first() -> None:
+    def numbers(found: Comparison) -> list[float | None]:
+        claimed = found.claimed_deg
+        assert claimed is not None
+        return [
+            found.heading_difference_deg.rms, found.heading_difference_deg.worst, claimed.rms, claimed.worst,
+            found.direction_difference_deg, found.chi_square, found.offset_share, found.freedom,
+        ]  # fmt: skip
+
+    for first, second in ((judged(0), judged(1)), (judged(0), judged(1, moved=5.0))):
+        forth, back = compare(first, second), compare(second, first)
+        npt.assert_allclose(numbers(forth), numbers(back), rtol=1e-9)  # type: ignore[arg-type]
+        assert forth.heading_mean_deg == pytest.approx(-back.heading_mean_deg)
+        npt.assert_allclose(forth.offset_difference, -back.offset_difference)
+        assert forth.verdict == back.verdict
+
+
+def test_a_calibration_agrees_with_itself() -> None:
+    for one in (judged(0), replace(judged(0), covariance=None)):
+        found = compare(one, one)
+        assert found.verdict == "agree"
+        assert found.heading_difference_deg.worst < 1e-9
+
+
+# what is claimed
+
+
+def test_a_calibration_without_a_covariance_is_exact() -> None:
+    first, second = judged(0), judged(1)
+    bare = [replace(one, covariance=None) for one in (first, second)]
+    both, half, none = compare(first, second), compare(first, bare[1]), compare(*bare)
+    assert both.chi_square is not None
+    assert half.chi_square is not None
+    assert half.chi_square > both.chi_square
+    assert (none.chi_square, none.p_value, none.claimed_deg, none.ratio) == (None, None, None, None)
+    assert (none.verdict, none.is_telling) == ("differ", True)
+    assert compare(*bare, target_deg=0.001).verdict == "contradict"
+
+
+def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
+    first, second = (replace(one, covariance=1e4 * one.covariance) for one in (judged(0), judged(1)))  # type: ignore[operator]
+    found = compare(first, second)
+    assert (found.verdict, found.is_telling) == ("agree", False)
+
+
+def test_what_both_methods_hold_is_no_degree_of_freedom() -> None:
+    recordings = [simulate.tumble(seed=seed, motion="uniform", sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2)]
+    fits = [flinders.fit(recording.samples, method="sphere", field_strength=50.0) for recording in recordings]
+    assert compare(*map(Judged.from_fit, fits)).freedom == 4
+
+
+# doors and gates
+
+
+def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
+    fit = flinders.fit(simulate.tumble(seed=3, motion="uniform", sensor=SENSOR).samples)
+    fit.save(tmp_path / "a.json")
+    loaded, kept = Judged.load(tmp_path / "a.json"), Judged.from_fit(fit)
+    npt.assert_array_equal(loaded.covariance, kept.covariance)  # type: ignore[arg-type]
+    assert compare(loaded, judged(0)).as_dict() == compare(kept, judged(0)).as_dict()
+
+
+def test_the_covariance_of_a_file_is_found_by_its_names() -> None:
+    one = judged(0)
+    assert one.covariance is not None
+    order = [3, 4, 5, 6, 7, 8, 2, 1, 0]
+    names = np.array(Fitted(method="x", samples=1).covariance_of)[order].tolist()
+    rows = tuple(map(tuple, one.covariance[np.ix_(order, order)].tolist()))
+    fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=tuple(names))
+    found = Judged.from_document(one.calibration.to_document(fit=fitted))
+    npt.assert_array_equal(found.covariance, one.covariance)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("names", "covariance", "message"),
+    [
+        (("offset_x",), [[1.0]], "lacks offset_y, offset_z"),
+        (None, np.triu(np.ones((9, 9))), "not symmetric"),
+        (None, np.eye(9) - 0.9, "no variance is negative"),
+    ],
+)
+def test_a_covariance_that_is_none(names: tuple[str, ...] | None, covariance: Any, message: str) -> None:
+    fitted = (
+        Fitted(method="x", samples=1, covariance=tuple(map(tuple, np.asarray(covariance).tolist())))
+        if names is None
+        else Fitted(method="x", samples=1, covariance=((1.0,),), covariance_of=names)
+    )
+    document: Document = judged(0).calibration.to_document(fit=fitted)
+    with pytest.raises(DocumentError, match=message):
+        Judged.from_document(document, name="a.json")
+
+
+def test_what_cannot_be_compared() -> None:
+    one = judged(0)
+    with pytest.raises(UnitError, match="fit is for readings in µT, other for counts"):
+        compare(one, replace(changed(one, raw=Unit.of("counts")), name="other"))
+    with pytest.raises(AxesError, match="axes x,-y,-z"):
+        compare(one, changed(one, axes=Axes.of("x,-y,-z")))
+    for wrong in ({"target_deg": 0.0}, {"target_deg": float("nan")}, {"dip_deg": 90.0}):
+        with pytest.raises(UsageError):
+            compare(one, one, **wrong)
+    with pytest.raises(ArrayError, match="shape"):
+        replace(one, covariance=np.eye(6))
+
+
+def test_the_strength_of_readings_adds() -> None:
+    recording = simulate.tumble(seed=4, motion="uniform", sensor=SENSOR)
+    calibration = judged(0).calibration
+    field = recording.samples.field
+    lengths = np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength
+    found = Strength.under(calibration, field[:300]) + Strength.under(calibration, field[300:])
+    assert found.readings == len(field)
+    assert (found.mean, found.spread) == (pytest.approx(lengths.mean()), pytest.approx(lengths.std()))
+    assert (Strength().mean, Strength().spread) == (0.0, 0.0)
