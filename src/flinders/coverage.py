@@ -76,7 +76,8 @@ class Coverage:
         if np.isfinite(within):
             lengths = np.linalg.norm(np.linalg.solve(ellipsoid.shape, (means - ellipsoid.centre).T), axis=0)
             near = np.abs(lengths - 1.0) * ellipsoid.semi_axes[0] <= within + cloud.side
-            means, counts = means[near], counts[near]
+            if near.any():
+                means, counts = means[near], counts[near]
         return cls.of(directions_of(means, ellipsoid), counts)
 
     @property

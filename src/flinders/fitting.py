@@ -123,6 +123,15 @@ def _estimator(method: str, options: dict[str, Any]) -> Estimator:
         raise UsageError(f"{method} takes {known}; got {', '.join(options)}") from None
 
 
+def _repeated(estimate: Estimate, summary: Summary) -> float:
+    """Factor by which repeated readings, no new evidence, widen a covariance that does not know of them yet."""
+    share = len(summary) / max(len(summary) - summary.health.repeats, 1)
+    if estimate.textbook is None:
+        return share
+    known = float(np.mean(np.diag(estimate.covariance) / np.maximum(np.diag(estimate.textbook), np.finfo(float).tiny)))
+    return max(1.0, share / known)
+
+
 def _strays(estimate: Estimate, readings: Readings) -> tuple[Stray, ...]:
     """Runs of readings that a robust fit left out."""
     if readings.recording is None or not np.isfinite(estimate.rejected_beyond):
@@ -153,9 +162,7 @@ def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, ta
     """Put together what is known and judge it."""
     summary = readings.summary
     strays = _strays(estimate, readings)
-    # A repeated reading is no new evidence; a correlation in time has seen the repeats already.
-    seen = estimate.correlation is not None and estimate.correlation.time > 1.0
-    repeated = 1.0 if seen else len(summary) / max(len(summary) - summary.health.repeats, 1)
+    repeated = _repeated(estimate, summary)
     covariance = estimate.covariance * repeated
     coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
     dip = coverage.facing(dip_deg)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -27,7 +28,7 @@ def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three recordings of a sensor, the last after its offset moved by 5 µT; calibrations of two."""
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
-    moved = replace(SENSOR, offset=SENSOR.offset + [5, 0, 0])
+    moved = replace(SENSOR, offset=SENSOR.offset + np.array([5, 0, 0]))
     for seed, (name, sensor) in enumerate((("monday", SENSOR), ("tuesday", SENSOR), ("moved", moved)), 3):
         field = simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples.field
         rows = [",".join(f"{value:.3f}" for value in row) for row in field]

@@ -16,13 +16,14 @@ from flinders import simulate
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.comparison import Judged, Strength, chance_of, compare
-from flinders.document import Document, Fitted
+from flinders.document import PARAMETERS, Fitted
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.units import Unit
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from flinders.arrays import Floats
     from flinders.comparison import Comparison
 
 SENSOR = simulate.Sensor.random(np.random.default_rng(7))
@@ -31,7 +32,7 @@ SENSOR = simulate.Sensor.random(np.random.default_rng(7))
 @cache
 def judged(seed: int, *, n: int = 400, field_strength: float | None = None, moved: float = 0.0) -> Judged:
     """Calibrate a recording of the sensor; its offset moved by so many µT along x."""
-    sensor = replace(SENSOR, offset=SENSOR.offset + [moved, 0.0, 0.0])
+    sensor = replace(SENSOR, offset=SENSOR.offset + np.array([moved, 0.0, 0.0]))
     recording = simulate.tumble(seed=seed, motion="uniform", n=n, sensor=sensor)
     return Judged.from_fit(flinders.fit(recording.samples, field_strength=field_strength))
 
@@ -57,13 +58,12 @@ def test_chance_explains_the_difference_as_often_as_it_says(field_strength: floa
     assert 0.85 < np.sqrt(np.mean(ratios**2)) < 1.15
 
 
-@pytest.mark.parametrize("freedom", range(1, 10))
+@pytest.mark.parametrize("freedom", range(3, 10))
 def test_chance_is_that_of_the_chi_square_distribution(freedom: int) -> None:
-    values = np.linspace(0.0, 40.0, 200)
-    found = [chance_of(value, freedom) for value in values]
-    npt.assert_allclose(
-        found, stats.chi2.sf(values, freedom), atol=0.03 if freedom == 1 else 0.01 if freedom == 2 else 0.004
-    )
+    values = np.linspace(0.0, 60.0, 600)
+    found, true = [chance_of(value, freedom) for value in values], stats.chi2.sf(values, freedom)
+    npt.assert_allclose(found, true, atol=0.006)
+    npt.assert_allclose(np.array(found)[true < 0.1], true[true < 0.1], atol=0.002)
 
 
 # what has changed
@@ -73,7 +73,7 @@ def test_a_moved_offset_contradicts() -> None:
     found = compare(judged(0), judged(1, moved=5.0))
     assert found.verdict == "contradict"
     npt.assert_allclose(found.offset_difference, [5.0, 0.0, 0.0], atol=0.5)
-    assert found.offset_share == pytest.approx(0.1, abs=0.01)
+    assert found.offset_share == pytest.approx(0.1, rel=0.2)  # of the radius found, which is that of field and scale
     assert found.p_value is not None
     assert found.p_value < 1e-10
 
@@ -117,7 +117,6 @@ def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
 def test_the_scale_counts_where_both_fields_are_known() -> None:
     """The same sensor in a stronger field reads longer; a gain that changed reads longer in the same field."""
     one = judged(0, n=4000)
-    stronger = replace(one, covariance=one.covariance)
     shape = 1.1 * one.calibration.shape
     stronger = replace(one, calibration=Calibration.from_ellipsoid(one.calibration.offset, shape, raw=Unit.of("uT")))
     found = compare(one, stronger)
@@ -181,7 +180,7 @@ def test_a_calibration_without_a_covariance_is_exact() -> None:
 
 
 def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
-    first, second = (replace(one, covariance=1e4 * one.covariance) for one in (judged(0), judged(1)))  # type: ignore[operator]
+    first, second = (replace(one, covariance=1e4 * np.asarray(one.covariance)) for one in (judged(0), judged(1)))
     found = compare(first, second)
     assert (found.verdict, found.is_telling) == ("agree", False)
 
@@ -199,7 +198,7 @@ def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
     fit = flinders.fit(simulate.tumble(seed=3, motion="uniform", sensor=SENSOR).samples)
     fit.save(tmp_path / "a.json")
     loaded, kept = Judged.load(tmp_path / "a.json"), Judged.from_fit(fit)
-    npt.assert_array_equal(loaded.covariance, kept.covariance)  # type: ignore[arg-type]
+    npt.assert_array_equal(loaded.covariance, kept.covariance)
     assert compare(loaded, judged(0)).as_dict() == compare(kept, judged(0)).as_dict()
 
 
@@ -207,30 +206,26 @@ def test_the_covariance_of_a_file_is_found_by_its_names() -> None:
     one = judged(0)
     assert one.covariance is not None
     order = [3, 4, 5, 6, 7, 8, 2, 1, 0]
-    names = np.array(Fitted(method="x", samples=1).covariance_of)[order].tolist()
+    names = [PARAMETERS[row] for row in order]
     rows = tuple(map(tuple, one.covariance[np.ix_(order, order)].tolist()))
     fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=tuple(names))
     found = Judged.from_document(one.calibration.to_document(fit=fitted))
-    npt.assert_array_equal(found.covariance, one.covariance)  # type: ignore[arg-type]
+    npt.assert_array_equal(found.covariance, one.covariance)
 
 
 @pytest.mark.parametrize(
-    ("names", "covariance", "message"),
+    ("covariance", "message"),
     [
-        (("offset_x",), [[1.0]], "lacks offset_y, offset_z"),
-        (None, np.triu(np.ones((9, 9))), "not symmetric"),
-        (None, np.eye(9) - 0.9, "no variance is negative"),
+        (np.eye(1), "lacks offset_y, offset_z"),
+        (np.triu(np.ones((9, 9))), "not symmetric"),
+        (np.eye(9) - 0.9, "no variance is negative"),
     ],
 )
-def test_a_covariance_that_is_none(names: tuple[str, ...] | None, covariance: Any, message: str) -> None:
-    fitted = (
-        Fitted(method="x", samples=1, covariance=tuple(map(tuple, np.asarray(covariance).tolist())))
-        if names is None
-        else Fitted(method="x", samples=1, covariance=((1.0,),), covariance_of=names)
-    )
-    document: Document = judged(0).calibration.to_document(fit=fitted)
+def test_a_covariance_that_is_none(covariance: Floats, message: str) -> None:
+    rows = tuple(map(tuple, covariance.tolist()))
+    fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=PARAMETERS[: len(rows)])
     with pytest.raises(DocumentError, match=message):
-        Judged.from_document(document, name="a.json")
+        Judged.from_document(judged(0).calibration.to_document(fit=fitted), name="a.json")
 
 
 def test_what_cannot_be_compared() -> None:
@@ -253,5 +248,5 @@ def test_the_strength_of_readings_adds() -> None:
     lengths = np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength
     found = Strength.under(calibration, field[:300]) + Strength.under(calibration, field[300:])
     assert found.readings == len(field)
-    assert (found.mean, found.spread) == (pytest.approx(lengths.mean()), pytest.approx(lengths.std()))
+    assert [found.mean, found.spread] == pytest.approx([lengths.mean(), lengths.std()])
     assert (Strength().mean, Strength().spread) == (0.0, 0.0)

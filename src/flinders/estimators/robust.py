@@ -98,7 +98,10 @@ class Robust:
         limit = 0.0
         for _ in range(ROUNDS):
             before, limit = limit, rejection_limit(spread, ellipsoid)
-            ellipsoid = polish(part.near(ellipsoid, limit), ellipsoid).ellipsoid
+            near = part.near(ellipsoid, limit)
+            if len(near) < self.unknowns:
+                raise NotAnEllipsoid((0.0, 0.0, 0.0), self.name)
+            ellipsoid = polish(near, ellipsoid).ellipsoid
             if abs(limit - before) <= 1e-4 * limit:
                 break
         found = polish(readings.near(ellipsoid, limit), ellipsoid)
