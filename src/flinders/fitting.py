@@ -8,8 +8,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -80,12 +81,16 @@ def fit(
     UsageError
         For a method or option that does not exist, or numbers out of range.
     """
+    if alignment_sigma_deg is not None and not 0.0 <= alignment_sigma_deg <= 180.0:
+        raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     estimator = _estimator(method, options)
     readings = Readings.of(source)
-    if readings.recording is not None:
-        unit, axes = unit or readings.recording.unit, axes or readings.recording.axes
+    if hasattr(source, "blocks"):
+        recording = cast("Recording", source)
+        _refuse_to_relabel(recording, unit, axes)
+        unit, axes = recording.unit, recording.axes
     estimate = estimator.estimate(readings)
     calibration = Calibration.from_ellipsoid(
         estimate.ellipsoid.centre,
@@ -119,8 +124,24 @@ def _estimator(method: str, options: dict[str, Any]) -> Estimator:
     try:
         return METHODS[method](**options)
     except TypeError:
-        known = ", ".join(getattr(METHODS[method], "__dataclass_fields__", {})) or "no options"
-        raise UsageError(f"{method} takes {known}; got {', '.join(options)}") from None
+        known = [option.name for option in dataclasses.fields(cast("Any", METHODS[method]))]
+        unknown = [name for name in options if name not in known]
+        raise UsageError(f"{method} takes {', '.join(known) or 'no options'}; got {', '.join(unknown)}") from None
+
+
+def _refuse_to_relabel(source: Recording, unit: Unit | None, axes: Axes | None) -> None:
+    """A recording knows its unit and axes: naming others does not convert it.
+
+    Raises
+    ------
+    UsageError
+        Where they differ.
+    """
+    if (unit or source.unit) != source.unit or (axes or source.axes) != source.axes:
+        raise UsageError(
+            f"{source.source} is in {source.unit.name}, axes {source.axes}: "
+            "unit and axes are for arrays and summaries; give them where the recording is read"
+        )
 
 
 def _repeated(estimate: Estimate, summary: Summary) -> float:

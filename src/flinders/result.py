@@ -87,6 +87,11 @@ class Stray:
     end: float
     farthest: float
 
+    def as_dict(self) -> dict[str, int | float | None]:
+        """JSON-ready fields; a time that is not known is None."""
+        fields = dataclasses.asdict(self)
+        return {name: None if value != value else value for name, value in fields.items()}  # noqa: PLR0124
+
     def __str__(self) -> str:
         rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
         if np.isnan(self.start):
@@ -202,7 +207,7 @@ class Fit:
             "noise": self.noise,
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),
-            "rejected": [dataclasses.asdict(stray) for stray in self.strays],
+            "strays": [stray.as_dict() for stray in self.strays],
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
             "findings": [finding.as_dict() for finding in self.findings],

@@ -74,7 +74,18 @@ def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
         Of the recording it came from.
     """
     flat = list(_flat(fit, summary.moments))  # what follows from a surface that nothing supports is no finding
-    supported = [] if flat else [*_accuracy(fit), *_bias(fit), *_evidence(fit), *_shape(fit), *_unknowable(fit)]
+    supported = (
+        []
+        if flat
+        else [
+            *_accuracy(fit),
+            *_bias(fit),
+            *_evidence(fit),
+            *_strays(fit, summary.health),
+            *_shape(fit),
+            *_unknowable(fit),
+        ]
+    )
     found = [*flat, *supported, *_recording(summary.health)]
     order = ("refuses", "limits", "note")
     return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
@@ -132,11 +143,11 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
             "without moving anything magnetic near the sensor, and check the columns",
         )  # fmt: skip
     if fit.unseen:
-        rings = "two rings of readings" if fit.unseen == 1 else "a ring of readings"
+        rings = ", as two rings of readings would" if fit.unseen == 1 else ""
         yield Finding(
             "rings", "limits", fit.unseen, 0,
-            f"the readings leave {fit.unseen} of nine parameters open, as {rings} would, and the prior holds them: "
-            f"turn the sensor about another axis, too; {movement(fit)}",
+            f"the readings leave {fit.unseen} of nine parameters open{rings}, and the prior holds them: "
+            "turn the sensor about all three of its axes",
         )  # fmt: skip
     elif fit.held > PRIOR_SHARE:
         yield Finding(
@@ -156,15 +167,14 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
             f"residuals hang together: {fit.samples:,} readings say as much as {independent:,.0f} independent ones, "
             "and the heading error allows for it. Usual for a tumble by hand; less of it away from iron",
         )  # fmt: skip
-    yield from _strays(fit)
 
 
-def _strays(fit: Fit) -> Iterator[Finding]:
-    """What a robust fit left out."""
-    rejected = sum(stray.rows for stray in fit.strays)
-    if not rejected:
+def _strays(fit: Fit, health: Health) -> Iterator[Finding]:
+    """What a robust fit left out: the strays, and the readings around their runs."""
+    if not fit.strays:
         return
-    share = rejected / (rejected + fit.samples)
+    rejected = health.rows - fit.samples
+    share = rejected / health.rows
     worst = sorted(fit.strays, key=lambda stray: -stray.rows)[:3]
     runs = "; ".join(str(stray) for stray in worst) + ("; …" if len(fit.strays) > len(worst) else "")
     farthest = max(stray.farthest for stray in fit.strays)

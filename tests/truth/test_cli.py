@@ -130,7 +130,7 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     assert [key for key in found if key in promised] == promised
     assert set(found) - set(promised) == {
         "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
-        "samples", "independent_samples", "rejected", "covariance",
+        "samples", "independent_samples", "strays", "covariance",
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])
     assert {"rms", "worst"} <= set(found["heading_error_deg"])
@@ -297,7 +297,7 @@ def test_a_limited_fit_says_what_it_is_good_for_and_how_to_move_on(home: Path) -
     ended = flinders_("calibrate", "half.csv", "-o", "out.json")
     shown = " ".join(ended.out.split())
     assert ended.code == 3
-    assert re.search(r"LIMITED heading within [\d.]+° \(1 σ; the target is 1°\), with these limits:", shown)
+    assert re.search(r"LIMITED worst heading good to [\d.]+° \(1 σ; the target is 1°\), with these limits:", shown)
     assert "good for attitudes like those recorded" in shown
     assert "turn the sensor until its −z side points along the field" in shown
     assert Path("out.json").exists()

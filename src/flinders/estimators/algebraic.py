@@ -7,10 +7,11 @@ grows with σ² and with what the recording leaves unseen.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from flinders.errors import UsageError
 from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance, algebraic_noise
 from flinders.quadric import Ellipsoid
 
@@ -22,6 +23,9 @@ _TRACE_FREE: Final = np.concatenate(
     [[[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], *np.zeros((7, 2))], np.eye(10)[:, 3:]], axis=1
 )
 _TRACE: Final = np.array([1.0, 1.0, 1.0, 0, 0, 0, 0, 0, 0, 0])
+
+
+Normalisation: TypeAlias = Literal["trace", "unit", "nxp"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +61,17 @@ class Algebraic:
     (array([-50.,  20., 100.]), 31.0723)
     """
 
-    normalisation: Literal["trace", "unit", "nxp"] = "trace"
+    normalisation: Normalisation = "trace"
 
     name: ClassVar[str] = "algebraic"
     unknowns: ClassVar[int] = 10
     use: ClassVar[str] = "general ellipsoid as NXP, MATLAB and MotionCal fit it; biased by noise"
     is_biased: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Refuse a normalisation that is not there."""
+        if self.normalisation not in get_args(Normalisation):
+            raise UsageError(f"normalisation is {self.normalisation!r}: need {', '.join(get_args(Normalisation))}")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

@@ -56,6 +56,10 @@ class Auto:
         "the default: likelihood, or robust where residuals ask for it; consistent where there are only sums"
     )
 
+    def __post_init__(self) -> None:
+        """Refuse a prior that means nothing."""
+        prior.check(self.prior)
+
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 

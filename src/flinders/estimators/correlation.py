@@ -47,6 +47,8 @@ SMOOTH: Final = np.deg2rad(30.0)
 """Angle over which a distortion that belongs to the direction stays alike."""
 
 SIGNIFICANT: Final = 2.0
+MOST_FREEDOM: Final = 1.3
+"""Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +114,7 @@ def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid
         autocovariance = residuals.autocovariance()
     lag_one = residuals.lag_one()
     independent = len(readings) * share / time
-    freedom = independent / max(independent - 9.0, 1.0)
+    freedom = min(independent / max(independent - 9.0, 1.0), MOST_FREEDOM)
     return Correlation(scatter + share * freedom * residuals.scatter(autocovariance), lag_one, time, direction)
 
 

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.errors import NotAnEllipsoid
+from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance, algebraic_noise
 from flinders.quadric import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
+LEAST_K: Final = 3.0
 LARGEST_K: Final = 2.0**20
 STEPS: Final = 40
 
@@ -54,6 +55,12 @@ class Li:
     unknowns: ClassVar[int] = 10
     use: ClassVar[str] = "always an ellipsoid, as Magneto fits it; pulls towards spheres"
     is_biased: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Refuse a k that constrains nothing to be an ellipsoid."""
+        k: object = self.k
+        if k is not None and not (isinstance(k, int | float) and LEAST_K < k < np.inf):
+            raise UsageError(f"k is {k!r}: need a number above {LEAST_K:g}, such as 4, or None to search it")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

@@ -91,6 +91,10 @@ class Likelihood:
     use: ClassVar[str] = "general ellipsoid at the statistical limit; needs the readings themselves"
     is_biased: ClassVar[bool] = False
 
+    def __post_init__(self) -> None:
+        """Refuse a prior that means nothing."""
+        prior.check(self.prior)
+
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 

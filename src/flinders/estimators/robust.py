@@ -76,6 +76,10 @@ class Robust:
     use: ClassVar[str] = "general ellipsoid of the majority: rejects readings that do not belong"
     is_biased: ClassVar[bool] = False
 
+    def __post_init__(self) -> None:
+        """Refuse a prior that means nothing."""
+        prior.check(self.prior)
+
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 

@@ -141,7 +141,7 @@ def _verdict(fit: Fit) -> RenderableType:
     from rich.text import Text
 
     error = fit.heading_error_deg
-    within = f"heading within {degrees(error.worst)} (1 σ; the target is {fit.target_deg:g}°)"
+    within = f"worst heading good to {degrees(error.worst)} (1 σ; the target is {fit.target_deg:g}°)"
     words = {
         "good": f"{within}, all round",
         "limited": f"{within}, with these limits:",
@@ -149,7 +149,7 @@ def _verdict(fit: Fit) -> RenderableType:
     }[fit.verdict]
     basis = f"{fit.samples:,} readings, {fit.coverage.fraction:.0%} of the sphere seen; {fit.method}"
     if fit.verdict != "refused":
-        basis += f"; level, dip {abs(error.dip_deg):g}°"
+        basis += f"; level, dip {error.dip_deg:g}°"
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column()

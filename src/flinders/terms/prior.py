@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.errors import UsageError
 from flinders.quadric import Ellipsoid, upper
 from flinders.terms.equations import NormalEquations
 
@@ -38,6 +39,18 @@ SENSE: Final = 10.0
 _DEVIATOR: Final = np.zeros((6, 6))
 _DEVIATOR[:3, :3] = np.eye(3) - 1.0 / 3.0
 _DEVIATOR[3:, 3:] = np.sqrt(2.0) * np.eye(3)
+
+
+def check(spread: object) -> None:
+    """Let a spread through that means something, or None for no prior.
+
+    Raises
+    ------
+    UsageError
+        For anything but a positive number.
+    """
+    if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < np.inf):
+        raise UsageError(f"prior is {spread!r}: need a positive number such as {SPREAD:g}, or None")
 
 
 def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquations:
