@@ -2,7 +2,7 @@
 
 The textbook covariance σ²(JᵀJ)⁻¹ takes residuals for independent. Those of real recordings are not: the
 field has gradients along the path of the hand, the body is near, the sensor is not linear. Four
-calibrations of one board differ by three to four times what the textbook claims.
+calibrations of one board differ in heading by about three times what the textbook claims.
 
 What a fit's error depends on is the scatter of Σ J s over residuals s. With correlated residuals it is
 
