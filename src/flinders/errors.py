@@ -27,11 +27,11 @@ Every error has a stable `code`, the `exit_code` with which the command line end
 it speaks of as attributes. `FitError` carries `evidence`, a mapping of those numbers, so that a
 batch can store a refusal as a row.
 
->>> error = TooFewSamples(found=5, needed=9, method="likelihood")
+>>> error = TooFewSamples(found=5, needed=10, method="likelihood")
 >>> error.code, error.exit_code, error.evidence["found"]
 ('too-few-samples', 4, 5)
 >>> print(error)
-5 usable readings, 'likelihood' needs at least 9: record for longer while turning the sensor through all directions
+5 usable readings, 'likelihood' needs at least 10: record for longer while turning the sensor through all directions
 """
 
 from __future__ import annotations

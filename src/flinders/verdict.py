@@ -109,9 +109,10 @@ def _accuracy(fit: Fit) -> Iterator[Finding]:
     if not worst <= target:
         severity: Severity = "limits" if worst <= REFUSED_AT * target else "refuses"
         amount = f"{worst:.2g}°" if worst < 90 else "any angle"
+        remedy = "the method's model does not fit this sensor, use 'auto'" if fit.bias_deg > target else movement(fit)
         yield Finding(
             "heading-error", severity, worst, target,
-            f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°): {movement(fit)}",
+            f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°): {remedy}",
         )  # fmt: skip
 
 
