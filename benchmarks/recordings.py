@@ -1,8 +1,10 @@
-"""Real recordings beside what another tool made of them: how far apart the offsets are.
+"""Real recordings: what another tool made of them, and what `auto` makes of each.
 
-``python -m benchmarks.recordings`` prints a table. The recordings are not part of the project; they are looked for in
-the folder that ``FLINDERS_DATA`` names, else in ``shared/data`` beside the project. The reference comes from the same
-readings by a similar method, so agreement checks code, not truth.
+``python -m benchmarks.recordings`` prints two tables. The recordings are not part of the project; they are looked for
+in the folder that ``FLINDERS_DATA`` names, else in ``shared/data`` beside the project. A reference comes from the same
+readings by a similar method, so agreement checks code, not truth. In the second table the worst level heading error is
+what is claimed, beside what the textbook covariance for independent residuals would claim; findings that are mere
+notes are in brackets.
 """
 
 from __future__ import annotations
@@ -15,8 +17,19 @@ from typing import Final, NamedTuple
 import numpy as np
 
 import flinders
+from flinders.errors import FitError, InputError
+from flinders.result import Refused
 
 FOLDER: Final = Path(os.environ.get("FLINDERS_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
+
+TEXT: Final = {".csv", ".txt"}
+NO_RECORDINGS: Final = {
+    "acc.txt", "acc_data.txt", "icm_20948_cal_acc.csv",  # accelerometers
+    "icm_20948_get_cal_data_OUTPUT.txt", "reference_mag3_out.txt", "reference_paramters_mag.csv",
+    "reference_20231014_online_bias_est.txt", "repeat_calibrations_20231225.txt",  # results
+}  # fmt: skip
+ALWAYS: Final = {"scale-unknown", "rotation-unknown", "unit-unknown"}
+"""Findings of every recording here."""
 
 
 class Reference(NamedTuple):
@@ -47,10 +60,41 @@ def row(reference: Reference) -> str:
     )
 
 
+def judged(path: Path) -> str | None:
+    """Fit one recording and write its row of the second table; None for what is no recording."""
+    name = str(path.relative_to(FOLDER))
+    try:
+        samples = flinders.read(path)
+    except InputError:
+        return None
+    try:
+        fit = flinders.fit(samples)
+    except Refused as refusal:
+        fit = refusal.fit
+    except FitError as refusal:
+        return f"| {name} | {len(samples):,} | refused | | | {refusal.code} |"
+    error, textbook = fit.heading_error_deg, fit.textbook_heading_error_deg
+    codes = [finding.code if finding.severity != "note" else f"({finding.code})" for finding in fit.findings]
+    told = ", ".join(code for code in codes if code.strip("()") not in ALWAYS)
+    claimed = "" if fit.verdict == "refused" else f"{error.worst:.2g}°"
+    white = "" if fit.verdict == "refused" or textbook is None else f"{textbook.worst:.2g}°"
+    return f"| {name} | {fit.samples:,} | {fit.verdict}, {fit.method} | {claimed} | {white} | {told} |"
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     if not FOLDER.is_dir():
         sys.exit(f"no recordings in {FOLDER}: set FLINDERS_DATA to the folder that holds them")
+    references()
+    print("\n| recording | readings used | verdict, method | worst heading error | textbook | findings |")
+    print("|---|---:|---|---:|---:|---|")
+    for path in sorted(FOLDER.glob("*/*")):
+        if path.suffix in TEXT and path.name not in NO_RECORDINGS and (told := judged(path)):
+            print(told, flush=True)
+
+
+def references() -> None:
+    """Print the first table."""
     print("| recording | readings | reference | offset differs, of field | spread | verdict, worst heading error |")
     print("|---|---:|---|---:|---|---|")
     for reference in REFERENCES:

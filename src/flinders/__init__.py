@@ -23,11 +23,12 @@ if TYPE_CHECKING:
     from flinders import units as units
     from flinders.axes import Axes as Axes
     from flinders.calibration import Calibration as Calibration
-    from flinders.comparison import Judged as Judged
     from flinders.comparison import compare as compare
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.fitting import fit as fit
+    from flinders.judged import Judged as Judged
+    from flinders.merging import merge as merge
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
     from flinders.result import Finding as Finding
@@ -43,7 +44,7 @@ _HOMES: Final = {
     "Fit": "result",
     "FitError": "errors",
     "FlindersError": "errors",
-    "Judged": "comparison",
+    "Judged": "judged",
     "Samples": "samples",
     "Summary": "summary",
     "Unit": "units",
@@ -51,6 +52,7 @@ _HOMES: Final = {
     "errors": "",
     "estimators": "",
     "fit": "fitting",
+    "merge": "merging",
     "open_recording": "readers",
     "read": "readers",
     "simulate": "",

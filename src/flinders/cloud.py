@@ -155,7 +155,7 @@ def natural_side(field: Floats) -> float:
     return float(2.0 ** np.round(np.log2(max(radius, SMALLEST_SIDE * largest) / 12.0)))
 
 
-def cells_of(readings: Floats, side: float) -> NDArray[np.int64]:
+def keys_of(readings: Floats, side: float) -> NDArray[np.int64]:
     """(N,) keys of the cells that (N, 3) readings fall into."""
     return _pack(_indices(readings.T, side))
 

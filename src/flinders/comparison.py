@@ -2,6 +2,7 @@
 
 >>> from dataclasses import replace
 >>> from flinders import fitting, simulate
+>>> from flinders.judged import Judged
 >>> monday, tuesday = (simulate.tumble(seed=seed, sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2))
 >>> first, second = (Judged.from_fit(fitting.fit(day.samples)) for day in (monday, tuesday))
 >>> compare(first, second).verdict
@@ -14,25 +15,23 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
-from flinders.arrays import floats
-from flinders.calibration import Calibration
-from flinders.document import PARAMETERS, read
-from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
+from flinders.errors import UsageError
 from flinders.heading import HeadingError, level_error, level_turn
+from flinders.judged import refuse_unlike, rescaled, without_scale
+from flinders.pooling import chance_of, chi_square_of
 from flinders.quadric import Ellipsoid, upper
 from flinders.simulate import fibonacci
 from flinders.units import label
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.document import Document
-    from flinders.result import Fit
+    from flinders.calibration import Calibration
+    from flinders.judged import Judged
 
 Agreement = Literal["agree", "differ", "contradict"]
 
@@ -41,83 +40,6 @@ CHANCE: Final = 0.01
 
 DIRECTIONS: Final = fibonacci(400).T
 """(3, 400) unit vectors, over which the direction difference is taken."""
-
-DEPENDENT: Final = 1e-10
-"""Eigenvalues of the correlation matrix below this share of the largest are parameters that nobody left free."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Judged:
-    """A calibration and its covariance.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    covariance : (9, 9) float, optional
-        Of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the square
-        of the calibration's unit. None where it claims nothing: it is then taken as exact.
-    name : str
-        What messages call it.
-
-    Raises
-    ------
-    ArrayError
-        Unless the covariance is (9, 9), symmetric and without negative eigenvalues.
-    """
-
-    calibration: Calibration
-    covariance: Floats | None = None
-    name: str = "calibration"
-
-    def __post_init__(self) -> None:
-        """Check the covariance."""
-        if self.covariance is not None:
-            object.__setattr__(self, "covariance", _covariance(self.covariance))
-
-    @classmethod
-    def from_fit(cls, fit: Fit, *, name: str = "fit") -> Self:
-        """Take what a fit found and claims."""
-        return cls(fit.calibration, fit.covariance, name)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a calibration file, with the covariance where it holds one.
-
-        Raises
-        ------
-        DocumentError
-            For a file that cannot be opened or understood, or whose covariance is none of offset and shape.
-        """
-        return cls.from_document(read(path), name=os.fspath(path))
-
-    @classmethod
-    def from_document(cls, document: Document, *, name: str = "calibration") -> Self:
-        """Take both out of the content of a calibration file.
-
-        Raises
-        ------
-        DocumentError
-            As `load`.
-        """
-        calibration = Calibration.from_document(document, source=name)
-        if document.fit is None or document.fit.covariance is None:
-            return cls(calibration, None, name)
-        names = document.fit.covariance_of
-        missing = [parameter for parameter in PARAMETERS if parameter not in names]
-        if missing:
-            raise DocumentError(f"{name}: fit.covariance lacks {', '.join(missing)}: need offset and shape, all nine")
-        rows = [names.index(parameter) for parameter in PARAMETERS]
-        try:
-            return cls(calibration, np.array(document.fit.covariance)[np.ix_(rows, rows)], name)
-        except ArrayError as error:
-            raise DocumentError(f"{name}: fit.{error}") from None
-
-    @property
-    def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that the calibration makes a sphere, which knows no rotation."""
-        shape = self.calibration.shape
-        squares, axes = np.linalg.eigh(shape @ shape.T)
-        return Ellipsoid(self.calibration.offset, (axes * np.sqrt(squares)) @ axes.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -330,7 +252,7 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     pair = _Pair.of(a, b)
     heading, mean = pair.heading_difference(dip_deg)
-    chi_square, freedom = _chi_square(pair.difference, pair.covariance)
+    chi_square, freedom = chi_square_of(pair.difference, pair.covariance)
     stated = a.covariance is not None or b.covariance is not None
     return Comparison(
         heading_difference_deg=heading,
@@ -347,23 +269,6 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
         target_deg=float(target_deg),
         unit=a.calibration.unit,
     )
-
-
-def chance_of(chi_square: float, freedom: int) -> float:
-    """How often chance alone makes chi-square as large.
-
-    The cube root of chi-square is all but normal: Wilson and Hilferty, The distribution of chi-square, PNAS 17
-    (1931) 684-688. Good to 0.006 from three degrees of freedom on, and to 0.002 where p is below
-    0.1.
-
-    >>> round(chance_of(16.919, 9), 3), chance_of(0.0, 9), chance_of(1.0, 0)
-    (0.05, 1.0, 1.0)
-    """
-    if freedom == 0 or chi_square <= 0.0:
-        return 1.0
-    variance = 2.0 / (9.0 * freedom)
-    normal = ((chi_square / freedom) ** (1.0 / 3.0) - (1.0 - variance)) / math.sqrt(variance)
-    return math.erfc(normal / math.sqrt(2.0)) / 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -392,7 +297,7 @@ class _Pair:
     @classmethod
     def of(cls, a: Judged, b: Judged) -> Self:
         """Bring both to the geometric mean of their field strengths where they are known, else of their radii."""
-        _refuse_unlike(a, b)
+        refuse_unlike(a, b)
         first, second = a.ellipsoid, b.ellipsoid
         known = a.calibration.field_strength_known and b.calibration.field_strength_known
         fields = (a.calibration.field_strength, b.calibration.field_strength)
@@ -405,7 +310,7 @@ class _Pair:
             (first.centre, second.centre),
             (p * a.calibration.shape, q * b.calibration.shape),
             ellipsoids,
-            _scaled(a.covariance, p, shape, known=known) + _scaled(b.covariance, q, shape, known=known),
+            _claimed(a, p, shape, known=known) + _claimed(b, q, shape, known=known),
             second.radius / first.radius * (q / p if known else 1.0) - 1.0,
             known,
         )
@@ -457,62 +362,12 @@ def _angles(vectors: Floats, directions: Floats) -> Floats:
     return angles
 
 
-def _covariance(values: Floats) -> Floats:
-    """Let through what can be a covariance of nine parameters."""
-    array = floats(values, "covariance")
-    if array.shape != (9, 9):
-        raise ArrayError(f"covariance has shape {array.shape}: need (9, 9), of offset and shape")
-    lack = float(np.abs(array - array.T).max())
-    largest = float(np.abs(array).max())
-    if lack > 1e-6 * largest:
-        raise ArrayError(f"covariance is not symmetric: entries across the diagonal differ by up to {lack:.3g}")
-    lowest = float(np.linalg.eigvalsh(array)[0])
-    if lowest < -1e-6 * largest:
-        raise ArrayError(f"covariance has the eigenvalue {lowest:.3g}: no variance is negative")
-    return array
+def _claimed(one: Judged, factor: float, shape: Floats, *, known: bool) -> Floats:
+    """(9, 9) what a calibration claims, its shape multiplied by `factor`; without the scale unless `known`.
 
-
-def _refuse_unlike(a: Judged, b: Judged) -> None:
-    """Refuse calibrations whose numbers cannot be held against each other."""
-    if a.calibration.unit != b.calibration.unit:
-        raise UnitError(
-            f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
-            "calibrate both with one unit (counts need --scale)"
-        )
-    for what in ("axes", "frame"):
-        ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
-        if ours != theirs:
-            raise AxesError(
-                f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both with the same --axes"
-            )
-
-
-def _scaled(covariance: Floats | None, factor: float, shape: Floats, *, known: bool) -> Floats:
-    """(9, 9) covariance of an ellipsoid whose shape was multiplied by `factor`; without the scale unless `known`.
-
-    S/r with r³ = det S changes by (δS − S tr(S⁻¹ δS)/3)/r. Both calibrations have it from the same S = `shape`,
-    so that the scale is out of the sum as well.
+    Both calibrations have it from the same `shape`, so that the scale is out of the sum as well.
     """
-    if covariance is None:
+    if one.covariance is None:
         return np.zeros((9, 9))
-    jacobian = np.eye(9)
-    if not known:
-        relative = upper(np.linalg.inv(shape)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
-        jacobian[3:, 3:] -= np.outer(upper(shape), relative) / 3.0
-    jacobian[3:] *= factor
-    scaled: Floats = jacobian @ covariance @ jacobian.T
-    return scaled
-
-
-def _chi_square(difference: Floats, covariance: Floats) -> tuple[float, int]:
-    """Square of a difference in units of its covariance, over what the covariance leaves free; and its rank."""
-    sigma = np.sqrt(np.diag(covariance))
-    free = sigma > 0.0
-    if not free.any():
-        return 0.0, 0
-    sigma, difference = sigma[free], difference[free]
-    values, axes = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sigma, sigma))
-    kept = values > DEPENDENT * values[-1]
-    along = axes[:, kept].T @ (difference / sigma)
-    with np.errstate(over="ignore"):
-        return float(np.sum(along**2 / values[kept])), int(kept.sum())
+    covariance = rescaled(one.covariance, factor)
+    return covariance if known else without_scale(covariance, shape, shape)

@@ -27,13 +27,33 @@ _STARTS: Final = np.concatenate([[0], np.cumsum(_BANDS)[:-1]])
 _EDGES: Final = 1.0 - 0.02 * np.cumsum(_BANDS)[:-1]
 
 
+def around_z(z: Floats, longitude: Floats) -> Floats:
+    """(N, 3) unit vectors at heights (N,) and longitudes (N,) in rad."""
+    across = np.sqrt(1 - z * z)
+    return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+
+
+def fibonacci(n: int) -> Floats:
+    """(n, 3) unit vectors spread evenly over the sphere, from the north pole to the south pole.
+
+    >>> fibonacci(4).round(3)
+    array([[ 0.24 , -0.616,  0.75 ],
+           [-0.868,  0.428,  0.25 ],
+           [ 0.93 ,  0.271, -0.25 ],
+           [-0.343, -0.565, -0.75 ]])
+    """
+    steps: Floats = np.arange(n, dtype=np.float64) + 0.5
+    z = 1 - 2 * steps / n
+    longitude: Floats = np.pi * (1 + 5**0.5) * steps  # the golden angle, but for full turns
+    return around_z(z, longitude)
+
+
 def _centres() -> Floats:
     heights = 1.0 - 0.02 * (np.cumsum(_BANDS) - _BANDS / 2.0)
     heights[[0, -1]] = 1.0, -1.0
     z = np.repeat(heights, _BANDS)
     longitude = 2.0 * np.pi * np.concatenate([(np.arange(n) + 0.5) / n for n in _BANDS])
-    across = np.sqrt(1.0 - z * z)
-    return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+    return around_z(z, longitude)
 
 
 CELLS: Final = _centres()

@@ -19,7 +19,8 @@
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
     │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
-    │   └── Refused                  refused           4    a fit exists, its verdict is "refused"
+    │   ├── Refused                  refused           4    a fit exists, its verdict is "refused"
+    │   └── NotMerged                not-merged        4    calibrations that contradict each other
     └── OutputError                  output            6    the result cannot be written
         └── OutputExists             output-exists     6    a file is there already
 
@@ -32,14 +33,37 @@ batch can store a refusal as a row.
 ('too-few-samples', 4, 5)
 >>> print(error)
 5 usable readings, 'likelihood' needs at least 10: record for longer while turning the sensor through all directions
+
+Messages of all modules write counts and numbers with `counted` and `figures`.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, ClassVar
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
+
+
+def counted(number: float, noun: str) -> str:
+    """Write how many there are of something.
+
+    >>> counted(1, "reading"), counted(24483, "usable reading")
+    ('1 reading', '24,483 usable readings')
+    """
+    return f"{number:,.0f} {noun}{'s' * (round(number) != 1)}"
+
+
+def figures(value: float, digits: int = 2) -> str:
+    """Write a number to so many significant digits or to the point, with an exponent only where it needs one.
+
+    >>> figures(0.0321), figures(2.0), figures(324.7), figures(49.3, 4), figures(31072.3, 4), figures(3.2e9)
+    ('0.032', '2.0', '325', '49.30', '31,072', '3.2e+09')
+    """
+    if not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{digits}g}"
+    return f"{value:,.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
 
 
 class FlindersError(Exception):
@@ -108,18 +132,21 @@ class FitError(FlindersError):
 
 
 class TooFewSamples(FitError):
-    """Fewer usable readings (`found`) than the method has unknowns (`needed`)."""
+    """Fewer usable readings (`found`) than the method has unknowns (`needed`); `skipped` says what was left out."""
 
     code = "too-few-samples"
 
-    def __init__(self, *, found: int, needed: int, method: str) -> None:
-        self.found, self.needed, self.method = found, needed, method
+    def __init__(self, *, found: int, needed: int, method: str, skipped: Iterable[object] = ()) -> None:
+        self.found, self.needed, self.method, self.skipped = found, needed, method, tuple(map(str, skipped))
+        besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""
+        check = "check what was left out, and " if self.skipped else ""
         super().__init__(
-            f"{found:,} usable readings, {method!r} needs at least {needed:,}: "
-            "record for longer while turning the sensor through all directions",
+            f"{counted(found, 'usable reading')}{besides}, {method!r} needs at least {needed:,}: "
+            f"{check}record for longer while turning the sensor through all directions",
             found=found,
             needed=needed,
             method=method,
+            skipped=self.skipped,
         )
 
 
@@ -147,7 +174,7 @@ class Unmoved(FitError):
     def __init__(self, *, spread: float, size: float) -> None:
         self.spread, self.size = spread, size
         super().__init__(
-            f"the readings vary by {spread:.2g} about a mean of {size:.3g}: the sensor was hardly moved. "
+            f"the readings vary by {figures(spread)} about a mean of {figures(size, 3)}: the sensor was hardly moved. "
             "Turn it slowly through all directions while recording",
             spread=spread,
             size=size,

@@ -10,16 +10,17 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.coverage import Coverage
-from flinders.errors import UsageError
-from flinders.estimators import METHODS, Readings, strays_of, with_bias
+from flinders.errors import FitError, UsageError
+from flinders.estimators import METHODS, Auto, Level, Readings, drift_of, with_bias
 from flinders.heading import alignment_error_deg, level_error
+from flinders.repeats import Part, compared
 from flinders.result import Fit, Refused
 from flinders.units import Unit
 from flinders.verdict import judge
@@ -29,9 +30,13 @@ if TYPE_CHECKING:
 
     from flinders.estimators import Estimate, Estimator
     from flinders.heading import HeadingError
-    from flinders.result import Stray
+    from flinders.repeats import Repeats
+    from flinders.result import Drift
     from flinders.samples import Recording
     from flinders.summary import Summary
+
+LOOKED_AT: Final = 5_000
+"""Readings of a longer recording that are looked at for a change in time."""
 
 
 def fit(
@@ -85,7 +90,7 @@ def fit(
         raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    estimator = _estimator(method, options)
+    estimator = _estimator(method, options, dip_deg)
     readings = Readings.of(source)
     if hasattr(source, "blocks"):
         recording = cast("Recording", source)
@@ -102,7 +107,10 @@ def fit(
     )
     if estimator.is_biased:
         estimate = with_bias(estimate, readings)
-    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg)
+    repeats = _repeats(readings, dip_deg, estimate.method)
+    if repeats is not None:
+        estimate = replace(estimate, covariance=estimate.covariance + repeats.scatter)
+    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats)
     if alignment_sigma_deg is not None:
         dip = fitted.heading_error_deg.dip_deg
         fitted = replace(fitted, alignment_error_deg=alignment_error_deg(alignment_sigma_deg, dip_deg=dip))
@@ -111,8 +119,8 @@ def fit(
     return fitted
 
 
-def _estimator(method: str, options: dict[str, Any]) -> Estimator:
-    """Look a method up and give it its options.
+def _estimator(method: str, options: dict[str, Any], dip_deg: float) -> Estimator:
+    """Look a method up and give it its options, the dip if it asks for it.
 
     Raises
     ------
@@ -121,10 +129,11 @@ def _estimator(method: str, options: dict[str, Any]) -> Estimator:
     """
     if method not in METHODS:
         raise UsageError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
+    known = [option.name for option in dataclasses.fields(cast("Any", METHODS[method]))]
+    site = {"dip_deg": dip_deg} if "dip_deg" in known else {}
     try:
-        return METHODS[method](**options)
+        return METHODS[method](**site, **options)
     except TypeError:
-        known = [option.name for option in dataclasses.fields(cast("Any", METHODS[method]))]
         unknown = [name for name in options if name not in known]
         raise UsageError(f"{method} takes {', '.join(known) or 'no options'}; got {', '.join(unknown)}") from None
 
@@ -153,11 +162,12 @@ def _repeated(estimate: Estimate, summary: Summary) -> float:
     return max(1.0, share / known)
 
 
-def _strays(estimate: Estimate, readings: Readings) -> tuple[Stray, ...]:
-    """Runs of readings that a robust fit left out."""
-    if readings.recording is None or not np.isfinite(estimate.rejected_beyond):
-        return ()
-    return tuple(strays_of(readings.recording.blocks(), estimate.ellipsoid, estimate.rejected_beyond))
+def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | None:
+    """Whether something changed while one recording was made."""
+    if readings.recording is None or readings.parts or estimate.unseen:
+        return None
+    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond)
+    return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
 def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
@@ -179,10 +189,33 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     return level_error(estimate.ellipsoid, np.outer(estimate.bias, estimate.bias), dip_deg=dip_deg).rms
 
 
-def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, target_deg: float, dip_deg: float) -> Fit:
+def _repeats(readings: Readings, dip_deg: float, method: str) -> Repeats | None:
+    """Hold the recordings of a sensor against each other, those that say all by themselves.
+
+    Level turns are only held against each other: each rests on the dip, and elsewhere that is found.
+    """
+    parts = []
+    for part in readings.parts:
+        try:
+            alone = Auto(dip_deg=dip_deg).estimate(part)
+        except FitError:
+            continue
+        if (alone.method == Level.name) == (method == Level.name) and (method == Level.name or not alone.unseen):
+            source = "" if part.recording is None else part.recording.source
+            parts.append(Part(source, alone.used, alone.ellipsoid, alone.covariance))
+    return compared(parts, dip_deg=dip_deg) if len(parts) > 1 else None
+
+
+def _judged(
+    estimate: Estimate,
+    readings: Readings,
+    calibration: Calibration,
+    target_deg: float,
+    dip_deg: float,
+    repeats: Repeats | None,
+) -> Fit:
     """Put together what is known and judge it."""
     summary = readings.summary
-    strays = _strays(estimate, readings)
     repeated = _repeated(estimate, summary)
     covariance = estimate.covariance * repeated
     coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
@@ -196,11 +229,15 @@ def _judged(estimate: Estimate, readings: Readings, calibration: Calibration, ta
         coverage=coverage,
         heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
         target_deg=target_deg,
+        dip_deg=dip_deg,
         held=estimate.held,
         unseen=estimate.unseen,
         textbook_heading_error_deg=_textbook(estimate, dip),
         independent_samples=_independent(estimate, len(summary) / repeated),
-        strays=strays,
+        strays=estimate.strays,
         bias_deg=_bias_deg(estimate, dip),
+        distortion=0.0 if estimate.correlation is None else estimate.correlation.direction,
+        drift=_drift(estimate, readings, dip),
+        repeats=repeats,
     )
     return replace(fitted, findings=judge(fitted, summary))

@@ -4,6 +4,14 @@
 >>> offset_only = np.diag([0.25, 0.25, 0.25, 0, 0, 0, 0, 0, 0])
 >>> level_error(sphere, offset_only, dip_deg=60.0)     # 0.5 µT on a horizontal field of 25 µT
 HeadingError(rms=1.15°, worst=1.15°, dip=60°)
+
+A vertical offset leaves a level heading alone, and comes in with the sine of the tilt:
+
+>>> vertical = np.diag([0, 0, 0.25, 0, 0, 0, 0, 0, 0])
+>>> level_error(sphere, vertical), tilted_error(sphere, vertical, tilt_deg=30.0)
+(HeadingError(rms=0.00°, worst=0.00°, dip=60°), HeadingError(rms=0.41°, worst=0.57°, dip=60°, tilt=30°))
+>>> round(attitude_limit_deg(sphere, vertical, limit_deg=0.573), 1)
+30.0
 """
 
 from __future__ import annotations
@@ -13,6 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.coverage import fibonacci
 from flinders.errors import UsageError
 from flinders.quadric import Ellipsoid, gathered
 
@@ -22,10 +31,19 @@ if TYPE_CHECKING:
 HEADINGS: Final = 72
 STEEPEST_DIP_DEG: Final = 89.0
 
+AZIMUTHS: Final = 24
+"""Horizontal axes about which a vehicle is tilted."""
+
+TILT_STEP_DEG: Final = 5.0
+TILT_DIGITS_DEG: Final = 0.01
+"""Tilts are searched in such steps, and the one that is found is narrowed down to so much."""
+
+_EVERYWHERE: Final = fibonacci(400)
+
 
 @dataclass(frozen=True, slots=True)
 class HeadingError:
-    """What to expect of the heading of a level vehicle, 1 σ, its mean over all headings taken off.
+    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn taken off.
 
     Attributes
     ----------
@@ -35,17 +53,23 @@ class HeadingError:
         At the worst heading.
     dip_deg : float
         Dip of the field for which it holds, positive where the field points along +z.
+    tilt_deg : float
+        How far the vehicle is rolled or pitched, whichever way; zero for a level one.
     """
 
     rms: float
     worst: float
     dip_deg: float
+    tilt_deg: float = 0.0
 
     def __repr__(self) -> str:
-        return f"HeadingError(rms={self.rms:.2f}°, worst={self.worst:.2f}°, dip={self.dip_deg:g}°)"
+        tilt = f", tilt={self.tilt_deg:g}°" if self.tilt_deg else ""
+        return f"HeadingError(rms={self.rms:.2f}°, worst={self.worst:.2f}°, dip={self.dip_deg:g}°{tilt})"
 
 
-def level_error(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0) -> HeadingError:
+def level_error(
+    ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
+) -> HeadingError:
     """Carry the covariance of (b, S) over to the heading of a level vehicle.
 
     With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected
@@ -59,36 +83,152 @@ def level_error(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60
         Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit².
     dip_deg : float
         Inclination of the field at the site; negative in the south.
+    down : (3,) float, optional
+        Which way is down when the vehicle is level, in corrected sensor axes; by default +z. A sensor that is
+        mounted a little tilted is judged about the vehicle's vertical.
 
     Raises
     ------
     UsageError
         Within a degree of the magnetic poles, where there is no heading.
     """
-    heading, directions = level_turn(dip_deg)
-    across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / np.cos(np.deg2rad(dip_deg))
+    gradient = level_gradients(ellipsoid, dip_deg=dip_deg, down=down)
+    rms, worst = _in_degrees(gradient, covariance)
+    return HeadingError(rms, worst, float(dip_deg))
+
+
+def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> Floats:
+    """(72, 9) how the heading ψ of a level vehicle changes with (b, S) at each heading, its mean taken off, rad/unit.
+
+    Up to a sign, which no variance sees; parameters as those of `level_error`.
+
+    Raises
+    ------
+    UsageError
+        Within a degree of the magnetic poles.
+    """
+    across, directions = _level_fields(dip_deg, down)
     gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
     gradient -= gradient.mean(axis=0)
-    variance = np.sum(gradient @ covariance * gradient, axis=1).clip(min=0.0)
-    rms, worst = np.sqrt(variance.mean()), np.sqrt(variance.max())
-    return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))
+    return gradient
+
+
+def tilted_error(
+    ellipsoid: Ellipsoid,
+    covariance: Floats,
+    *,
+    dip_deg: float = 60.0,
+    tilt_deg: float = 0.0,
+    down: Floats | None = None,
+) -> HeadingError:
+    """Carry the covariance of (b, S) over to the heading of a vehicle that is rolled or pitched.
+
+    The vehicle knows its tilt T, a turn by `tilt_deg` about a horizontal axis, and turns readings back by it. It
+    meets the field v = Tᵀu(ψ), reads it with the error δv = −S⁻¹(δb + δS v), and its heading errs as that of a level
+    vehicle does by T δv. What is constant while it is *level* is a matter of mounting and taken off; what the tilt
+    adds, in each of 24 directions, counts.
+
+    Parameters
+    ----------
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        As for `level_error`, and so are `dip_deg` and `down`.
+    tilt_deg : float
+        0 to 180, which is upside down.
+
+    Raises
+    ------
+    UsageError
+        Within a degree of the magnetic poles.
+    """
+    across, directions = _level_fields(dip_deg, down)
+    mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
+    rows = np.concatenate([across, directions], axis=1)
+    turned = np.swapaxes(_tilts(np.deg2rad(tilt_deg), down), 1, 2) @ rows  # (24, 3, 144)
+    bent, seen = (np.swapaxes(part, 0, 1).reshape(3, -1) for part in np.split(turned, 2, axis=2))
+    gradient = gathered(np.linalg.solve(ellipsoid.shape, bent), seen) - mounting
+    rms, worst = _in_degrees(gradient, covariance)
+    return HeadingError(rms, worst, float(dip_deg), float(tilt_deg))
+
+
+def attitude_limit_deg(
+    ellipsoid: Ellipsoid,
+    covariance: Floats,
+    *,
+    dip_deg: float = 60.0,
+    limit_deg: float = 1.0,
+    down: Floats | None = None,
+) -> float:
+    """How far a vehicle may roll or pitch, whichever way, before its worst heading error exceeds a limit, in degrees.
+
+    The largest tilt up to which `tilted_error` stays within `limit_deg`: 0 where a level vehicle is beyond it
+    already, 180 where all attitudes are within. Looked for in steps of 5°, and found to 0.01°.
+
+    Raises
+    ------
+    UsageError
+        Within a degree of the magnetic poles.
+    """
+
+    def within(tilt_deg: float) -> bool:
+        return tilted_error(ellipsoid, covariance, dip_deg=dip_deg, tilt_deg=tilt_deg, down=down).worst <= limit_deg
+
+    tilts = np.arange(0.0, 180.0 + TILT_STEP_DEG, TILT_STEP_DEG).tolist()
+    beyond = next((tilt for tilt in tilts if not within(tilt)), None)
+    if beyond is None:
+        return 180.0
+    if beyond == 0.0:
+        return 0.0
+    inside = beyond - TILT_STEP_DEG
+    while beyond - inside > TILT_DIGITS_DEG:
+        middle = 0.5 * (inside + beyond)
+        inside, beyond = (middle, beyond) if within(middle) else (inside, middle)
+    return float(inside)
 
 
 def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> tuple[float, float]:
     """What to expect of the direction of the corrected field over the whole sphere: rms and worst, degrees, 1 σ.
 
-    The error δu = −S⁻¹(δb + δS u) across u, in 400 directions.
+    `direction_errors_deg` in 400 directions.
     """
-    height = 1.0 - (2.0 * np.arange(400) + 1.0) / 400
-    turn = np.pi * (1.0 + np.sqrt(5.0)) * (np.arange(400) + 0.5)
-    across = np.sqrt(1.0 - height**2)
-    directions = np.stack([across * np.cos(turn), across * np.sin(turn), height])
-    east = np.stack([-np.sin(turn), np.cos(turn), np.zeros(400)])
-    variance = np.zeros(400)
-    for tangent in (east, np.cross(directions, east, axis=0)):
-        gradient = gathered(np.linalg.solve(ellipsoid.shape, tangent), directions)
-        variance += np.sum(gradient @ covariance * gradient, axis=1).clip(min=0.0)
-    return float(np.rad2deg(np.sqrt(variance.mean()))), float(np.rad2deg(np.sqrt(variance.max())))
+    errors = direction_errors_deg(ellipsoid, covariance, _EVERYWHERE)
+    return float(np.sqrt(np.mean(errors**2))), float(errors.max())
+
+
+def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: Floats) -> Floats:
+    """(K,) what to expect of the direction of the corrected field where it points along each u, degrees, 1 σ.
+
+    The length of the error δu = −S⁻¹(δb + δS u) across u, which an attitude filter meets in full.
+
+    Parameters
+    ----------
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        Of (b, S), in unit².
+    directions : (K, 3) float
+        Unit vectors, in corrected sensor axes.
+
+    Examples
+    --------
+    >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
+    >>> along_x = np.diag([1.0, 0, 0, 0, 0, 0, 0, 0, 0])         # 1 µT of 50: nothing along x, 1.15° across
+    >>> direction_errors_deg(sphere, along_x, np.eye(3)).round(2)
+    array([0.  , 1.15, 1.15])
+    """
+    gradients = direction_gradients(ellipsoid, directions)
+    variance = np.sum(gradients @ covariance * gradients, axis=(1, 2)).clip(min=0.0)
+    errors: Floats = np.rad2deg(np.sqrt(variance))
+    return errors
+
+
+def direction_gradients(ellipsoid: Ellipsoid, directions: Floats) -> Floats:
+    """(K, 3, 9) how the corrected field's direction changes with (b, S) at each of (K, 3) unit directions, rad/unit.
+
+    Three rows a direction, of which two would do: the rows of (1 − uuᵀ) S⁻¹, so that no axis is preferred.
+    """
+    across = np.eye(3)[:, np.newaxis] - directions.T[:, :, np.newaxis] * directions  # (3, K, 3), the columns of 1 − uuᵀ
+    vectors = np.linalg.solve(ellipsoid.shape, across.reshape(3, -1))
+    return gathered(vectors, np.repeat(directions.T, 3, axis=1)).reshape(-1, 3, 9)
 
 
 def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
@@ -102,7 +242,7 @@ def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
     return float(sigma_deg * np.hypot(1.0, np.tan(np.deg2rad(dip_deg))))
 
 
-def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> HeadingError:
+def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> HeadingError:
     """What the heading of a level vehicle errs by if its readings are used as they come.
 
     The heading of b + S u(ψ) less ψ, its mean taken off. Where the offset is larger than the
@@ -113,8 +253,10 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> HeadingError:
     UsageError
         Within a degree of the magnetic poles.
     """
-    heading, directions = level_turn(dip_deg)
+    heading, directions = level_turn(dip_deg, down)
     readings = ellipsoid.centre[:, np.newaxis] + ellipsoid.shape @ directions
+    if down is not None:
+        readings = upright(down).T @ readings
     errors = np.exp(1j * (np.arctan2(-readings[1], readings[0]) - heading))
     mean = errors.mean()
     errors = np.angle(errors / (mean / abs(mean) if abs(mean) > 0.0 else 1.0))
@@ -122,17 +264,69 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> HeadingError:
     return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))
 
 
-def level_turn(dip_deg: float) -> tuple[Floats, Floats]:
+def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
     """(72,) headings ψ and (3, 72) unit fields u(ψ) that a level vehicle meets in a full turn.
+
+    Parameters
+    ----------
+    dip_deg : float
+    down : (3,) float, optional
+        Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
 
     Raises
     ------
     UsageError
         Within a degree of the magnetic poles.
+
+    Examples
+    --------
+    >>> on_its_side = np.array([0.0, 1.0, 0.0])
+    >>> bool(np.allclose(on_its_side @ level_turn(30.0, on_its_side)[1], 0.5))
+    True
     """
     if not abs(dip_deg) <= STEEPEST_DIP_DEG:
         raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
     dip = np.deg2rad(dip_deg)
     heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
     level = np.cos(dip)
-    return heading, np.stack([level * np.cos(heading), -level * np.sin(heading), np.full(HEADINGS, np.sin(dip))])
+    fields = np.stack([level * np.cos(heading), -level * np.sin(heading), np.full(HEADINGS, np.sin(dip))])
+    return heading, fields if down is None else upright(down) @ fields
+
+
+def upright(down: Floats) -> Floats:
+    """(3, 3) the rotation that brings +z onto `down` (3,) and turns as little as can be; over the x axis if at all.
+
+    >>> upright(np.array([0.0, 0.0, -1.0])).tolist()
+    [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
+    """
+    over = np.diag([1.0, -1.0, -1.0]) if down[2] < 0.0 else np.eye(3)
+    x, y, z = over @ (down / np.linalg.norm(down))
+    bend = 1.0 / (1.0 + z)
+    turn = [[1.0 - bend * x * x, -bend * x * y, x], [-bend * x * y, 1.0 - bend * y * y, y], [-x, -y, z]]
+    rotation: Floats = over @ np.array(turn)
+    return rotation
+
+
+def _level_fields(dip_deg: float, down: Floats | None) -> tuple[Floats, Floats]:
+    """(3, 72) horizontal vectors, an error along which is one of heading, and (3, 72) the fields of a level turn."""
+    heading, directions = level_turn(dip_deg, down)
+    across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / np.cos(np.deg2rad(dip_deg))
+    return across if down is None else upright(down) @ across, directions
+
+
+def _tilts(angle: float, down: Floats | None) -> Floats:
+    """(24, 3, 3) turns by an angle in rad about axes across `down`: 1 + sin τ K + (1 − cos τ) K² (Rodrigues)."""
+    azimuth = np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS)
+    axes = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(AZIMUTHS)])
+    x, y, z = axes if down is None else upright(down) @ axes
+    zero = np.zeros(AZIMUTHS)
+    cross = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
+    tilts: Floats = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+    return tilts
+
+
+def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
+    """Root of the mean and of the largest variance along (K, 9) gradients in rad, in degrees."""
+    variance = np.sum(gradient @ covariance * gradient, axis=1).clip(min=0.0)
+    rms, worst = np.sqrt(variance.mean()), np.sqrt(variance.max())
+    return float(np.rad2deg(rms)), float(np.rad2deg(worst))

@@ -1,7 +1,7 @@
 """What a recording says about itself before any fit: repeats, stuck axes, rails and jumps in time.
 
-None of it is a verdict; `flinders.verdict` turns these counts into findings. They add up in the
-order of recording, like everything a `Summary` holds.
+None of it is a verdict; `flinders.verdict` turns these counts into findings. They add up in the order of
+recording, like everything a `Summary` holds; recordings of their own are put `beside` each other.
 
 >>> from flinders.samples import Samples
 >>> Health.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
@@ -72,12 +72,16 @@ class Lows:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Time stamps of a recording.
+    """Time stamps of a recording, or of several.
 
     Attributes
     ----------
     start, end : float, s
         First and last; NaN without time.
+    seconds : float, s
+        From the first to the last of each recording, added up.
+    steps : int
+        From one reading with a time to the next.
     longest_step : float, s
         Largest step forward.
     backward_steps : int
@@ -86,6 +90,8 @@ class Clock:
 
     start: float = np.nan
     end: float = np.nan
+    seconds: float = 0.0
+    steps: int = 0
     longest_step: float = 0.0
     backward_steps: int = 0
 
@@ -96,26 +102,44 @@ class Clock:
         if time is None or not len(time):
             return cls()
         steps = np.diff(time)
-        return cls(float(time[0]), float(time[-1]), float(steps.max(initial=0.0)), int(np.count_nonzero(steps < 0.0)))
+        return cls(
+            start=float(time[0]),
+            end=float(time[-1]),
+            seconds=float(time[-1] - time[0]),
+            steps=len(steps),
+            longest_step=float(steps.max(initial=0.0)),
+            backward_steps=int(np.count_nonzero(steps < 0.0)),
+        )
 
-    def __add__(self, other: Clock) -> Self:
-        """`other` comes after this."""
-        if np.isnan(self.start) or np.isnan(other.start):
-            known = other if np.isnan(self.start) else self
-            return replace(self, start=known.start, end=known.end, longest_step=known.longest_step,
-                           backward_steps=known.backward_steps)  # fmt: skip
+    def __add__(self, other: Clock) -> Clock:
+        """`other` goes on where this ends: from there to its start is a step like any other."""
+        both = self.beside(other)
         step = other.start - self.end
-        return type(self)(
-            self.start,
-            other.end,
-            max(self.longest_step, other.longest_step, step),
-            self.backward_steps + other.backward_steps + (step < 0.0),
+        if np.isnan(step):
+            return both
+        return replace(
+            both,
+            seconds=both.seconds + step,
+            steps=both.steps + 1,
+            longest_step=max(both.longest_step, step),
+            backward_steps=both.backward_steps + (step < 0.0),
+        )
+
+    def beside(self, other: Clock) -> Clock:
+        """Both, where `other` is a recording of its own: from one to the other is no step."""
+        return Clock(
+            start=other.start if np.isnan(self.start) else self.start,
+            end=self.end if np.isnan(other.end) else other.end,
+            seconds=self.seconds + other.seconds,
+            steps=self.steps + other.steps,
+            longest_step=max(self.longest_step, other.longest_step),
+            backward_steps=self.backward_steps + other.backward_steps,
         )
 
     @property
-    def seconds(self) -> float:
-        """From the first to the last; NaN without time."""
-        return self.end - self.start
+    def usual_step(self) -> float:
+        """Mean step, in s; 0 without time."""
+        return self.seconds / max(self.steps, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,15 +191,21 @@ class Health:
         )
 
     def __add__(self, other: Health) -> Self:
-        """`other` was recorded after this."""
+        """`other` goes on where this ends."""
+        both = self.beside(other)
+        repeats = both.repeats + int(np.array_equal(self.last, other.first))
+        return replace(both, repeats=repeats, clock=self.clock + other.clock)
+
+    def beside(self, other: Health) -> Self:
+        """Both, where `other` is a recording of its own: its first reading repeats none and follows none."""
         return type(self)(
             rows=self.rows + other.rows,
-            repeats=self.repeats + other.repeats + int(np.array_equal(self.last, other.first)),
+            repeats=self.repeats + other.repeats,
             first=self.first if self.rows else other.first,
             last=other.last if other.rows else self.last,
             lows=self.lows + other.lows,
             highs=self.highs + other.highs,
-            clock=self.clock + other.clock,
+            clock=self.clock.beside(other.clock),
             skipped=_merged(self.skipped, other.skipped),
         )
 

@@ -130,10 +130,16 @@ class Moments:
         return float(np.sqrt(max(np.trace(centred[6:9, 6:9]), 0.0) / self.sums[0]) * self.unit)
 
     @property
+    def covariance(self) -> Floats:
+        """(3, 3) covariance of the readings about their mean, in the square of their unit."""
+        centred = self.about(self.mean, self.unit)
+        covariance: Floats = centred[6:9, 6:9] / self.sums[0] * self.unit**2
+        return covariance
+
+    @property
     def principal_variances(self) -> Floats:
         """(3,) variances of the readings along their principal axes, ascending."""
-        centred = self.about(self.mean, self.unit)
-        variances: Floats = np.linalg.eigvalsh(centred[6:9, 6:9]).clip(min=0.0) / self.sums[0] * self.unit**2
+        variances: Floats = np.linalg.eigvalsh(self.covariance).clip(min=0.0)
         return variances
 
     def about(self, origin: ArrayLike, scale: float) -> Floats:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 
 from flinders.coverage import CELLS
 from flinders.document import FindingRecord, Fitted, HeadingErrorRecord, write
-from flinders.errors import FitError
-from flinders.heading import direction_error_deg, raw_error
+from flinders.errors import FitError, counted, figures
+from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
 from flinders.quadric import Ellipsoid
 from flinders.units import label
 
@@ -27,12 +27,19 @@ if TYPE_CHECKING:
     from flinders.coverage import Coverage
     from flinders.document import Document, Provenance
     from flinders.heading import HeadingError
+    from flinders.repeats import Repeats
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
 
-_VERDICTS: Final[dict[Severity, Verdict]] = {"note": "good", "limits": "limited", "refuses": "refused"}
-_ORDER: Final[tuple[Severity, ...]] = ("refuses", "limits", "note")
+VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
+"""What each severity makes of a fit, the gravest first."""
+
+TILTS: Final = (10.0, 30.0, 90.0)
+"""Degrees of tilt at which it is said how much worse headings get."""
+
+ONE_PLANE: Final = "one-plane"
+"""The finding that no surface is supported by these readings, so that nothing which rests on one means anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +106,39 @@ class Stray:
         return f"{self.start:.1f} s: {rows}" if self.rows == 1 else f"{self.start:.1f}–{self.end:.1f} s: {rows}"
 
 
+class DirectionError(NamedTuple):
+    """What to expect of the direction of the corrected field, 1 σ, in degrees: over the whole sphere and at the worst.
+
+    >>> DirectionError(rms=0.1, worst=0.2)._asdict()
+    {'rms': 0.1, 'worst': 0.2}
+    """
+
+    rms: float
+    worst: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A steady change over a recording, from its beginning to its end.
+
+    Attributes
+    ----------
+    offset : (3,) float
+        In the unit of the readings.
+    strength : float
+        Of the field, as a fraction of it.
+    heading_deg : float
+        What the change of the offset does to a level heading, at the worst heading.
+    p_value : float
+        How often chance alone makes as much.
+    """
+
+    offset: tuple[float, float, float]
+    strength: float
+    heading_deg: float
+    p_value: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """A calibration, how it was found and how far to trust it.
@@ -121,6 +161,9 @@ class Fit:
         Expected of a level vehicle, 1 σ.
     target_deg : float
         The worst heading error that was asked for.
+    dip_deg : float
+        Inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
+        other one for a sensor mounted upside down.
     held : float
         Share of the least known shape parameter that the prior speaks for, 0 to 1.
     textbook_heading_error_deg : HeadingError
@@ -135,6 +178,12 @@ class Fit:
         Heading error (1 σ) from a mounting of the stated uncertainty, beside `heading_error_deg`.
     bias_deg : float
         Heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance.
+    distortion : float
+        Standard deviation of what belongs to the direction and no ellipsoid takes off, in the calibration's unit.
+    drift : Drift, optional
+        Where the recording is one and long enough.
+    repeats : Repeats, optional
+        Several recordings, held against each other; their scatter is in the covariance.
     findings : tuple of Finding
         Gravest first.
     """
@@ -147,6 +196,7 @@ class Fit:
     coverage: Coverage
     heading_error_deg: HeadingError
     target_deg: float = 1.0
+    dip_deg: float = 60.0
     held: float = 0.0
     unseen: int = 0
     alignment_error_deg: float | None = None
@@ -154,13 +204,21 @@ class Fit:
     textbook_heading_error_deg: HeadingError | None = None
     independent_samples: float = np.inf
     strays: tuple[Stray, ...] = ()
+    distortion: float = 0.0
+    drift: Drift | None = None
+    repeats: Repeats | None = None
     findings: tuple[Finding, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
         """``good``, ``limited`` or ``refused``: what the gravest finding says."""
         severities = {finding.severity for finding in self.findings}
-        return next((_VERDICTS[severity] for severity in _ORDER if severity in severities), "good")
+        return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "good")
+
+    @property
+    def is_flat(self) -> bool:
+        """The readings lie in one plane: there is no sphere to have seen a part of, and no number to trust."""
+        return any(finding.code == ONE_PLANE for finding in self.findings)
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -171,6 +229,22 @@ class Fit:
     def offset_sigma(self) -> Floats:
         """(3,) standard deviation of the offset, in the calibration's unit."""
         return np.sqrt(np.diag(self.covariance)[:3])
+
+    @property
+    def direction_error_deg(self) -> DirectionError:
+        """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
+        return DirectionError(*direction_error_deg(self.ellipsoid, self.covariance))
+
+    def tilted_error(self, tilt_deg: float) -> HeadingError:
+        """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
+        return tilted_error(self.ellipsoid, self.covariance, dip_deg=self.heading_error_deg.dip_deg, tilt_deg=tilt_deg)
+
+    @property
+    def attitude_limit_deg(self) -> float:
+        """Tilt up to which the worst heading error is within the target: 0 where even level it is not, 180 for all."""
+        return attitude_limit_deg(
+            self.ellipsoid, self.covariance, dip_deg=self.heading_error_deg.dip_deg, limit_deg=self.target_deg
+        )
 
     @property
     def uncorrected_heading_error_deg(self) -> HeadingError:
@@ -187,10 +261,12 @@ class Fit:
         return mean, spread / mean
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints."""
-        raw, textbook = self.uncorrected_heading_error_deg, self.textbook_heading_error_deg
-        direction = direction_error_deg(self.ellipsoid, self.covariance)
-        return {
+        """JSON-ready: what ``--json`` prints.
+
+        What a refusal makes untrustworthy is None, so that nobody copies it: the calibration and what follows from
+        it, and of flat readings all that rests on a surface. The evidence stays, and so do the attributes.
+        """
+        fields = {
             "verdict": self.verdict,
             "method": self.method,
             "calibration": self.calibration.as_dict(),
@@ -200,18 +276,28 @@ class Fit:
                 "dip_deg": self.heading_error_deg.dip_deg,
                 "target_deg": self.target_deg,
             },
-            "uncorrected_heading_error_deg": {"rms": raw.rms, "worst": raw.worst},
-            "textbook_heading_error_deg": None if textbook is None else {"rms": textbook.rms, "worst": textbook.worst},
+            "uncorrected_heading_error_deg": _rms_and_worst(self.uncorrected_heading_error_deg),
+            "textbook_heading_error_deg": _rms_and_worst(self.textbook_heading_error_deg),
             "alignment_error_deg": self.alignment_error_deg,
-            "direction_error_deg": {"rms": direction[0], "worst": direction[1]},
+            "tilted_heading_error_deg": {f"{tilt:g}": self.tilted_error(tilt).worst for tilt in TILTS},
+            "attitude_limit_deg": self.attitude_limit_deg,
+            "direction_error_deg": _rms_and_worst(self.direction_error_deg),
+            "bias_deg": self.bias_deg,
+            "held": self.held,
+            "unseen": self.unseen,
             "noise": self.noise,
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),
             "strays": [stray.as_dict() for stray in self.strays],
+            "distortion": self.distortion,
+            "drift": None if self.drift is None else dataclasses.asdict(self.drift),
+            "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
             "findings": [finding.as_dict() for finding in self.findings],
         }
+        untrusted = _ON_A_SURFACE if self.is_flat else _REFUSED if self.verdict == "refused" else ()
+        return {**fields, **dict.fromkeys(untrusted)}
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
         """The calibration file with all of this in it."""
@@ -246,11 +332,26 @@ class Fit:
 
     def __repr__(self) -> str:
         error = self.heading_error_deg
-        noise = f"{self.noise:.3g} {label(self.calibration.unit)}"
+        noise = f"{figures(self.noise, 3)} {label(self.calibration.unit)}"
         return (
             f"Fit({self.verdict}, {self.method}, heading error {error.rms:.2g}° rms, {error.worst:.2g}° worst, "
-            f"noise {noise}, {self.samples:,} readings)"
+            f"noise {noise}, {counted(self.samples, 'reading')})"
         )
+
+
+_REFUSED: Final = ("calibration", "uncorrected_heading_error_deg")
+"""Keys of a fit that are None where it is refused."""
+
+_ON_A_SURFACE: Final = (
+    *_REFUSED, "heading_error_deg", "textbook_heading_error_deg", "tilted_heading_error_deg", "attitude_limit_deg",
+    "direction_error_deg", "bias_deg", "coverage",
+)  # fmt: skip
+"""Keys that are None where the readings are flat."""
+
+
+def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:
+    """JSON-ready."""
+    return None if error is None else {"rms": error.rms, "worst": error.worst}
 
 
 class Refused(FitError):

@@ -211,6 +211,34 @@ class Recording(Protocol):
         """Start again from the first block; all blocks have the same unit, axes and columns."""
 
 
+class Wrapped:
+    """A recording that goes through another one, and has its source, unit and axes.
+
+    Attributes
+    ----------
+    recording : Recording
+        The other one.
+    """
+
+    __slots__ = ()
+    recording: Recording
+
+    @property
+    def source(self) -> str:
+        """That of the recording."""
+        return self.recording.source
+
+    @property
+    def unit(self) -> Unit:
+        """That of the recording."""
+        return self.recording.unit
+
+    @property
+    def axes(self) -> Axes:
+        """Those of the recording."""
+        return self.recording.axes
+
+
 @dataclass(frozen=True, slots=True)
 class Joined:
     """Several recordings of one sensor, one after the other.
@@ -257,6 +285,15 @@ class Joined:
         """Yield the blocks of each in turn."""
         for recording in self.recordings:
             yield from recording.blocks()
+
+
+def singles(recording: Recording) -> Iterator[Recording]:
+    """The recordings that one is made of, each on its own, however they were joined."""
+    if not isinstance(recording, Joined):
+        yield recording
+        return
+    for part in recording.recordings:
+        yield from singles(part)
 
 
 def _beside(values: ArrayLike, rows: int, name: str) -> Floats:

@@ -39,6 +39,8 @@ import numpy as np
 
 from flinders.arrays import Floats, table, vectors
 from flinders.arrays import matrix as square
+from flinders.coverage import around_z
+from flinders.coverage import fibonacci as fibonacci  # noqa: PLC0414  whoever simulates finds it here too
 from flinders.errors import ArrayError, UsageError
 from flinders.samples import Samples
 
@@ -364,21 +366,6 @@ def angle_error_deg(
     return math.degrees(math.sqrt(np.mean(angles**2)))
 
 
-def fibonacci(n: int) -> Floats:
-    """(n, 3) unit vectors spread evenly over the sphere, from the north pole to the south pole.
-
-    >>> fibonacci(4).round(3)
-    array([[ 0.24 , -0.616,  0.75 ],
-           [-0.868,  0.428,  0.25 ],
-           [ 0.93 ,  0.271, -0.25 ],
-           [-0.343, -0.565, -0.75 ]])
-    """
-    steps: Floats = np.arange(n, dtype=np.float64) + 0.5
-    z = 1 - 2 * steps / n
-    longitude: Floats = np.pi * (1 + 5**0.5) * steps  # the golden angle, but for full turns
-    return _around_z(z, longitude)
-
-
 def soft_iron(rng: Generator, *, scale: float = 0.25, across: float = 0.15) -> Floats:
     """(3, 3) symmetric matrix: 1 ± `scale` on the diagonal, ± `across` beside it, all uniform.
 
@@ -452,7 +439,7 @@ def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
     True
     """
     pole = uniform(rng, 1)[0]
-    near = _around_z(rng.uniform(math.cos(math.radians(half_angle_deg)), 1, n), rng.uniform(0, 2 * np.pi, n))
+    near = around_z(rng.uniform(math.cos(math.radians(half_angle_deg)), 1, n), rng.uniform(0, 2 * np.pi, n))
     aside = np.array([1.0, 0.0, 0.0]) if abs(pole[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     east = np.cross(pole, aside)
     east /= np.linalg.norm(east)
@@ -624,12 +611,6 @@ def _random_attitude(rng: Generator) -> Floats:
     if np.linalg.det(attitude) < 0:
         attitude[:, 0] *= -1
     return attitude
-
-
-def _around_z(z: Floats, longitude: Floats) -> Floats:
-    """(N, 3) unit vectors at heights (N,) and longitudes (N,) in rad."""
-    across = np.sqrt(1 - z * z)
-    return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
 
 
 def _best_rotation(turned: Floats, true: Floats) -> Floats:

@@ -88,7 +88,12 @@ class Summary:
         return whole
 
     def __add__(self, other: Summary) -> Self:
+        """`other` goes on where this ends."""
         return type(self)(self.moments + other.moments, self.cloud + other.cloud, self.health + other.health)
+
+    def beside(self, other: Summary) -> Self:
+        """Both, where `other` is a recording of its own: what lies between the two says nothing."""
+        return type(self)(self.moments + other.moments, self.cloud + other.cloud, self.health.beside(other.health))
 
     def forget(self, factor: float) -> Self:
         """Weigh all readings so far by a factor below one: once a block, this forgets exponentially."""

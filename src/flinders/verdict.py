@@ -6,61 +6,95 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
-from flinders.result import Finding
-from flinders.units import MICROTESLA, label
+from flinders.errors import counted, figures
+from flinders.guidance import guide
+from flinders.result import ONE_PLANE, TILTS, VERDICTS, Finding
+from flinders.terms.support import flatness_limit, is_flat
+from flinders.units import COUNTS, MICROTESLA, label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.calibration import Calibration
+    from flinders.coverage import Coverage
+    from flinders.guidance import Guidance
     from flinders.health import Health, Lows
     from flinders.moments import Moments
+    from flinders.quadric import Ellipsoid
+    from flinders.repeats import Repeats
     from flinders.result import Fit, Severity
     from flinders.summary import Summary
 
 CODES: Final = {
-    "one-plane": "the readings are as flat as a level turn: thickness over width is `number`",
+    ONE_PLANE: "the readings are as flat as a level turn: thickness over width is `number`",
+    "level-plane": "a level turn: the heading is within the target up to a tilt of `number` degrees",
     "heading-error": "the worst heading error to expect, `number` degrees (1 σ), is above the target",
     "coverage": "directions left unseen: the middle of the largest gap is `number` degrees from the nearest reading",
     "noise": "readings lie `number` of the field (1 σ) off the ellipsoid: not only iron and noise are at work",
     "rings": "the readings say nothing of `number` of nine parameters, as where they lie on one ring or on two",
     "prior": "the prior, not the readings, speaks for `number` of the least known shape parameter",
     "bias": "the method's own bias and misfit, estimated beside the likelihood, is `number` degrees of heading (rms)",
+    "inflation": "the ellipsoid found is `number` times as wide as the readings that it goes through",
+    "recordings-differ": "recordings of one sensor contradict each other: one is `number` degrees off the others",
+    "field-changed": "the offset changed during the recording: `number` degrees of heading from beginning to end",
+    "structure": "residuals belong to the direction: `number` of the field that no ellipsoid takes off",
     "few-samples": "only `number` independent readings",
     "correlated": "residuals hang together: `number` is the share of readings that are independent",
     "strays": "`number` of the readings do not belong to the rest and were left out",
     "saturated": "`number` of the readings sit at the very end of an axis: the sensor was at its limit",
     "stale-repeats": "`number` of the readings repeat the one before: the log is faster than its sensor",
-    "time-jump": "time goes back or stands still for long: `number` seconds at the longest",
+    "time-back": "time goes back `number` times",
+    "time-gap": "nothing was recorded for `number` seconds in one stretch",
     "skipped-rows": "`number` rows could not be used",
     "axis-ratio": "the longest axis of the ellipsoid is `number` times the shortest",
     "field-strength": "the field found, `number` µT, is not one of the earth's",
     "mirrored-axes": "the axes mapping turns a right-handed frame into a left-handed one",
+    "unit-unknown": "the readings are in counts of which nobody said what they are in µT",
     "scale-unknown": "no field strength was given, so the scale of corrected readings is by convention",
     "rotation-unknown": "a magnetometer alone cannot see how its axes are turned against the vehicle",
 }
 """Every finding there is, and what its number means."""
 
+OF_THE_RECORDING: Final = frozenset({"saturated", "stale-repeats", "time-back", "time-gap", "skipped-rows"})
+"""Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
+
 REFUSED_AT: Final = 5.0
 """A worst heading error beyond so many times the target is refused."""
 
-FLAT, FLAT_NOISE, FLATTEST = 0.01, 3.0, 0.2
-HOLE_DEG, SMALL_HOLE_DEG = 60.0, 40.0
+HOLE_DEG: Final = 60.0
+WORTH_IT: Final = 0.05
+"""Share of the error that a hundredth of the readings must save where they are advised for one attitude to be named."""
+
 NOISE_LIMITS, NOISE_REFUSES = 0.05, 0.2
 PRIOR_SHARE: Final = 0.1
 BIAS_SHARE: Final = 0.1
+INFLATED: Final = 2.0
+FAR_APART: Final = 2.0
+"""Recordings that are so many targets apart are refused: their mean is off by more than the target from either."""
+
+BEYOND_CHANCE: Final = 0.01
+BEYOND_CLAIM: Final = 3.0
+CHANGED: Final = 1e-4
+CHANGED_SHARE: Final = 0.25
+STRUCTURE: Final = 0.005
 FEW: Final = 20
 CORRELATED: Final = 0.5
 STRAYS: Final = 0.1
 RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
 REPEATS: Final = 0.1
+SKIPPED: Final = 0.1
 LONG_STEP: Final = 20.0
 AXIS_RATIO: Final = 2.0
 EARTH_UT: Final = (22.0, 67.0)
+LEVEL: Final = "level"
+"""The method that fits a level turn, of which nothing else is expected."""
+
+UPSIDE_DOWN: Final = 180.0
 
 
 def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
@@ -78,28 +112,40 @@ def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
         []
         if flat
         else [
+            *_level(fit),
             *_accuracy(fit),
             *_bias(fit),
             *_evidence(fit),
+            *_inflation(fit, summary.health),
+            *_change(fit),
             *_strays(fit, summary.health),
-            *_shape(fit),
-            *_unknowable(fit),
+            *of_calibration(fit),
         ]
     )
     found = [*flat, *supported, *_recording(summary.health)]
-    order = ("refuses", "limits", "note")
+    order = list(VERDICTS)
     return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
 
 
 def _flat(fit: Fit, moments: Moments) -> Iterator[Finding]:
     """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
-    thickness, _, width = np.sqrt(moments.principal_variances)
-    limit = min(max(FLAT_NOISE * fit.noise / width, FLAT), FLATTEST)
-    if thickness / width < limit:
+    thickness, _, width = np.sqrt(moments.principal_variances).tolist()
+    if fit.method != LEVEL and is_flat(moments.principal_variances, fit.noise):
         yield Finding(
-            "one-plane", "refuses", thickness / width, limit,
+            ONE_PLANE, "refuses", thickness / width, flatness_limit(width, fit.noise),
             "all readings lie in one plane, as in a level turn, and tell nothing of the direction across it: "
-            "also turn the sensor about its other axes, onto its side and upside down",
+            "also turn the sensor about its other axes, onto its side and upside down. Of a turn about the vertical "
+            "axis of a vehicle that cannot be turned over, map that axis to z with --axes",
+        )  # fmt: skip
+
+
+def _level(fit: Fit) -> Iterator[Finding]:
+    """What a level turn is good for."""
+    if fit.method == LEVEL:
+        yield Finding(
+            "level-plane", "limits", fit.attitude_limit_deg, UPSIDE_DOWN,
+            f"a level turn, corrected in x and y only: {attitudes(fit)}. For all attitudes also turn the sensor onto "
+            "its sides and upside down",
         )  # fmt: skip
 
 
@@ -108,11 +154,10 @@ def _accuracy(fit: Fit) -> Iterator[Finding]:
     worst, target = fit.heading_error_deg.worst, fit.target_deg
     if not worst <= target:
         severity: Severity = "limits" if worst <= REFUSED_AT * target else "refuses"
-        amount = f"{worst:.2g}°" if worst < 90 else "any angle"
-        remedy = "the method's model does not fit this sensor, use 'auto'" if fit.bias_deg > target else movement(fit)
+        amount = _angle(worst)
         yield Finding(
             "heading-error", severity, worst, target,
-            f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°): {remedy}",
+            f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°): {remedy(fit)}",
         )  # fmt: skip
 
 
@@ -122,19 +167,19 @@ def _bias(fit: Fit) -> Iterator[Finding]:
         severity: Severity = "limits" if fit.bias_deg > fit.target_deg else "note"
         yield Finding(
             "bias", severity, fit.bias_deg, fit.target_deg * BIAS_SHARE,
-            f"{fit.method!r} is {fit.bias_deg:.2g}° of heading (rms) off the likelihood, beyond what chance explains: "
-            "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'",
+            f"{fit.method!r} is {figures(fit.bias_deg)}° of heading (rms) off the likelihood, beyond what chance "
+            "explains: its model is too simple for this sensor, or its equation is biased by noise; use 'auto'",
         )  # fmt: skip
 
 
 def _evidence(fit: Fit) -> Iterator[Finding]:
     """How much there was to go by."""
     hole = fit.coverage.hole_deg
-    if hole > HOLE_DEG:
+    if hole > HOLE_DEG and fit.method != LEVEL:
         yield Finding(
             "coverage", "limits", hole, HOLE_DEG,
             f"directions up to {hole:.0f}° from any reading are unseen ({fit.coverage.fraction:.0%} of the sphere was "
-            f"covered): good for attitudes like those recorded; for all attitudes {movement(fit)}",
+            f"covered): {attitudes(fit)}; for all attitudes {movement(fit)}",
         )  # fmt: skip
     share = fit.noise / fit.calibration.field_strength
     if share > NOISE_LIMITS:
@@ -143,7 +188,9 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
             f"the readings lie {share:.0%} of the field off the ellipsoid: record again away from iron and currents, "
             "without moving anything magnetic near the sensor, and check the columns",
         )  # fmt: skip
-    if fit.unseen:
+    if fit.method == LEVEL:
+        pass  # what a level turn leaves open is said once
+    elif fit.unseen:
         rings = ", as two rings of readings would" if fit.unseen == 1 else ""
         yield Finding(
             "rings", "limits", fit.unseen, 0,
@@ -157,17 +204,99 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
         )  # fmt: skip
     independent = min(fit.independent_samples, float(fit.samples))
     if independent < FEW:
-        alike = "" if independent == fit.samples else f" ({fit.samples:,} whose residuals hang together)"
+        alike = "" if independent == fit.samples else f" (of {fit.samples:,} whose residuals hang together)"
         yield Finding(
             "few-samples", "limits", independent, FEW,
-            f"only {independent:.0f} independent readings{alike}: record for longer, turning all the time",
+            f"only {counted(independent, 'independent reading')}{alike}: record for longer, turning all the time",
         )  # fmt: skip
     elif independent < CORRELATED * fit.samples:
         yield Finding(
             "correlated", "note", independent / fit.samples, CORRELATED,
-            f"residuals hang together: {fit.samples:,} readings say as much as {independent:,.0f} independent ones, "
-            "and the heading error allows for it. Usual for a tumble by hand; less of it away from iron",
+            f"residuals hang together: {fit.samples:,} readings say as much as {independent:,.0f} independent ones "
+            "would, and the heading error allows for it. Usual for a tumble by hand; less of it away from iron",
         )  # fmt: skip
+
+
+def _inflation(fit: Fit, health: Health) -> Iterator[Finding]:
+    """Whether the surface goes far beyond its readings, as one does that a small patch of them leaves open."""
+    if fit.method == LEVEL:
+        return
+    ratio = 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(float(health.extent.max()), np.finfo(float).tiny)
+    if ratio > INFLATED:
+        yield Finding(
+            "inflation", "limits", ratio, INFLATED,
+            f"the ellipsoid is {figures(ratio)} times as wide as its readings, which lie on a small patch of it: "
+            f"{movement(fit)}",
+        )  # fmt: skip
+
+
+def _change(fit: Fit) -> Iterator[Finding]:
+    """Whether something changed, from one recording to the next, within one, or with the direction."""
+    if fit.repeats is not None:
+        yield from contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit))
+    drift, target = fit.drift, fit.target_deg
+    if drift is not None and drift.p_value < CHANGED and drift.heading_deg > CHANGED_SHARE * target:
+        moved = float(np.linalg.norm(drift.offset))
+        yield Finding(
+            "field-changed", "limits" if drift.heading_deg > target else "note", drift.heading_deg, target,
+            f"the offset changed by {figures(moved)} {label(fit.calibration.unit)} from the beginning of the recording "
+            f"to its end, {figures(drift.heading_deg)}° of heading: keep currents and everything magnetic as they "
+            "will be, let the sensor warm up, and record again",
+        )  # fmt: skip
+    share = fit.distortion / fit.calibration.field_strength
+    if share > STRUCTURE:
+        yield Finding(
+            "structure", "note", share, STRUCTURE,
+            f"{share:.1%} of the field belongs to the direction and no ellipsoid takes it off (a sensor that is not "
+            "linear, or a field that is not the same everywhere); the heading error allows for it",
+        )  # fmt: skip
+
+
+def contradiction(repeats: Repeats, target_deg: float, unit: str) -> Iterator[Finding]:
+    """Whether recordings of one sensor contradict each other, told by the one that chance explains least."""
+    part = repeats.farthest
+    if part.p_value >= BEYOND_CHANCE:
+        return
+    pair = len(repeats.parts) == 2
+    who = f"{repeats.parts[0].source} and {repeats.parts[1].source} are" if pair else f"{part.source} is"
+    others = "apart" if pair else "off the other recordings"
+    if part.off_deg > max(CHANGED_SHARE * target_deg, BEYOND_CLAIM * part.off_sigma_deg):
+        yield Finding(
+            "recordings-differ", _graded(part.off_deg, target_deg, FAR_APART * target_deg), part.off_deg, target_deg,
+            f"{who} {figures(part.off_deg)}° of heading {others} ({figures(part.offset)} {unit} in the offset), which "
+            "is not chance: something magnetic changed in between; use recordings made in the state of use",
+        )  # fmt: skip
+    else:
+        yield Finding(
+            "recordings-differ", "note", part.off_deg, target_deg,
+            f"{who} {others} by more than both claim, though hardly in heading ({figures(part.off_deg)}°): the heading "
+            "error allows for it",
+        )  # fmt: skip
+
+
+def _graded(number: float, limits: float, refuses: float) -> Severity:
+    """How grave a number is."""
+    return "refuses" if number > refuses else "limits" if number > limits else "note"
+
+
+def attitudes(fit: Fit) -> str:
+    """Say up to which tilt the heading is within the target, and how fast it degrades beyond."""
+    limit, target = fit.attitude_limit_deg, fit.target_deg
+    if limit >= UPSIDE_DOWN:
+        return f"within {target:g}° at any attitude"
+    beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit]
+    worse = [f"{_angle(fit.tilted_error(tilt).worst)} {_at(tilt)}" for tilt in dict.fromkeys((beyond[0], beyond[-1]))]
+    if limit < 1.0:
+        return f"good to {_angle(fit.heading_error_deg.worst)} held level; tilted, {', '.join(worse)}"
+    return f"within {target:g}° up to {limit:.0f}° of tilt; {', '.join(worse)}"
+
+
+def _at(tilt: float) -> str:
+    return "upside down" if tilt == UPSIDE_DOWN else f"at {tilt:g}°"
+
+
+def _angle(angle: float) -> str:
+    return f"{figures(angle)}°" if angle < 90.0 else "any angle"
 
 
 def _strays(fit: Fit, health: Health) -> Iterator[Finding]:
@@ -179,11 +308,12 @@ def _strays(fit: Fit, health: Health) -> Iterator[Finding]:
     worst = sorted(fit.strays, key=lambda stray: -stray.rows)[:3]
     runs = "; ".join(str(stray) for stray in worst) + ("; …" if len(fit.strays) > len(worst) else "")
     farthest = max(stray.farthest for stray in fit.strays)
-    off = f"{farthest:.2g} {label(fit.calibration.unit)}"
+    off = f"{figures(farthest)} {label(fit.calibration.unit)}"
+    again = "; see what it was, and record again without" if share > STRAYS else ""
     yield Finding(
         "strays", "limits" if share > STRAYS else "note", share, STRAYS,
-        f"{rejected:,} readings ({share:.1%}) lie up to {off} off the rest and were "
-        f"left out ({runs}): something magnetic passed by, or bits were lost on the way",
+        f"{counted(rejected, 'reading')} ({share:.1%}), up to {off} off the rest, left out ({runs}): "
+        f"something magnetic passed by, or bits were lost on the way{again}",
     )  # fmt: skip
 
 
@@ -207,11 +337,12 @@ def _recording(health: Health) -> Iterator[Finding]:
             "the uncertainty counts them once",
         )  # fmt: skip
     yield from _time(health)
-    skipped = sum(part.rows for part in health.skipped)
+    skipped, few = sum(part.rows for part in health.skipped), SKIPPED * health.rows
     if skipped:
+        check = ". Check the sensor, its cable, and what was saved" if skipped > few else ""
         yield Finding(
-            "skipped-rows", "limits" if skipped > 0.1 * health.rows else "note", skipped, 0.1 * health.rows,
-            "left out: " + "; ".join(str(part) for part in health.skipped),
+            "skipped-rows", "limits" if skipped > few else "note", skipped, few,
+            f"left out: {'; '.join(map(str, health.skipped))}{check}",
         )  # fmt: skip
 
 
@@ -222,73 +353,128 @@ def _is_wide(ends: Lows, extent: Floats, axis: int) -> bool:
 
 
 def _time(health: Health) -> Iterator[Finding]:
+    """Steps back; or, where there are none, the longest time without a reading."""
     clock = health.clock
     if clock.backward_steps:
+        often = "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times"
         yield Finding(
-            "time-jump", "note", clock.backward_steps, 0,
-            f"time steps back {clock.backward_steps} times: recordings out of order, or a clock that was set",
+            "time-back", "note", clock.backward_steps, 0,
+            f"time steps back {often}: recordings out of order, or a clock that was set",
         )  # fmt: skip
         return
-    usual = clock.seconds / max(health.rows - 1, 1)
+    usual = clock.usual_step
     if clock.longest_step > LONG_STEP * usual > 0.0:
         yield Finding(
-            "time-jump", "note", clock.longest_step, LONG_STEP * usual,
-            f"nothing was recorded for {clock.longest_step:.3g} s in one stretch (usually every {usual:.2g} s)",
+            "time-gap", "note", clock.longest_step, LONG_STEP * usual,
+            f"nothing was recorded for {figures(clock.longest_step)} s in one stretch "
+            f"(there is a reading every {figures(usual)} s on average)",
         )  # fmt: skip
 
 
-def _shape(fit: Fit) -> Iterator[Finding]:
+class Corrected(Protocol):
+    """What has a calibration in it: a fit, or calibrations put together."""
+
+    @property
+    def calibration(self) -> Calibration:
+        """The correction."""
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """What it makes a sphere."""
+
+
+def of_calibration(found: Corrected) -> Iterator[Finding]:
+    """Say what the calibration alone tells, whatever it was made from."""
+    yield from _shape(found)
+    yield from _unknowable(found)
+
+
+def _shape(fit: Corrected) -> Iterator[Finding]:
     """Whether the ellipsoid is one that a sensor in the earth's field makes."""
     axes = fit.ellipsoid.semi_axes
     ratio = float(axes[2] / axes[0])
     if ratio > AXIS_RATIO:
         yield Finding(
             "axis-ratio", "limits", ratio, AXIS_RATIO,
-            f"one axis reads {ratio:.2g} times as much as another: check the axes' gains and the columns",
+            f"one axis reads {figures(ratio)} times as much as another: check the axes' gains and the columns",
         )  # fmt: skip
     strength, known = fit.calibration.field_strength, fit.calibration.field_strength_known
     if fit.calibration.unit == MICROTESLA and not known and not EARTH_UT[0] <= strength <= EARTH_UT[1]:
         yield Finding(
             "field-strength", "note", strength, EARTH_UT[0] if strength < EARTH_UT[0] else EARTH_UT[1],
-            f"a field of {strength:.3g} µT is outside the earth's {EARTH_UT[0]:g}–{EARTH_UT[1]:g} µT: "
+            f"a field of {figures(strength, 3)} µT is outside the earth's {EARTH_UT[0]:g}–{EARTH_UT[1]:g} µT: "
             "check the unit or scale; headings do not depend on it",
         )  # fmt: skip
     if fit.calibration.axes.is_mirror:
         yield Finding(
             "mirrored-axes", "limits", -1, 1,
-            f"the axes mapping {fit.calibration.axes} is a mirror image: right only for a left-handed sensor",
+            f"the axes mapping {fit.calibration.axes} is a mirror image, right only for a left-handed sensor: "
+            "else change the sign of one axis in --axes",
         )  # fmt: skip
 
 
-def _unknowable(fit: Fit) -> Iterator[Finding]:
+def _unknowable(fit: Corrected) -> Iterator[Finding]:
     """What no recording of a magnetometer alone can tell."""
     calibration = fit.calibration
+    length = f"{figures(calibration.field_strength, 4)} {label(calibration.unit)}"
+    if calibration.unit == COUNTS:
+        yield Finding(
+            "unit-unknown", "note", calibration.field_strength, 0,
+            "no unit known, so all is in counts: give --unit, or --scale (µT in a count)",
+        )  # fmt: skip
     if not calibration.field_strength_known:
         yield Finding(
             "scale-unknown", "note", calibration.field_strength, 0,
-            f"no field strength was given: corrected readings have length {calibration.field_strength:.4g} "
-            f"{label(calibration.unit)} (determinant 1); headings do not depend on it",
+            f"no field strength given: lengths ({length}) are relative, headings are not",
         )  # fmt: skip
     if calibration.rotation == "symmetric":
         yield Finding(
             "rotation-unknown", "note", 0, 0,
-            "how the sensor's axes are turned against the vehicle, and crooked axes as far as they turn the field, "
-            "cannot be known from a magnetometer alone: the heading error is for shape and offset",
+            "how the axes sit in the vehicle is unseen, and not in the heading error",
         )  # fmt: skip
 
 
+def remedy(fit: Fit) -> str:
+    """Say what would make the heading error smaller."""
+    if fit.bias_deg > fit.target_deg:
+        return "the method's model does not fit this sensor, use 'auto'"
+    if fit.repeats is not None and fit.repeats.scatter_deg > fit.target_deg:
+        return "the recordings contradict each other, use those made in the state of use"
+    return movement(fit)
+
+
 def movement(fit: Fit) -> str:
-    """Say which way to turn the sensor next: towards the middle of the largest gap, if there is one."""
-    if fit.coverage.hole_deg < SMALL_HOLE_DEG:
+    """Say which way to turn the sensor next: where readings would tell most, or all round where none tells more."""
+    advice = advised(fit)
+    if advice.after_deg > (1.0 - WORTH_IT) * advice.worst_deg:
         return "record for longer while turning through all directions, away from iron and currents"
+    return advice.words("sensor")
+
+
+def advised(fit: Fit) -> Guidance:
+    """Where the next readings would help most: a level heading while that is not good enough, then all attitudes."""
+    seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
+    return guide(
+        fit.ellipsoid,
+        fit.covariance,
+        noise=fit.noise,
+        coverage=fit.coverage,
+        dip_deg=fit.dip_deg,
+        down=np.array([0.0, 0.0, -1.0]) if seen_from_below else None,
+        goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude",
+    )
+
+
+def unseen_side(coverage: Coverage) -> str:
+    """Name the side or corner of the sensor that lies in the middle of the largest gap.
+
+    >>> from flinders.coverage import Coverage
+    >>> unseen_side(Coverage.of(np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 0.99]])))
+    '−z side'
+    """
     named = [
         ("+" if part > 0 else "−") + letter
-        for letter, part in zip("xyz", fit.coverage.hole, strict=True)
+        for letter, part in zip("xyz", coverage.hole, strict=True)
         if abs(part) > 0.4
     ]
-    side = named[0] if len(named) == 1 else f"corner between {' and '.join(named)}" if named else "other side"
-    kind = f"{side} side" if len(named) == 1 else side
-    return (
-        f"turn the sensor until its {kind} points along the field (in the north: down, towards north; "
-        "in the south: up, towards north), then roll it slowly about that direction"
-    )
+    return f"{named[0]} side" if len(named) == 1 else f"corner between {' and '.join(named)}"

@@ -94,6 +94,13 @@ def test_a_limited_calibration(golden: Golden) -> None:
     golden("cli/limited.txt", session("flinders calibrate deck.csv -o calibration.json", code=3))
 
 
+def test_a_report_in_plain_words(golden: Golden) -> None:
+    record("deck.csv", "tilted")
+    shown = session("flinders calibrate deck.csv -o calibration.json --report-text -", code=3)
+    dated = re.sub(r"(?m)^\d+ \w+ \d{4}, [\d:]+ UTC, Flinders [^,]+", "1 May 2026, 12:30 UTC, Flinders 1.2.3", shown)
+    golden("cli/report.txt", dated)
+
+
 def test_a_refused_calibration(golden: Golden) -> None:
     record("table.csv", "level")
     golden("cli/refused.txt", session("flinders calibrate table.csv -o calibration.json", code=4))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders import simulate
+from flinders.errors import NeedsSamples
 from flinders.estimators import (
     METHODS,
     Algebraic,
@@ -22,6 +23,7 @@ from flinders.estimators import (
     Li,
     Likelihood,
     Readings,
+    Robust,
     Sphere,
 )
 
@@ -145,10 +147,18 @@ def test_the_order_of_the_readings_does_not_matter(name: str, field: Floats, see
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_sums_alone_give_the_same_where_sums_are_enough(name: str) -> None:
     readings = Readings.of(CLOUDS[0])
-    if name not in ("likelihood", "robust"):
+    if name not in ("level", "likelihood", "robust"):
         whole = METHODS[name]().estimate(readings if name != "auto" else Readings(readings.summary))
         sums = METHODS[name]().estimate(Readings(readings.summary))
         assert sums.ellipsoid.isclose(whole.ellipsoid, rtol=1e-12)
+
+
+def test_sums_cannot_honour_what_only_readings_can() -> None:
+    sums = Readings(Readings.of(CLOUDS[0]).summary)
+    for asking in (Auto(robust=True), Auto(prior=0.1), Likelihood(), Robust()):
+        with pytest.raises(NeedsSamples, match="was given a Summary"):
+            asking.estimate(sums)
+    assert Auto(prior=None).estimate(sums).method == "consistent"
 
 
 @pytest.mark.parametrize("estimator", MOVED, ids=label)

@@ -12,12 +12,15 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders.estimators import Readings, Robust, strays_of
+from flinders.estimators.near import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, left_out
 from flinders.quadric import Ellipsoid
 from flinders.samples import Samples
 from flinders.simulate import tumble
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from flinders.arrays import Floats
 
 FEW: Final = settings(max_examples=15)
@@ -43,10 +46,57 @@ def test_moved_and_scaled_readings_give_a_moved_and_scaled_ellipsoid(shift: Floa
 @given(seed=st.integers(0, 1000))
 @FEW
 def test_the_order_of_single_strays_does_not_matter(seed: int) -> None:
+    """Nor do neighbours of strays suffer where chance alone has put some of them close together."""
     one = Robust().estimate(Readings.of(STRUCK.samples.field))
     other = Robust().estimate(Readings.of(np.random.default_rng(seed).permutation(STRUCK.samples.field)))
     sigma = np.sqrt(np.diag(one.covariance)[:3])
     assert np.all(np.abs(other.ellipsoid.centre - one.ellipsoid.centre) < 0.3 * sigma)
+    assert (other.used, one.used) == (368, 368)
+
+
+@given(share=st.floats(0.0, 1.0), rows=st.integers(12, 10**6), more=st.floats(1.0, 3.0))
+def test_the_more_strays_and_rows_there_are_the_denser_is_a_run(share: float, rows: int, more: float) -> None:
+    dense = dense_enough(share, rows)
+    assert LEAST <= dense <= NO_RUN
+    assert dense <= dense_enough(min(1.0, more * share), rows)
+    assert dense <= dense_enough(share, round(more * rows))
+
+
+@given(
+    far=arrays(np.bool_, st.integers(1, 300), elements=st.sampled_from([False] * 4 + [True])),
+    sizes=st.lists(st.integers(0, 90), min_size=1, max_size=8),
+    dense=st.integers(LEAST, NO_RUN),
+)
+@settings(max_examples=200)
+def test_what_is_left_out_does_not_depend_on_blocks(far: NDArray[np.bool_], sizes: list[int], dense: int) -> None:
+    """And it is what is listed, what is counted and what `Near` leaves out."""
+    samples = Samples(np.outer(np.where(far, 80.0, 50.0), [0.6, 0.0, 0.8]) + np.arange(len(far))[:, np.newaxis] * 1e-6)
+    edges = np.unique(np.clip([0, *np.cumsum(sizes), len(far)], 0, len(far))).tolist()
+    blocks = [samples[:0], *(samples[begin:end] for begin, end in pairwise(edges)), samples[:0]]
+    (_, _, whole), *_ = left_out([samples], SPHERE, LIMIT, dense)
+    parts = np.concatenate([out for _, _, out in left_out(blocks, SPHERE, LIMIT, dense)])
+    npt.assert_array_equal(parts, whole)
+    assert np.all(whole[far])
+    kept = [block.field for block in Near(samples, SPHERE, LIMIT, dense).blocks()]
+    npt.assert_array_equal(np.concatenate(kept), samples.field[~whole])
+    listed = strays_of(blocks, SPHERE, LIMIT, dense)
+    assert [str(stray) for stray in listed] == [str(stray) for stray in strays_of([samples], SPHERE, LIMIT, dense)]
+    assert sum(stray.rows for stray in listed) == np.count_nonzero(whole)
+    for stray in listed:
+        assert whole[stray.first - 1]
+        assert whole[stray.last - 1]
+
+
+@given(far=arrays(np.bool_, st.integers(1, 300), elements=st.sampled_from([False] * 4 + [True])))
+def test_neighbours_go_where_a_run_is_and_only_there(far: NDArray[np.bool_]) -> None:
+    """Word for word what the module says, reading by reading."""
+    dense = 6
+    field = np.outer(np.where(far, 80.0, 50.0), [0.6, 0.0, 0.8])
+    ((_, _, out),) = left_out([Samples(field)], SPHERE, LIMIT, dense)
+    half = WINDOW // 2
+    run = [row for row in np.flatnonzero(far) if far[max(row - half, 0) : row + half + 1].sum() >= dense]
+    near_a_run = [any(abs(row - other) <= MARGIN for other in run) for row in range(len(far))]
+    npt.assert_array_equal(out, far | np.array(near_a_run))
 
 
 @given(

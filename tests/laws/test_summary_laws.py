@@ -41,8 +41,8 @@ def same_lows(a: Lows, b: Lows) -> None:
 
 def same_clock(a: Clock, b: Clock) -> None:
     npt.assert_allclose(
-        [a.start, a.end, a.longest_step, a.backward_steps],
-        [b.start, b.end, b.longest_step, b.backward_steps],
+        [a.start, a.end, a.seconds, a.steps, a.longest_step, a.backward_steps],
+        [b.start, b.end, b.seconds, b.steps, b.longest_step, b.backward_steps],
         atol=1e-12,
         equal_nan=True,
     )
@@ -106,6 +106,38 @@ def test_the_seam_between_recordings_can_be_a_jump_or_a_step_back() -> None:
     assert (early + late).seconds == 51.0
     assert (late + early).backward_steps == 1
     assert (Clock() + late) == late == (late + Clock())
+
+
+def test_the_seam_between_recordings_of_their_own_is_nothing() -> None:
+    early, late = Clock.of(np.array([0.0, 1.0, 2.0])), Clock.of(np.array([50.0, 51.0]))
+    for both in (early.beside(late), late.beside(early)):
+        assert (both.seconds, both.steps, both.longest_step, both.backward_steps) == (3.0, 3, 1.0, 0)
+        assert both.usual_step == 1.0
+    assert Clock().beside(late) == late == late.beside(Clock())
+    assert Clock().usual_step == 0.0
+
+
+@given(recordings(), recordings(), recordings())
+def test_recordings_side_by_side_add_up_in_any_grouping(first: Samples, second: Samples, third: Samples) -> None:
+    a, b, c = map(Health.of, (first, second, third))
+    same(a.beside(b).beside(c), a.beside(b.beside(c)))
+    if not np.isnan(b.clock.end):
+        same(a.beside(b + c), a.beside(b) + c)
+    same(a.beside(Health()), a)
+    same(Health().beside(a), a)
+
+
+@given(recordings(), recordings())
+def test_side_by_side_nothing_is_counted_that_is_in_neither(first: Samples, second: Samples) -> None:
+    a, b = Summary.of(first, side=1.0), Summary.of(second, side=1.0)
+    both, on = a.beside(b), a + b
+    assert both.health.repeats == a.health.repeats + b.health.repeats <= on.health.repeats
+    assert both.health.clock.backward_steps == a.health.clock.backward_steps + b.health.clock.backward_steps
+    assert both.health.clock.longest_step == max(a.health.clock.longest_step, b.health.clock.longest_step)
+    assert both.health.clock.seconds == a.health.clock.seconds + b.health.clock.seconds
+    assert both.moments.sums.tobytes() == on.moments.sums.tobytes()
+    assert both.cloud.counts.tobytes() == on.cloud.counts.tobytes()
+    assert (len(both), both.health.rows) == (len(on), len(first) + len(second))
 
 
 def test_rows_skipped_for_the_same_reason_are_counted_together() -> None:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 import flinders
 from flinders import document, simulate
 from flinders.calibration import Calibration
 from flinders.cli import main
+from flinders.report.comparison import page
 
 if TYPE_CHECKING:
     from flinders.simulate import Sensor
@@ -141,9 +144,47 @@ def test_a_calibration_holds_on_another_recording() -> None:
     assert "HOLDS  heading within" in ended.out
 
 
+def test_a_calibration_checked_on_its_own_recording_proves_nothing() -> None:
+    flinders_("calibrate", "monday.csv", "-o", "made.json")
+    Path("copy.csv").write_bytes(Path("monday.csv").read_bytes())
+    ended = flinders_("check", "made.json", "copy.csv")
+    shown = " ".join(ended.out.split())
+    assert ended.code == 3
+    assert "HOLDS" not in shown
+    assert "NO CHECK a calibration fits its own readings, however the sensor has changed: this proves nothing" in shown
+    assert "! copy.csv went into this calibration: check it on a recording made since" in shown
+    both = flinders_("check", "made.json", "tuesday.csv", "copy.csv", "--json")
+    assert (both.code, both.json["own_recordings"]) == (3, ["copy.csv"])
+    assert flinders_("check", "made.json", "tuesday.csv").code == 0
+
+
+def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
+    found = flinders.compare(flinders.Judged.load("monday.json"), flinders.Judged.load("tuesday.json"))
+    tiny = replace(found, heading_mean_deg=-0.001, scale_difference=-0.00001)
+    with StringIO() as out:
+        Console(file=out, width=100, color_system=None).print(page(tiny))
+        shown = out.getvalue()
+    assert "-0.00" not in shown
+    assert "0.00°" in shown
+    assert "0.00%" in shown
+
+
+def test_each_verdict_that_limits_says_what_to_do() -> None:
+    record("later.csv", 5, offset=0.3)
+    assert "a new calibration will be better" in " ".join(flinders_("check", "monday.json", "later.csv").out.split())
+    vague = flinders_("compare", "monday.json", "tuesday.json", "--target", "0.1").out
+    assert "record for longer" in " ".join(vague.split())
+
+
+def test_check_says_what_was_skipped_where_too_little_is_left() -> None:
+    Path("few.csv").write_text(f"{HEADER}\n1,2,3\n2,3,4\nnan,1,2\n", encoding="utf-8")
+    assert "2 usable readings besides 1 not finite row (line 4" in flinders_("check", "monday.json", "few.csv").err
+
+
 def test_check_compares_with_a_fresh_fit() -> None:
     found = flinders_("check", "monday.json", "tuesday.csv", "--json").json
-    assert list(found) == [*KEYS, "residual", "fresh"]
+    assert list(found) == [*KEYS, "residual", "own_recordings", "fresh"]
+    assert found["own_recordings"] == []
     compared = flinders_("compare", "monday.json", "tuesday.json", "--json").json
     for key in ("heading_difference_deg", "claimed_deg", "chi_square", "offset_difference", "p_value"):
         assert found[key] == pytest.approx(compared[key])

@@ -130,7 +130,8 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     assert [key for key in found if key in promised] == promised
     assert set(found) - set(promised) == {
         "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
-        "samples", "independent_samples", "strays", "covariance",
+        "bias_deg", "held", "unseen", "samples", "independent_samples", "strays", "distortion", "drift", "repeats",
+        "covariance",
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])
     assert {"rms", "worst"} <= set(found["heading_error_deg"])
@@ -192,6 +193,9 @@ def test_demo_writes_a_recording_for_the_other_commands(home: Path) -> None:
 def test_methods_lists_all_of_them() -> None:
     found = flinders_("methods", "--json").json
     assert list(found) == list(flinders.estimators.METHODS)
+    parameters = {"likelihood": 9, "robust": 9, "axes": 6, "sphere": 4}
+    assert {name: found[name]["parameters"] for name in parameters} == parameters
+    assert found["sphere"]["least_readings"] == 5
     assert all(name in flinders_("methods").out for name in found)
 
 
@@ -231,8 +235,10 @@ def test_axes_turn_the_recording_and_are_kept_in_the_file(home: Path) -> None:
 
 
 def test_a_known_field_strength_sets_the_scale(home: Path) -> None:
-    found = flinders_("calibrate", "tumble.csv", "--method", "sphere", "--field-strength", "49.8", "--json").json
-    assert found["method"] == "sphere"
+    found = flinders_(
+        "calibrate", "tumble.csv", "--method", "axes", "--field-strength", "49.8", "--target", "9", "--json"
+    ).json
+    assert found["method"] == "axes"
     assert (found["calibration"]["field_strength"], found["calibration"]["field_strength_known"]) == (49.8, True)
     assert "scale-unknown" not in [finding["code"] for finding in found["findings"]]
 
@@ -311,23 +317,38 @@ def test_a_refused_fit_says_why_and_how_to_move_and_shows_no_number_to_copy(home
     assert (ended.code, ended.out) == (4, "")
     assert "REFUSED not fit for use, nothing was written" in shown
     assert shown.count("turn the sensor until") == 1
-    assert "for all attitudes do as said above" in shown
-    assert "--json has them" in shown
+    assert "for all attitudes turn the sensor as above" in shown
     assert "matrix" not in shown
     assert not Path("out.json").exists()
 
 
-def test_a_refused_fit_has_its_numbers_in_json(home: Path) -> None:
+def test_a_refused_fit_says_what_is_odd_about_the_recording_and_nothing_of_the_fit(home: Path) -> None:
+    level = simulate.tumble(seed=5, motion="level").samples
+    rows = [f"{time:.2f},{text(field[np.newaxis]).strip()}" for time, field in enumerate(level.field)]
+    rows[10:12] = ["nan,nan,nan,nan", "what?"]
+    rows[20:30] = rows[29:19:-1]
+    Path("table.csv").write_text("\n".join(["time_s,mx_uT,my_uT,mz_uT", *rows, ""]), encoding="utf-8")
+    shown = " ".join(flinders_("calibrate", "table.csv", "--method", "likelihood").err.split())
+    assert "REFUSED not fit for use, nothing was written 998 readings; likelihood ✗" in shown
+    assert "· left out: 1 not finite row (line 12: 'nan,nan,nan,nan'); 1 unreadable row (line 13: 'what?')" in shown
+    assert "· time steps back 9 times" in shown
+    assert "field strength" not in shown
+    assert "of the sphere" not in shown
+
+
+def test_a_refused_fit_has_its_evidence_in_json_and_no_calibration(home: Path) -> None:
     ended = flinders_("calibrate", "tumble.csv", "--target", "0.001", "--json")
     assert ended.err.splitlines()[-1].startswith("refused: the heading may be off by")
     assert ended.json["verdict"] == "refused"
-    npt.assert_allclose(ended.json["calibration"]["offset"], TUMBLE.sensor.offset, atol=0.3)
+    assert ended.json["calibration"] is None
+    assert ended.json["noise"] == pytest.approx(0.5, abs=0.05)
+    assert ended.json["coverage"]["fraction"] > 0.9
     assert (ended.json["error"]["code"], ended.json["error"]["exit_code"]) == ("refused", 4)
     assert "heading-error" in ended.json["error"]["evidence"]
 
 
 def test_a_refusal_without_a_fit_has_the_same_keys(home: Path) -> None:
-    ended = flinders_("calibrate", "-", "--json", stdin="1,2,3\n2,3,4\n")
+    ended = flinders_("calibrate", "-", "--method", "likelihood", "--json", stdin="1,2,3\n2,3,4\n")
     assert ended.code == 4
     assert ended.json == {
         **dict.fromkeys(["method", "calibration", "heading_error_deg", "noise", "coverage"]),
@@ -337,9 +358,80 @@ def test_a_refusal_without_a_fit_has_the_same_keys(home: Path) -> None:
             "code": "too-few-samples",
             "message": ended.err.splitlines()[-1].removeprefix("refused: "),
             "exit_code": 4,
-            "evidence": {"found": 2, "needed": 10, "method": "likelihood"},
+            "evidence": {"found": 2, "needed": 10, "method": "likelihood", "skipped": []},
         },
     }
+
+
+def test_too_few_readings_are_told_with_what_was_skipped(home: Path) -> None:
+    words = ("calibrate", "-", "--method", "likelihood")
+    ended = flinders_(*words, "--json", stdin="1,2,3\n2,3,4\nwhat?\nnan,1,2\n")
+    skipped = ["1 not finite row (line 4: 'nan,1,2')", "1 unreadable row (line 3: 'what?')"]
+    assert f"2 usable readings besides {' and '.join(skipped)}, 'likelihood' needs at least 10" in ended.err
+    assert ended.json["error"]["evidence"]["skipped"] == skipped
+    assert "refused: 1 usable reading, 'likelihood' needs" in flinders_(*words, stdin="1,2,3\n").err
+
+
+def test_a_recording_in_counts_is_told_how_to_be_in_microtesla(home: Path) -> None:
+    Path("raw.csv").write_text(text(FIELD * 300), encoding="utf-8")
+    shown = " ".join(flinders_("calibrate", "raw.csv").out.split())
+    assert "no unit known, so all is in counts: give --unit, or --scale" in shown
+    assert "e+0" not in shown
+    assert "no unit known" not in flinders_("calibrate", "raw.csv", "--scale", "0.0033").out
+
+
+# the report in plain words
+
+
+def test_the_report_is_written_beside_the_calibration(home: Path) -> None:
+    ended = flinders_("calibrate", "tumble.csv", "-o", "out.json", "--report-text", "report.txt")
+    report = Path("report.txt").read_text(encoding="utf-8")
+    assert ended.code == 0
+    assert "GOOD" in ended.out
+    assert "report written to report.txt" in ended.err
+    assert "The calibration is good." in report
+    assert "- tumble.csv: 600 readings." in report
+    shown = re.findall(r"offset [xyz] +(-?[\d.]+) ± [\d.]+ µT", report)
+    npt.assert_allclose(np.array(shown, float), Calibration.load("out.json").offset, atol=1e-3)
+
+
+def test_the_report_can_take_the_place_of_the_page(home: Path) -> None:
+    ended = flinders_("calibrate", "tumble.csv", "--sensor", "hull 7", "--report-text", "-")
+    assert ended.out.startswith("Compass calibration of the sensor hull 7\n")
+    assert "GOOD  worst" not in ended.out + ended.err
+    assert not Path("-").exists()
+
+
+def test_a_refusal_is_reported_too(home: Path) -> None:
+    ended = flinders_("calibrate", "tumble.csv", "--target", "0.001", "-o", "out.json", "--report-text", "report.txt")
+    report = Path("report.txt").read_text(encoding="utf-8")
+    assert ended.code == 4
+    assert "No calibration can be given from this recording." in report
+    assert "offset" not in report
+    assert not Path("out.json").exists()
+    words = ("calibrate", "-", "--method", "likelihood", "--report-text", "-")
+    ended = flinders_(*words, stdin="1,2,3\n2,3,4\nwhat?\n")
+    assert ended.code == 4
+    assert "- The number of usable readings is 2, and at least 10 are needed." in ended.out
+    assert "- Left out: 1 unreadable row (line 3: 'what?')." in ended.out
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [("--report-text kept.txt", 6, "kept.txt exists"), ("--report-text tumble.csv --force", 2, "written over"),
+     ("--report-text - --json", 2, "--json and the report would both go to standard output: name a file with --report"),
+     ("--report-text - -o -", 2, "the calibration and the report would both go to standard output: name a file with"),
+     ("--report-text ./out.json -o out.json", 2, "give them two names"), ("--report-text nix/a.txt", 6, "no such")],
+)  # fmt: skip
+def test_a_report_that_cannot_be_written_is_refused_before_reading(
+    words: str, code: int, said: str, home: Path
+) -> None:
+    Path("kept.txt").write_text("kept", encoding="utf-8")
+    ended = flinders_("calibrate", "tumble.csv", *words.split())
+    assert (ended.code, ended.err.count("\n")) == (code, 1)
+    assert said in ended.err
+    assert Path("kept.txt").read_text(encoding="utf-8") == "kept"
+    assert flinders_("calibrate", "tumble.csv", "--report-text", "kept.txt", "--force").code == 0
 
 
 @pytest.mark.parametrize(
@@ -430,6 +522,20 @@ def test_apply_refuses_a_recording_of_another_unit_or_sensor(calibration: Calibr
     assert ended.code == 2
     assert "tumble.csv is in uT, the calibration is for readings in counts" in ended.err
     assert not Path("out.csv").exists()
+
+
+def test_apply_doubts_a_strength_that_does_not_suit_the_calibration(home: Path) -> None:
+    flinders.fit(flinders.read("tumble.csv")).save("calibration.json")
+    calibration = Calibration.load("calibration.json")
+    assert "!" not in flinders_("apply", "calibration.json", "tumble.csv").err
+    uneven = (FIELD - calibration.offset) * [1.0, 1.4, 1.2] + calibration.offset
+    stronger = (FIELD - calibration.offset) * 1.4 + calibration.offset
+    for name, field in (("uneven.csv", uneven), ("stronger.csv", stronger)):
+        Path(name).write_text(text(field, header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
+        ended = flinders_("apply", "calibration.json", name, "-o", "out.csv", "--force")
+        assert ended.code == 0
+        assert "! these readings do not suit the calibration" in ended.err
+        assert f"see flinders check calibration.json {name}, or calibrate again" in ended.err
 
 
 def test_apply_reads_standard_input_and_reports_in_json(calibration: Calibration) -> None:
@@ -626,9 +732,11 @@ def without_colours(shown: str) -> str:
 
 @pytest.mark.parametrize("columns", [80, 120])
 def test_a_terminal_gets_colours_and_lines_that_fit(columns: int, home: Path) -> None:
-    code, shown = terminal("calibrate", "tumble.csv", columns=columns)
-    assert code == 0
-    assert "\x1b[1;32mGOOD" in shown
+    hemisphere = simulate.tumble(seed=5, motion="hemisphere").samples.field
+    Path("half.csv").write_text(text(hemisphere, header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
+    code, shown = terminal("calibrate", "half.csv", columns=columns)
+    assert code == 3
+    assert "\x1b[1;33mLIMITED" in shown
     lines = without_colours(shown).splitlines()
     assert max(map(len, lines)) <= min(columns, 100)
     assert max(map(len, lines)) > min(columns, 100) - 20

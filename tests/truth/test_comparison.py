@@ -15,9 +15,11 @@ import flinders
 from flinders import simulate
 from flinders.axes import Axes
 from flinders.calibration import Calibration
-from flinders.comparison import Judged, Strength, chance_of, compare
+from flinders.comparison import Strength, compare
 from flinders.document import PARAMETERS, Fitted
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
+from flinders.judged import Judged
+from flinders.pooling import chance_of
 from flinders.units import Unit
 
 if TYPE_CHECKING:

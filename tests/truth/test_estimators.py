@@ -11,7 +11,7 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.errors import NeedsSamples
-from flinders.estimators import Algebraic, Auto, Consistent, Estimator, Li, Likelihood, Readings, estimate, likelihood
+from flinders.estimators import Algebraic, Auto, Consistent, Estimator, Li, Likelihood, Readings, kept, likelihood
 from flinders.quadric import upper
 from flinders.samples import Samples
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
@@ -184,7 +184,7 @@ def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: py
     held = flinders.fit(short)
     assert short.passes == 1
     npt.assert_allclose(held.calibration.offset, whole.calibration.offset, rtol=0, atol=1e-9)
-    monkeypatch.setattr(estimate, "HELD", 1000)
+    monkeypatch.setattr(kept, "HELD", 1000)
     long = Streamed(truth.samples)
     streamed = flinders.fit(long)
     assert long.passes > 1
@@ -205,7 +205,7 @@ def test_iterating_on_a_part_and_finishing_on_the_whole_is_as_good_as_iterating_
     off = np.abs(thinned.calibration.offset - whole.calibration.offset)
     assert (off < 0.02 * whole.offset_sigma).all()
     npt.assert_allclose(np.diag(thinned.covariance), np.diag(whole.covariance), rtol=0.03)
-    monkeypatch.setattr(estimate, "HELD", 1000)
+    monkeypatch.setattr(kept, "HELD", 1000)
     streamed = flinders.fit(Streamed(truth.samples))
     npt.assert_allclose(streamed.calibration.offset, thinned.calibration.offset, rtol=0, atol=1e-9)
 

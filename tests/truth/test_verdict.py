@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import re
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import numpy.testing as npt
 import pytest
 
 import flinders
 from flinders import simulate
 from flinders.axes import Axes
+from flinders.document import Provenance, SourceFile
+from flinders.errors import FitError, StuckAxis, TooFewSamples
+from flinders.report.plain import page
+from flinders.report.words import FINDINGS, REFUSALS
 from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.simulate import Sensor, tumble
@@ -172,6 +179,10 @@ def sound() -> Fit:
     return judged(plain())
 
 
+def in_counts() -> Fit:
+    return judged(Samples.of(300.0 * plain().field))
+
+
 def only(fit: Fit, code: str) -> Finding:
     return next(finding for finding in fit.findings if finding.code == code)
 
@@ -194,14 +205,15 @@ CASES: Final[list[tuple[str, str, Callable[[], Fit], tuple[float, float]]]] = [
     ("strays", "limits", many_strays, (0.2, 0.23)),
     ("saturated", "limits", at_the_rails, (0.01, 0.2)),
     ("stale-repeats", "note", stale, (0.66, 0.67)),
-    ("time-jump", "note", interrupted, (60.0, 60.1)),
-    ("time-jump", "note", back_in_time, (1, 1)),
+    ("time-gap", "note", interrupted, (60.0, 60.1)),
+    ("time-back", "note", back_in_time, (1, 1)),
     ("skipped-rows", "note", gaps, (3, 3)),
     ("skipped-rows", "limits", mostly_gaps, (100, 100)),
     ("axis-ratio", "limits", unlike_axes, (2.3, 2.5)),
     ("field-strength", "note", weak_field, (4.9, 5.1)),
     ("field-strength", "note", strong_field, (499, 501)),
     ("mirrored-axes", "limits", mirrored, (-1, -1)),
+    ("unit-unknown", "note", in_counts, (14900, 15100)),
     ("scale-unknown", "note", sound, (49.9, 50.1)),
     ("rotation-unknown", "note", sound, (0, 0)),
 ]
@@ -255,6 +267,107 @@ def test_what_refuses_is_raised_with_the_fit_and_its_numbers() -> None:
     assert error.fit.verdict == "refused"
     assert error.evidence["noise"] == only(error.fit, "noise").number
     assert str(error) == "; ".join(f.advice for f in error.fit.findings if f.severity == "refuses")
+
+
+def test_what_limits_or_refuses_says_what_to_do() -> None:
+    verbs = "turn|record|check|choose|use|see what|change the sign"
+    for code, severity, recording, _ in CASES:
+        if severity != "note":
+            advice = only(recording(), code).advice
+            assert re.search(rf"(?:^|[:;,.] )(?:also |for all attitudes |else )?(?:{verbs})\b", advice.lower()), advice
+
+
+def test_findings_count_what_there_is_one_of() -> None:
+    field = plain().field.copy()
+    field[300] += [0.0, 320.0, 0.0]
+    told = " ".join(finding.advice for finding in (*judged(field).findings, *back_in_time().findings))
+    assert re.search(r"\d readings? \(0\.\d%\), up to 3\d\d counts off the rest, left out \(row 301: a reading", told)
+    assert "time steps back once" in told
+
+
+def test_what_everybody_reads_each_time_is_short() -> None:
+    assert all(len(finding.advice) <= 76 for finding in sound().findings)
+    assert all(len(finding.advice) <= 96 for finding in in_counts().findings)
+
+
+def test_a_refused_fit_gives_no_number_to_copy_and_keeps_its_evidence() -> None:
+    fit = drowned()
+    fields = fit.as_dict()
+    assert (fields["calibration"], fields["uncorrected_heading_error_deg"]) == (None, None)
+    assert fields["noise"] == fit.noise
+    assert fields["coverage"] == fit.coverage.as_dict()
+    assert fields["covariance"] == fit.covariance.tolist()
+    assert fields["findings"][0]["code"] == "noise"
+    assert fields["heading_error_deg"]["worst"] == fit.heading_error_deg.worst
+    assert fit.calibration.matrix.shape == (3, 3)
+
+
+def test_of_flat_readings_nothing_is_told_that_rests_on_a_surface() -> None:
+    fit = level()
+    fields = fit.as_dict()
+    told = {key for key, value in fields.items() if value is not None}
+    assert fit.is_flat
+    assert {"findings", "covariance", "noise", "samples", "unseen", "held"} <= told
+    assert not told & {"calibration", "coverage", "heading_error_deg", "direction_error_deg", "bias_deg"}
+
+
+def test_the_fit_has_what_its_json_has() -> None:
+    fit = leaning_on_the_prior()
+    fields = fit.as_dict()
+    assert fields["direction_error_deg"] == fit.direction_error_deg._asdict()
+    assert 0.0 < fit.direction_error_deg.rms < fit.direction_error_deg.worst
+    assert (fields["held"], fields["unseen"], fields["bias_deg"]) == (fit.held, fit.unseen, fit.bias_deg)
+    assert fit.held > 0.1
+
+
+# in plain words
+
+READ: Final = Provenance(
+    flinders="1.2.3",
+    date=datetime(2026, 5, 1, 12, 30, tzinfo=UTC),
+    files=(SourceFile(name="tumble.csv", sha256="0" * 64, bytes=1, rows=1000),),
+)
+JARGON: Final = "ellipsoid|likelihood,|covariance|residual|posterior|\\bprior\\b|determinant|eigen|rms|χ|σ|Gauss"
+
+
+def test_all_there_is_to_say_has_plain_words() -> None:
+    assert list(FINDINGS) == list(CODES)
+    raised = {error.code for error in FitError.__subclasses__()} - {"refused", "needs-samples"}
+    assert set(REFUSALS) == raised
+
+
+@pytest.mark.parametrize("recording", {case[2] for case in CASES}, ids=lambda recording: recording.__name__)
+def test_the_page_of_plain_words(recording: Callable[[], Fit]) -> None:
+    fit = recording()
+    text = page(Refused(fit) if fit.verdict == "refused" else fit, READ)
+    assert max(map(len, text.splitlines())) <= 80
+    assert len(text.splitlines()) <= 90
+    assert not re.search(JARGON, text)
+    assert "1 May 2026, 12:30 UTC, Flinders 1.2.3" in text
+    assert "tumble.csv: 1,000 readings" in text
+    if fit.verdict == "refused":
+        assert "WHY\n- " in text
+        assert not re.search(r"offset|matrix|\d ±|\d\.\d{6}", text)
+    else:
+        assert len(re.findall(r"^    offset [xyz] +-?[\d.]+ ± [\d.]+ (?:µT|counts)$", text, re.MULTILINE)) == 3
+        numbers = re.findall(r"^    matrix [xyz] +(-?\d\.\d+) +(-?\d\.\d+) +(-?\d\.\d+)$", text, re.MULTILINE)
+        npt.assert_allclose(np.array(numbers, float), fit.calibration.matrix, atol=1e-6)
+
+
+def test_the_page_of_plain_words_names_what_was_left_out() -> None:
+    assert "rows 1–50: 50 readings" in " ".join(page(a_few_strays(), READ).split())
+    assert "Left out: 3 not finite rows (line 1, 2, 3)." in page(gaps(), READ)
+    text = page(TooFewSamples(found=1, needed=10, method="sphere", skipped=["2 unreadable rows (line 3, 4)"]), READ)
+    assert "- The number of usable readings is 1, and at least 10 are needed." in text
+    assert "- Left out: 2 unreadable rows (line 3, 4)." in text
+
+
+def test_a_refusal_in_plain_words_says_how_to_move_on() -> None:
+    text = " ".join(page(Refused(level()), READ).split())
+    assert "All readings lie in one plane" in text
+    assert "Turn the sensor onto its sides and upside down too." in text
+    stuck = page(StuckAxis(("x",), (1.0,)), READ)
+    assert "Some of the sensor's axes never change." in stuck
 
 
 def test_a_stricter_target_limits_and_then_refuses_the_same_recording() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import click
 
-from flinders.cli import apply, calibrate, check, compare, demo, methods
+from flinders.cli import apply, calibrate, check, compare, demo, merge, methods
 from flinders.cli._program import EXIT_CODES, Program
 
 main = Program(
@@ -19,6 +19,14 @@ main = Program(
     "  flinders check calibration.json tomorrow.csv\n"
     "\n\b\nExit codes:\n" + "\n".join(f"  {code:>3}  {meaning}" for code, meaning in EXIT_CODES.items()),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=[calibrate.command, apply.command, check.command, compare.command, demo.command, methods.command],
+    commands=[
+        calibrate.command,
+        apply.command,
+        check.command,
+        compare.command,
+        merge.command,
+        demo.command,
+        methods.command,
+    ],
 )
 main = click.version_option(package_name="flinders", message="flinders %(version)s")(main)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
-from flinders.errors import DocumentError, UnitError, UsageError
+from flinders.cli._sources import sha256
+from flinders.errors import DocumentError, FlindersError, UnitError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from flinders.calibration import Calibration
-    from flinders.comparison import Judged
+    from flinders.judged import Judged
     from flinders.samples import Recording
 
 
@@ -25,7 +26,7 @@ def load(command: str, calibration: str, recordings: Sequence[str]) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.comparison import Judged
+    from flinders.judged import Judged
 
     if calibration == "-":
         raise UsageError(f"the calibration must be a file: flinders {command} calibration.json -")
@@ -47,6 +48,25 @@ def is_calibration(path: str) -> bool:
     with contextlib.suppress(DocumentError):
         return path != "-" and bool(read(path))
     return False
+
+
+def is_recording(path: str) -> bool:
+    """Whether a path leads to a file with a magnetometer in it."""
+    from flinders.readers import open_recording
+
+    try:
+        return path != "-" and bool(open_recording(path))
+    except FlindersError:
+        return False
+
+
+def made_from(calibration: str, recordings: Iterable[Recording]) -> list[str]:
+    """Which of these recordings a calibration was made from, as its file says: their names."""
+    from flinders.document import read
+
+    provenance = read(calibration).provenance
+    known = {file.sha256 for file in provenance.files} if provenance else set()
+    return [recording.source for recording in recordings if known and sha256(recording) in known]
 
 
 def agree(calibration: Calibration, recording: Recording) -> None:

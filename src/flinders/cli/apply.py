@@ -6,14 +6,14 @@ import contextlib
 import io
 import sys
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, Final
 
 import click
 
 from flinders.cli import _options
 from flinders.cli._calibration import agree, load
 from flinders.cli._talk import print_json, progress, say
-from flinders.errors import InputError, UsageError
+from flinders.errors import InputError, UsageError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
     from flinders.readers import TextRecording
+
+FOREIGN: Final = 3.0
+"""Readings that come out so many times too long or too short are of another sensor or unit: refused."""
+
+ODD, UNEVEN = 1.3, 0.1
+"""Strength, as a factor, and spread, as a fraction, from which on the calibration is said not to suit."""
 
 
 @click.command(
@@ -69,6 +75,8 @@ def command(
     for skipped in source.skipped:
         say(f"{source.source}: {skipped}")
     say(str(corrector))
+    if not corrector.is_plausible:
+        say(f"! {_doubt(calibration, recording)}")
     if output != "-":
         say(f"written to {output}")
     if as_json:
@@ -105,7 +113,7 @@ class Corrector:
         corrected = self._correction.apply(readings)
         strength = np.linalg.norm(corrected, axis=1) / self._correction.field_strength
         middle = float(np.median(strength))
-        if self.strength.readings == 0 and not 1 / 3 < middle < 3:
+        if self.strength.readings == 0 and not 1 / FOREIGN < middle < FOREIGN:
             raise InputError(
                 f"corrected readings of {self._source} are {middle:.2g} times as long as the calibration's field "
                 f"({self._correction.field_strength:.4g} {self._correction.unit}): it is for another sensor, unit or "
@@ -114,15 +122,29 @@ class Corrector:
         self.strength += Strength.of(strength)
         return corrected
 
+    @property
+    def is_plausible(self) -> bool:
+        """The corrected readings are about as long as the calibration's field, and about equally long."""
+        return not self.strength.readings or (1 / ODD < self.strength.mean < ODD and self.strength.spread < UNEVEN)
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: rows, mean strength as a fraction of the calibration's field, and its spread."""
         return {"rows": self.strength.readings, **self.strength.as_dict()}
 
     def __str__(self) -> str:
         return (
-            f"{self.strength.readings:,} readings corrected; their strength is {self.strength.mean:.3f} of the "
-            f"calibration's field, with a spread of {self.strength.spread:.1%}"
+            f"{counted(self.strength.readings, 'reading')} corrected; their strength is {self.strength.mean:.3f} of "
+            f"the calibration's field, with a spread of {self.strength.spread:.1%}"
         )
+
+
+def _doubt(calibration: str, recording: str) -> str:
+    """Say what an implausible strength may come from, and how to find out."""
+    again = f"flinders check {calibration} {recording if recording != '-' else 'RECORDING'}"
+    return (
+        "these readings do not suit the calibration: iron or currents have come or gone, or it is for another sensor, "
+        f"unit or place; see {again}, or calibrate again"
+    )
 
 
 @contextlib.contextmanager

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED
+from flinders.cli._sources import saying_what_was_skipped, sha256
 from flinders.cli._talk import print_fit, print_json, progress, say
-from flinders.errors import UsageError
+from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,6 +41,10 @@ Example:
     "-o", "--output", metavar="FILE",
     help="Calibration file to write, or - for standard output; without it nothing is written.",
 )  # fmt: skip
+@click.option(
+    "--report-text", "report", metavar="FILE",
+    help="Also write a page of plain words for those who will use the compass, or - for standard output.",
+)  # fmt: skip
 @click.option("--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.")
 @click.option(
     "--field-strength", type=_options.positive, metavar="F",
@@ -64,6 +69,7 @@ Example:
 def command(
     recordings: tuple[str, ...],
     output: str | None,
+    report: str | None,
     force: bool,
     as_json: bool,
     prior: float | str | None,
@@ -84,38 +90,40 @@ def command(
         options["prior"] = None if prior == "none" else prior
     if robust:
         options["robust"] = True
-    _check(recordings, output, options, force=force, as_json=as_json)
+    _check(recordings, options)
+    _check_outputs(recordings, output, report, force=force, as_json=as_json)
     reading = {name: options.pop(name) for name in ("columns", "unit", "scale", "axes")}
     with progress("reading") as watch:
         opened = open_recording(recordings, progress=watch, **reading)
         parts = [_Counted(part) for part in (opened.recordings if isinstance(opened, Joined) else (opened,))]
         for part in parts:
             say(str(part.recording))
-        fit = fit_recording(Joined(tuple(parts)) if len(parts) > 1 else parts[0], **options)
-    _write(fit, output, _provenance(parts) if output else None, force=force)
+        try:
+            with saying_what_was_skipped(part.recording for part in parts):
+                fit = fit_recording(Joined(tuple(parts)) if len(parts) > 1 else parts[0], **options)
+        except FitError as refusal:
+            _report(refusal, report, parts, force=force)
+            raise
+    _write(fit, output, parts, force=force)
     if as_json:
         print_json(fit.as_dict())
-    else:
+    elif report != "-":
         print_fit(fit, err=output == "-")
+    _report(fit, report, parts, force=force)
     if output != "-":
         say(f"written to {output}" if output else "nothing was written: name a file with -o calibration.json")
     return GOOD if fit.verdict == "good" else LIMITED
 
 
-def _check(
-    recordings: tuple[str, ...], output: str | None, options: dict[str, Any], *, force: bool, as_json: bool
-) -> None:
+def _check(recordings: tuple[str, ...], options: dict[str, Any]) -> None:
     """Find what cannot work before anything is read: the recording may be long, or still be on its way.
 
     Raises
     ------
     UsageError
-        For options that are not known or contradict each other, a recording given twice or written over.
-    OutputError
-        Where the output could not be written.
+        For options that are not known or contradict each other, or a recording given twice.
     """
     from flinders.estimators import METHODS
-    from flinders.files import refuse_existing
     from flinders.units import Unit
 
     method, prior = options["method"], "prior" in options
@@ -129,21 +137,58 @@ def _check(
     if options["unit"]:
         Unit.of(options["unit"], options["scale"])
     _options.refuse_twice(recordings)
-    if output == "-" and as_json:
-        raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
-    if output and output != "-":
-        _options.refuse_to_overwrite(output, recordings)
-        refuse_existing(output, force=force)
 
 
-def _write(fit: Fit, output: str | None, provenance: Provenance | None, *, force: bool) -> None:
+def _check_outputs(
+    recordings: tuple[str, ...], output: str | None, report: str | None, *, force: bool, as_json: bool
+) -> None:
+    """Find what could not be written before anything is read.
+
+    Raises
+    ------
+    UsageError
+        Where two results would go to one place, or over a recording.
+    OutputError
+        Where a file is in the way, or could not be written.
+    """
+    from flinders.files import refuse_existing
+
+    results = {"--json": as_json, "the calibration": output == "-", "the report": report == "-"}
+    printed = [name for name, wanted in results.items() if wanted]
+    if len(printed) > 1:
+        option = "-o" if output == "-" else "--report-text"
+        raise UsageError(f"{' and '.join(printed)} would both go to standard output: name a file with {option}")
+    files = [path for path in (output, report) if path and path != "-"]
+    if len(files) > 1 and Path(files[0]).resolve() == Path(files[1]).resolve():
+        raise UsageError(f"{output} is named for the calibration and for the report: give them two names")
+    for path in files:
+        _options.refuse_to_overwrite(path, recordings)
+        refuse_existing(path, force=force)
+
+
+def _write(fit: Fit, output: str | None, parts: list[_Counted], *, force: bool) -> None:
     """Write the calibration where it was asked for."""
     from flinders.document import dumps
 
     if output == "-":
-        click.echo(dumps(fit.to_document(provenance)), nl=False)
+        click.echo(dumps(fit.to_document(_provenance(parts))), nl=False)
     elif output:
-        fit.save(output, force=force, provenance=provenance)
+        fit.save(output, force=force, provenance=_provenance(parts))
+
+
+def _report(outcome: Fit | FitError, path: str | None, parts: list[_Counted], *, force: bool) -> None:
+    """Write the page of plain words where it was asked for."""
+    from flinders.files import write_text
+    from flinders.report.plain import page
+
+    if path is None:
+        return
+    text = page(outcome, _provenance(parts))
+    if path == "-":
+        click.echo(text, nl=False)
+    else:
+        write_text(text, path, force=force)
+        say(f"report written to {path}")
 
 
 class _Counted:
@@ -177,12 +222,8 @@ def _provenance(parts: list[_Counted]) -> Provenance:
 
 
 def _source_file(part: _Counted) -> SourceFile:
-    """Name, hash and size of a file as it lies on the disk; of what was spooled, for standard input."""
+    """Name, hash and size of a file, and how many readings it gave."""
     from flinders.document import SourceFile
 
-    file = part.recording.file  # type: ignore[attr-defined]
-    digest = hashlib.sha256()
-    with file.opened() as (raw, _):
-        while chunk := raw.read(1 << 20):
-            digest.update(chunk)
-    return SourceFile(name=part.source, sha256=digest.hexdigest(), bytes=file.size, rows=part.rows)
+    size = part.recording.file.size  # type: ignore[attr-defined]
+    return SourceFile(name=part.source, sha256=sha256(part.recording), bytes=size, rows=part.rows)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from flinders.cli import _options
-from flinders.cli._calibration import agree, is_calibration, load
+from flinders.cli._calibration import agree, is_calibration, load, made_from
 from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._sources import saying_what_was_skipped
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import UsageError
 
@@ -30,7 +31,8 @@ Example:
 \b
 Exit codes:
   0  it holds
-  3  it is off by less than the target, or the recording tells too little
+  3  it is off by less than the target, or the recording tells too little:
+     it is too poor, or one that the calibration was made from
   4  it does not hold, or the recording cannot be fitted
 """,
 )
@@ -53,8 +55,9 @@ def command(
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
-    from flinders.comparison import Judged, compare
+    from flinders.comparison import compare
     from flinders.fitting import fit
+    from flinders.judged import Judged
     from flinders.report.comparison import page
     from flinders.result import Refused
 
@@ -65,7 +68,8 @@ def command(
         if known.covariance is None:
             say(f"{calibration} states no uncertainty: it is taken as exact")
         try:
-            fresh = fit(recording, target_deg=target_deg, dip_deg=dip_deg)
+            with saying_what_was_skipped(recording.recordings):
+                fresh = fit(recording, target_deg=target_deg, dip_deg=dip_deg)
         except Refused:
             say(
                 f"under {calibration} the strength is {found.mean:.3f} of its field, with a spread of "
@@ -75,14 +79,15 @@ def command(
         renewed = _strength(fresh.calibration, recording)
     dip = fresh.heading_error_deg.dip_deg
     comparison = compare(known, Judged.from_fit(fresh, name="fresh fit"), dip_deg=dip, target_deg=target_deg)
+    own = made_from(calibration, recording.recordings)
     if as_json:
         residual = {"calibration": found.as_dict(), "fresh": renewed.as_dict()}
-        print_json({**comparison.as_dict(), "residual": residual, "fresh": fresh.as_dict()})
+        print_json({**comparison.as_dict(), "residual": residual, "own_recordings": own, "fresh": fresh.as_dict()})
     else:
-        click.echo(drawn(page(comparison, fresh=fresh, strengths=(found, renewed)), sys.stdout))
+        click.echo(drawn(page(comparison, fresh=fresh, strengths=(found, renewed), own=own), sys.stdout))
     if comparison.verdict == "contradict":
         return REFUSED
-    holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good"
+    holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good" and not own
     return GOOD if holds else LIMITED
 
 

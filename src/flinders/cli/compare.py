@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options
-from flinders.cli._calibration import is_calibration
+from flinders.cli._calibration import is_calibration, is_recording
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._talk import drawn, print_json, say
-from flinders.errors import DocumentError, FlindersError, UsageError
+from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.comparison import Judged
+    from flinders.judged import Judged
 
 
 @click.command(
@@ -71,21 +71,11 @@ def _load(path: str, other: str) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.comparison import Judged
+    from flinders.judged import Judged
 
     try:
         return Judged.load(path)
     except DocumentError:
-        if is_calibration(other) and _is_recording(path):
+        if is_calibration(other) and is_recording(path):
             raise UsageError(f"{path} is a recording: flinders check {other} {path}") from None
         raise
-
-
-def _is_recording(path: str) -> bool:
-    """Whether a path leads to a file with a magnetometer in it."""
-    from flinders.readers import open_recording
-
-    try:
-        return path != "-" and bool(open_recording(path))
-    except FlindersError:
-        return False

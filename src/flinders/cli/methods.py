@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import sys
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from flinders.cli import _options
 from flinders.cli._talk import drawn, print_json
+
+if TYPE_CHECKING:
+    from flinders.estimators import Estimator
+
+ELLIPSOID: Final = 9
+"""Parameters of an ellipsoid: three of the offset, six of the shape."""
 
 
 @click.command(
@@ -25,15 +32,22 @@ def command(as_json: bool) -> None:
     from flinders.estimators import METHODS
 
     if as_json:
-        print_json({name: {"unknowns": method.unknowns, "use": method.use} for name, method in METHODS.items()})
+        print_json({name: _as_dict(method) for name, method in METHODS.items()})
         return
     from rich import box
     from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
     table.add_column("method", style="bold")
-    table.add_column("unknowns", justify="right")
+    table.add_column("parameters\nfound", justify="right")
+    table.add_column("readings,\nat least", justify="right")
     table.add_column("when to use it")
     for name, method in METHODS.items():
-        table.add_row(name, str(method.unknowns), method.use)
+        table.add_row(name, *map(str, _as_dict(method).values()))
     click.echo(drawn(table, sys.stdout))
+
+
+def _as_dict(method: type[Estimator]) -> dict[str, int | str]:
+    """JSON-ready: the parameters of its ellipsoid, which has no more than nine, without the noise."""
+    parameters = min(method.unknowns - 1, ELLIPSOID)
+    return {"parameters": parameters, "least_readings": method.unknowns, "use": method.use}

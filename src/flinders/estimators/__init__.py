@@ -8,6 +8,7 @@ method          unknowns   when
 auto            10         always, unless there is a reason not to
 likelihood      10         to set the prior or switch off the bias correction
 robust          12         strays are known to be there, however quiet
+level           6          a level turn: the vehicle cannot be turned over
 consistent      10         there are only sums: a stream, a fleet, a saved summary
 li              10         parity with Magneto; something closed at any price
 algebraic       10         parity with NXP, MATLAB and MotionCal
@@ -19,7 +20,7 @@ Each file holds the formula, when to use it and when not, its source and an exam
 names to classes.
 
 >>> sorted(METHODS)
-['algebraic', 'auto', 'axes', 'consistent', 'li', 'likelihood', 'robust', 'sphere']
+['algebraic', 'auto', 'axes', 'consistent', 'level', 'li', 'likelihood', 'robust', 'sphere']
 """
 
 from __future__ import annotations
@@ -31,15 +32,18 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.axis_aligned import AxisAligned
 from flinders.estimators.bias import with_bias
 from flinders.estimators.consistent import Consistent
-from flinders.estimators.estimate import Estimate, Estimator, Readings
+from flinders.estimators.drift import drift_of
+from flinders.estimators.estimate import Estimate, Estimator
+from flinders.estimators.level import Level
 from flinders.estimators.li import Li
 from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.readings import Readings
 from flinders.estimators.robust import Robust
 from flinders.estimators.sphere import Sphere
 from flinders.estimators.strays import strays_of
 
 METHODS: Final[dict[str, type[Estimator]]] = {
-    method.name: method for method in (Auto, Likelihood, Robust, Consistent, Li, Algebraic, AxisAligned, Sphere)
+    method.name: method for method in (Auto, Likelihood, Robust, Level, Consistent, Li, Algebraic, AxisAligned, Sphere)
 }
 """Every method by name, the one to try first at the top."""
 
@@ -51,11 +55,13 @@ __all__ = [
     "Consistent",
     "Estimate",
     "Estimator",
+    "Level",
     "Li",
     "Likelihood",
     "Readings",
     "Robust",
     "Sphere",
+    "drift_of",
     "fit_error",
     "strays_of",
     "with_bias",

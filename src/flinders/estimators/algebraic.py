@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance, algebraic_noise
+from flinders.estimators.estimate import Estimate
+from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
 from flinders.quadric import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.estimators.readings import Readings
     from flinders.moments import Moments
 
 _TRACE_FREE: Final = np.concatenate(
@@ -54,6 +56,7 @@ class Algebraic:
     --------
     The documented example of MATLAB's ``magcal``: centre (−50, 20, 100), radii (30, 20, 50).
 
+    >>> from flinders.estimators.readings import Readings
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> found = Algebraic("nxp").estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
@@ -78,7 +81,7 @@ class Algebraic:
 
         Raises
         ------
-        TooFewSamples, StuckAxis
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `Readings.require`.
         NotAnEllipsoid
             If the quadric is open.

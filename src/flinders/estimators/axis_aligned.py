@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.estimate import AXES_ALIGNED, Estimate, Readings, algebraic_covariance, algebraic_noise
+from flinders.estimators.estimate import Estimate
+from flinders.estimators.uncertainty import AXES_ALIGNED, algebraic_covariance, algebraic_noise
 from flinders.quadric import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.estimators.readings import Readings
 
 _COLUMNS: Final = np.array([0, 1, 2, 6, 7, 8, 9])
 
@@ -28,6 +32,7 @@ class AxisAligned:
 
     Examples
     --------
+    >>> from flinders.estimators.readings import Readings
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> found = AxisAligned().estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
@@ -45,7 +50,7 @@ class AxisAligned:
 
         Raises
         ------
-        TooFewSamples, StuckAxis
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `Readings.require`.
         NotAnEllipsoid
             If the quadric is open.

@@ -17,7 +17,8 @@ from flinders.estimators.auto import Auto
 from flinders.quadric import upper
 
 if TYPE_CHECKING:
-    from flinders.estimators.estimate import Estimate, Readings
+    from flinders.estimators.estimate import Estimate
+    from flinders.estimators.readings import Readings
 
 
 def with_bias(estimate: Estimate, readings: Readings) -> Estimate:

@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance
+from flinders.estimators.estimate import Estimate
+from flinders.estimators.uncertainty import algebraic_covariance
 from flinders.moments import EXPONENTS, packed, unpacked
 from flinders.quadric import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.estimators.readings import Readings
 
 STEPS: Final = 50
+"""As many as bisection alone would need; Newton's method needs five."""
 
 
 def _heat() -> Floats:
@@ -57,6 +60,7 @@ class Consistent:
 
     Examples
     --------
+    >>> from flinders.estimators.readings import Readings
     >>> rng = np.random.default_rng(1)
     >>> directions = rng.normal(size=(100_000, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -76,7 +80,7 @@ class Consistent:
 
         Raises
         ------
-        TooFewSamples, StuckAxis
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `Readings.require`.
         NotAnEllipsoid
             If the quadric is open.

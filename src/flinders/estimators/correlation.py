@@ -14,10 +14,15 @@ distortion that belongs to the direction, not to the moment: its size is what re
 direction have in common at different times, and it is taken for smooth, without the part
 that an ellipsoid fitted all around would absorb.
 
+What creeps over minutes below the noise of a single reading has no autocovariance that rises above its own noise, and
+yet moves a fit more than the noise does. It shows when the recording is cut in a few blocks: their gradients
+Σ J s are then larger than B lets them be, and B is enlarged by as much.
+
 References
 ----------
 W. K. Newey, K. D. West, Econometrica 55 (1987) 703–708, for sums over lags; a Gaussian process on the sphere with
-a squared exponential kernel for D.
+a squared exponential kernel for D; blocks as in R. T. Birge, Phys. Rev. 40 (1932) 207–227, external beside internal
+consistency.
 """
 
 from __future__ import annotations
@@ -29,7 +34,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.coverage import CELLS, cells_of, directions_of
+from flinders.pooling import DEPENDENT, chance_of
 from flinders.terms import magnitude
+from flinders.terms.equations import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,12 +50,26 @@ FEW: Final = 50
 """Fewer readings than this say nothing of their correlation."""
 
 LONGEST_LAG: Final = 1000
+"""Readings: twenty seconds at 50 Hz, longer than a turn by hand takes."""
+
+PARTNERS: Final = 0.75
+"""Of the readings: with fewer pairs than that a lag is not looked at, as their sum falls short of it."""
+
 SMOOTH: Final = np.deg2rad(30.0)
 """Angle over which a distortion that belongs to the direction stays alike."""
 
 SIGNIFICANT: Final = 2.0
+"""Standard errors beyond which a correlation is one."""
+
 MOST_FREEDOM: Final = 1.3
 """Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
+
+
+BLOCKS: Final = 16
+"""Blocks of a recording, put together to eight and to four, that tell what creeps."""
+
+BY_CHANCE: Final = 0.02
+"""Creeping that chance makes more often than this is not one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,21 +86,24 @@ class Correlation:
         Readings that say as much as one independent reading.
     direction : float
         Standard deviation of the distortion that belongs to directions, in the unit of the readings.
+    creep : float
+        Factor by which blocks of the recording scatter more than that allows, in variance.
     """
 
     scatter: Floats
     lag_one: float
     time: float
     direction: float
+    creep: float = 1.0
 
     @property
     def is_white(self) -> bool:
         """Nothing but independent noise was found."""
-        return self.time == 1.0 and self.direction == 0.0
+        return self.time == 1.0 and self.direction == 0.0 and self.creep == 1.0
 
     def effective(self, count: float) -> float:
         """How many independent readings say as much as `count` of these."""
-        return count / self.time
+        return count / (self.time * self.creep)
 
 
 def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> Correlation:
@@ -97,14 +121,14 @@ def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid
     lengths = np.array([len(stretch) for stretch in stretches])
     readings = stretches[0] if len(stretches) == 1 else np.concatenate(stretches)
     directions = directions_of(readings, ellipsoid)
-    residuals = _Residuals(
+    residuals = Residuals(
         magnitude.distances(readings, ellipsoid),
         magnitude.information(directions, ellipsoid),
         np.split(np.arange(len(readings)), np.cumsum(lengths)[:-1]),
     )
     share = count / len(readings)
     autocovariance = residuals.autocovariance()
-    time = 1.0 + 2.0 * float(autocovariance[1:].sum()) / max(float(autocovariance[0]), 1e-300)
+    time = time_of(autocovariance)
     sphere = _Sphere(directions, cells_of(directions), ellipsoid)
     direction = sphere.distortion(residuals.distances, apart=3 * len(autocovariance), time=time)
     scatter: Floats = np.zeros((9, 9))
@@ -115,11 +139,18 @@ def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid
     lag_one = residuals.lag_one()
     independent = len(readings) * share / time
     freedom = min(independent / max(independent - 9.0, 1.0), MOST_FREEDOM)
-    return Correlation(scatter + share * freedom * residuals.scatter(autocovariance), lag_one, time, direction)
+    in_time = freedom * residuals.scatter(autocovariance)
+    creep = 1.0 + share * (residuals.creep(in_time) - 1.0)
+    return Correlation(scatter + share * creep * in_time, lag_one, time, direction, creep)
+
+
+def time_of(autocovariance: Floats) -> float:
+    """Readings that say as much as one independent reading: 1 + 2 Σ C(k)/C(0)."""
+    return 1.0 + 2.0 * float(autocovariance[1:].sum()) / max(float(autocovariance[0]), 1e-300)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Residuals:
+class Residuals:
     """Distances from the surface in the order of recording.
 
     Attributes
@@ -134,9 +165,9 @@ class _Residuals:
     jacobian: Floats
     stretches: list[NDArray[np.int64]]
 
-    def less(self, smooth: Floats) -> _Residuals:
+    def less(self, smooth: Floats) -> Residuals:
         """Take something off."""
-        return _Residuals(self.distances - smooth, self.jacobian, self.stretches)
+        return Residuals(self.distances - smooth, self.jacobian, self.stretches)
 
     def lag_one(self) -> float:
         """Correlation of one with the next."""
@@ -146,16 +177,24 @@ class _Residuals:
     def autocovariance(self) -> Floats:
         """(K,) C(0), C(1), … up to where it sinks into its noise; C(0) alone where residuals are white."""
         total = len(self.distances)
-        most = min(min(len(stretch) for stretch in self.stretches) // 4, LONGEST_LAG)
+        most = self._longest_lag()
         square = float(self.distances @ self.distances)
         if abs(self.lag_one()) < SIGNIFICANT / np.sqrt(total) or most < 2:
             return np.array([square / total])
         sums = np.zeros(most)
         for stretch in self.stretches:
             spectrum = np.fft.rfft(self.distances[stretch], 2 * len(stretch))
-            sums += np.fft.irfft(np.abs(spectrum) ** 2)[:most]
+            products = np.fft.irfft(np.abs(spectrum) ** 2)[: min(most, len(stretch))]
+            sums[: len(products)] += products
         sunk = np.flatnonzero(sums < SIGNIFICANT / np.sqrt(total) * sums[0])
         return sums[: sunk[0] if len(sunk) else most] / total
+
+    def _longest_lag(self) -> int:
+        """The largest lag at which enough readings still have a partner in their stretch, however short some are."""
+        lengths = np.array([len(stretch) for stretch in self.stretches])
+        lags = np.arange(1, min(int(lengths.max()), LONGEST_LAG) + 1)
+        partners = np.maximum(lengths - lags[:, np.newaxis], 0).sum(axis=1)
+        return int(np.count_nonzero(partners >= PARTNERS * lengths.sum()))
 
     def scatter(self, autocovariance: Floats) -> Floats:
         """(9, 9) Σᵢⱼ JᵢJⱼᵀ C(i − j), the products of Jacobians interpolated between a few lags."""
@@ -168,6 +207,35 @@ class _Residuals:
                 product = rows[:-lag].T @ rows[lag:]
                 total += weight * (product + product.T)
         return total if not lags else _not_below(total, white)
+
+    def creep(self, scatter: Floats) -> float:
+        """Factor by which blocks of the recording scatter more than a scatter (9, 9) of the whole allows; at least 1.
+
+        With gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, N and B of the whole, q = Σ gᵦᵀB⁻¹gᵦ has the mean
+        9 − Σ tr (N⁻¹Nᵦ)² about a fit, and twice that sum for its variance. Sixteen, eight and four
+        blocks are looked at; the largest q over its mean that chance does not explain counts.
+        """
+        diagonal = np.diag(scatter)
+        told = diagonal > ROUNDING * float(diagonal.max())
+        scale = np.sqrt(diagonal[told])
+        rows, scatter = self.jacobian[:, told] / scale, scatter[np.ix_(told, told)]
+        blocks = np.array_split(np.arange(len(rows)), BLOCKS)
+        gradients = np.stack([rows[block].T @ self.distances[block] for block in blocks])
+        squares = np.stack([rows[block].T @ rows[block] for block in blocks])
+        inverse, precision = (
+            np.linalg.pinv(matrix, rcond=DEPENDENT, hermitian=True)
+            for matrix in (squares.sum(axis=0), scatter / np.outer(scale, scale))
+        )
+        rank = float(np.sum(inverse * squares.sum(axis=0)))
+        largest = 1.0
+        while len(gradients) >= 4:
+            shares = inverse @ squares
+            taken = float(np.einsum("bij,bji->", shares, shares))
+            found, expected = float(np.einsum("bi,ij,bj->", gradients, precision, gradients)), rank - taken
+            if expected > 0.0 and chance_of(found * expected / taken, round(expected**2 / taken)) < BY_CHANCE:
+                largest = max(largest, found / expected)
+            gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
+        return largest
 
 
 def _not_below(scatter: Floats, white: Floats) -> Floats:

@@ -8,15 +8,22 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.estimators.estimate import Estimate, Readings, algebraic_covariance, algebraic_noise
+from flinders.estimators.estimate import Estimate
+from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
 from flinders.quadric import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.estimators.readings import Readings
 
 LEAST_K: Final = 3.0
+"""There the constraint, k J > I², lets nothing through, not even a sphere."""
+
 LARGEST_K: Final = 2.0**20
+"""Long axes over short ones up to a thousand: beyond what any sensor makes."""
+
 STEPS: Final = 40
+"""Bisections, which leave nothing of log₂ k but rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +47,7 @@ class Li:
     --------
     A shape that k = 4 cannot reach:
 
+    >>> from flinders.estimators.readings import Readings
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> readings = Readings.of(directions * [2.0, 1.0, 0.5])
@@ -67,7 +75,7 @@ class Li:
 
         Raises
         ------
-        TooFewSamples, StuckAxis
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `Readings.require`.
         NotAnEllipsoid
             If the readings lie in one plane.

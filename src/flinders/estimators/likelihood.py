@@ -13,7 +13,7 @@ from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.correlation import FEW, Correlation, correlation_of
-from flinders.estimators.estimate import FINEST, Estimate, Readings
+from flinders.estimators.estimate import FINEST, Estimate
 from flinders.quadric import Ellipsoid, symmetric
 from flinders.terms import magnitude, prior
 from flinders.terms.equations import NormalEquations
@@ -23,19 +23,32 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.arrays import Floats
+    from flinders.estimators.readings import Readings
 
 ENOUGH: Final = 20_000
 """Readings on which the fit is iterated; the whole of a longer recording is gone through once, from there."""
 
 PASSES: Final = 3
+"""Through the whole of a long recording: one takes up what its part has left, and another is seldom needed."""
+
 STEPS: Final = 50
+"""Gauss–Newton steps; five are usual, more are taken along what is hardly seen."""
+
 LONGEST_STEP: Final = 0.3
+"""Of the radius: a longer step leaves the region in which the surface is like its tangent."""
+
 HALVINGS: Final = 30
+"""Of a step, after which a billionth of it is left, and none is worth taking."""
+
 NOTHING: Final = 1e-3
+"""Share of the information that the prior may have before it is looked at more closely than by an upper bound."""
+
 SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 """Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
 
 GLANCE: Final = 2_000
+"""Readings that tell what noise pretends, an average over their directions."""
+
 NO_WORSE: Final = 0.01
 """In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
 
@@ -72,6 +85,7 @@ class Likelihood:
     --------
     Half of the sphere is enough for an offset to about a hundredth of the field, and it says so:
 
+    >>> from flinders.estimators.readings import Readings
     >>> rng = np.random.default_rng(1)
     >>> directions = rng.normal(size=(2000, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -100,7 +114,7 @@ class Likelihood:
 
         Raises
         ------
-        TooFewSamples, StuckAxis
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `Readings.require`.
         NotAnEllipsoid
             If no step leads to a closed surface.

@@ -6,13 +6,17 @@ Minimises Σ (|x|² − 2bᵀx − β)², which is linear in b and β = R² − 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators.estimate import SPHERICAL, Estimate, Readings, algebraic_covariance, algebraic_noise
+from flinders.estimators.estimate import Estimate
+from flinders.estimators.uncertainty import SPHERICAL, algebraic_covariance, algebraic_noise
 from flinders.quadric import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.estimators.readings import Readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +37,7 @@ class Sphere:
     --------
     The worked example of AN4246, in µT; the note prints 155.74, −239.12, 45.83:
 
+    >>> from flinders.estimators.readings import Readings
     >>> points = [[167.4, -242.4, 91.7], [140.3, -221.9, 86.8], [152.4, -230.4, -0.6],
     ...           [180.3, -270.6, 71.0], [190.9, -212.4, 62.7], [192.9, -242.4, 17.1]]
     >>> found = Sphere().estimate(Readings.of(points)).ellipsoid
@@ -50,7 +55,7 @@ class Sphere:
 
         Raises
         ------
-        TooFewSamples, StuckAxis
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `Readings.require`.
         NotAnEllipsoid
             If the readings lie in one plane or on one line: any sphere through that circle would do.

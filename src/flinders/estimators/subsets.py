@@ -14,11 +14,20 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-DRAWS: Final = 256
 POINTS: Final = 12
+"""In a draw: three more than there are parameters, so that noise does not decide the shape."""
+
+DRAWS: Final = 256
+"""Of which eight are free of strays, on average, where a quarter of the readings are strays."""
+
 SCORED: Final = 600
+"""Readings that a draw is scored on: their median distance is known to a twentieth."""
+
 RIDGE: Final = np.diag([1e-3] * 5 + [1e-9] * 4)
+"""Pull towards the sphere, in units of the squared radius; nothing beside what twelve scattered points say."""
+
 LONGEST_AXIS: Final = 5.0
+"""Of the shortest: a draw that is longer or flatter is not scored."""
 
 
 def subset_start(readings: Floats, rng: Generator, *, draws: int = DRAWS, scored: int = SCORED) -> Ellipsoid:

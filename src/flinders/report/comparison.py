@@ -9,10 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.comparison import CHANCE
-from flinders.report.text import COLOURS, MARKS, degrees, four_digits, with_uncertainty
+from flinders.errors import counted, figures
+from flinders.report.text import COLOURS, MARKS, degrees, with_uncertainty
 from flinders.units import label
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import RenderableType
     from rich.table import Table
 
@@ -22,9 +25,16 @@ if TYPE_CHECKING:
 TITLES: Final = {"agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS")}
 """Of two calibrations, and of one on another recording."""
 
+UNTOLD: Final = "NO CHECK"
+"""Of a calibration that agrees with its own recording."""
+
 
 def page(
-    comparison: Comparison, *, fresh: Fit | None = None, strengths: tuple[Strength, Strength] | None = None
+    comparison: Comparison,
+    *,
+    fresh: Fit | None = None,
+    strengths: tuple[Strength, Strength] | None = None,
+    own: Sequence[str] = (),
 ) -> RenderableType:
     """Lay out a comparison for a rich console.
 
@@ -35,13 +45,15 @@ def page(
         Of the recording that a calibration is checked on: what limits it is said below.
     strengths : pair of Strength, optional
         Of that recording, under the calibration and under the fresh fit.
+    own : sequence of str
+        Names of the recordings, if any, that went into the calibration: agreement with those proves nothing.
     """
     from rich.console import Group
 
     parts: list[RenderableType] = ["", _angles(comparison), "", _numbers(comparison), ""]
     if strengths is not None:
         parts += [_strengths(*strengths), ""]
-    return Group(*parts, _verdict(comparison, fresh))
+    return Group(*parts, _verdict(comparison, fresh, own))
 
 
 def chance(p_value: float | None) -> str:
@@ -67,9 +79,8 @@ def _table(*headings: str) -> Table:
 def _angles(comparison: Comparison) -> RenderableType:
     found, claimed = comparison.heading_difference_deg, comparison.claimed_deg
     table = _table("difference", "rms", "worst", "mean")
-    table.add_row(
-        "heading", _angle(found.rms), _angle(found.worst), f"{comparison.heading_mean_deg + 0.0:.2f}°", style="bold"
-    )
+    mean = f"{round(comparison.heading_mean_deg, 2) + 0.0:.2f}°"
+    table.add_row("heading", _angle(found.rms), _angle(found.worst), mean, style="bold")
     if claimed is not None:
         table.add_row("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst), "")
     table.add_row("direction", _angle(comparison.direction_difference_deg), "", "")
@@ -87,42 +98,44 @@ def _numbers(comparison: Comparison) -> RenderableType:
     text.append("offset   ", "dim").append(parts).append(
         f"   {label(comparison.unit)}, {_share(comparison.offset_share)} of the field\n", "dim"
     )
-    text.append("scale    ", "dim").append(_share(comparison.scale_difference + 0.0)).append(scale, "dim")
+    text.append("scale    ", "dim").append(_share(comparison.scale_difference)).append(scale, "dim")
     return text
 
 
 def _strengths(known: Strength, fresh: Strength) -> RenderableType:
     table = _table("corrected with", "strength", "spread")
     for name, strength in (("the calibration", known), ("a fresh fit", fresh)):
-        table.add_row(name, four_digits(strength.mean), _share(strength.spread))
+        table.add_row(name, figures(strength.mean, 4), _share(strength.spread))
     return table
 
 
-def _verdict(comparison: Comparison, fresh: Fit | None) -> RenderableType:
-    """Say what to make of it, and what it rests on."""
+def _verdict(comparison: Comparison, fresh: Fit | None, own: Sequence[str]) -> RenderableType:
+    """Say what to make of it, what it rests on, and what limits it."""
     from rich.table import Table
     from rich.text import Text
 
-    limited = fresh is not None and fresh.verdict != "good"
-    firm = comparison.is_telling and not limited
+    limits = [] if fresh is None else [finding.advice for finding in fresh.findings if finding.severity == "limits"]
+    firm = comparison.is_telling and not limits and not own
     colour = {"agree": "good" if firm else "limited", "differ": "limited", "contradict": "refused"}[comparison.verdict]
-    basis = f"level, dip {abs(comparison.heading_difference_deg.dip_deg):g}°"
+    basis = f"held level, dip {abs(comparison.heading_difference_deg.dip_deg):g}°"
     if comparison.chi_square is not None:
         square = f"= {comparison.chi_square:.3g}" if comparison.chi_square < 1000.0 else "> 1000"
         basis += f"; χ² {square} for {comparison.freedom} degrees of freedom"
     if fresh is not None:
-        basis += f"; {fresh.samples:,} readings, {fresh.coverage.fraction:.0%} of the sphere seen"
+        basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere seen"
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column()
-    title = TITLES[comparison.verdict][fresh is not None]
-    grid.add_row(Text(title, f"bold {COLOURS[colour]}"), _words(comparison, limited=limited))
+    untold = bool(own) and comparison.verdict == "agree"
+    title = UNTOLD if untold else TITLES[comparison.verdict][fresh is not None]
+    words = "a calibration fits its own readings, however the sensor has changed: this proves nothing"
+    grid.add_row(Text(title, f"bold {COLOURS[colour]}"), words if untold else _words(comparison, limited=bool(limits)))
     grid.add_row("", Text(basis, "dim"))
-    if fresh is not None and limited:
-        mark, style = MARKS["limits"]
-        for finding in fresh.findings:
-            if finding.severity == "limits":
-                grid.add_row(Text(f"  {mark}".rjust(len(title)), style=style), finding.advice)
+    if own:
+        limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
+    mark, style = MARKS["limits"]
+    for limit in limits:
+        grid.add_row(Text(f"  {mark}".rjust(len(title)), style=style), limit)
     return grid
 
 
@@ -130,13 +143,16 @@ def _words(comparison: Comparison, *, limited: bool) -> str:
     told, target = chance(comparison.p_value), f"{comparison.target_deg:g}°"
     worst = _angle(comparison.heading_difference_deg.worst)
     if comparison.verdict == "agree":
-        vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}"
+        vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}: record for longer"
         limits = ", with these limits of the recording:" if limited else ""
         if comparison.p_value is None:
             return "the same calibration twice"
         return f"heading within {worst}, {told}{vague}{limits}"
-    side = "less" if comparison.verdict == "differ" else "more"
-    return f"headings up to {worst} apart, {side} than the target of {target}; {told}"
+    side, advice = {
+        "differ": ("less", "good enough for that, and a new calibration will be better"),
+        "contradict": ("more", "the sensor or what is near it has changed, calibrate again"),
+    }[comparison.verdict]
+    return f"headings up to {worst} apart, {side} than the target of {target} and {told}: {advice}"
 
 
 def _angle(angle: float) -> str:
@@ -147,7 +163,10 @@ def _angle(angle: float) -> str:
 def _share(share: float) -> str:
     """Write a fraction as a percentage.
 
-    >>> _share(0.00126), _share(0.2), _share(float("inf"))
-    ('0.13%', '20%', '> 1000%')
+    >>> _share(0.00126), _share(-0.00001), _share(0.2), _share(float("inf"))
+    ('0.13%', '0.00%', '20%', '> 1000%')
     """
-    return "> 1000%" if not abs(share) < 10.0 else f"{share:.2%}" if abs(share) < 0.1 else f"{share:.0%}"
+    if not abs(share) < 10.0:
+        return "> 1000%"
+    decimals = 2 if abs(share) < 0.1 else 0
+    return f"{round(share, decimals + 2) + 0.0:.{decimals}%}"

@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from flinders.errors import counted, figures
 from flinders.units import label
-from flinders.verdict import movement
+from flinders.verdict import OF_THE_RECORDING, movement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.arrays import Floats
+    from flinders.calibration import Calibration
     from flinders.result import Finding, Fit
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
@@ -32,17 +34,15 @@ def page(fit: Fit) -> RenderableType:
     """Lay out a fit for a rich console.
 
     Of a refused one no number of the calibration is shown: none can be trusted, and what stands on a screen is
-    copied into a firmware sooner or later. It says why, and how to do better.
+    copied into a firmware sooner or later. It says why, how to do better, and what is odd about the recording.
     """
     from rich.console import Group
-    from rich.padding import Padding
 
     if fit.verdict != "refused":
-        numbers = ["", _before_and_after(fit), "", _numbers(fit), ""]
-        return Group(*numbers, _verdict(fit), _findings(fit.findings, movement(fit)))
-    reasons = [finding for finding in fit.findings if finding.severity != "note"]
-    footnote = Padding("The numbers of this fit cannot be trusted and are not shown; --json has them.", (0, 0, 0, 2))
-    return Group("", _verdict(fit), _findings(reasons, movement(fit)), footnote)
+        found = numbers(fit.calibration, fit.offset_sigma, fit.noise)
+        return Group("", _before_and_after(fit), "", found, "", _verdict(fit), _findings(fit.findings, movement(fit)))
+    reasons = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
+    return Group("", _verdict(fit), _findings(reasons, movement(fit)))
 
 
 def with_uncertainty(value: float, sigma: float) -> str:
@@ -64,16 +64,7 @@ def degrees(angle: float) -> str:
     >>> degrees(0.0664), degrees(12.3), degrees(float("nan"))
     ('0.066°', '12°', '> 100°')
     """
-    return f"{angle:.2g}°" if angle < 10 else f"{angle:.0f}°" if angle < 100 else "> 100°"
-
-
-def four_digits(value: float) -> str:
-    """Write a number with four digits, zeros at the end included.
-
-    >>> four_digits(49.3), four_digits(31072.3)
-    ('49.30', '3.107e+04')
-    """
-    return f"{value:#.4g}".rstrip(".")
+    return f"{figures(angle)}°" if angle < 10 else f"{angle:.0f}°" if angle < 100 else "> 100°"
 
 
 def on_the_point(numbers: Sequence[str]) -> list[str]:
@@ -102,23 +93,23 @@ def _before_and_after(fit: Fit) -> RenderableType:
     table.add_column("")
     for heading in ("strength", "spread", "heading error, rms", "worst"):
         table.add_column(heading, justify="right")
-    table.add_row("before", f"{four_digits(strength)} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
+    table.add_row("before", f"{figures(strength, 4)} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
     table.add_row(
-        "after", f"{four_digits(field)} {unit}", f"{fit.noise / field:.1%}", degrees(error.rms), degrees(error.worst),
+        "after", f"{figures(field, 4)} {unit}", f"{fit.noise / field:.1%}", degrees(error.rms), degrees(error.worst),
         style="bold",
     )  # fmt: skip
     return table
 
 
-def _numbers(fit: Fit) -> RenderableType:
+def numbers(calibration: Calibration, offset_sigma: Floats, noise: float | None) -> RenderableType:
     """Offset above matrix, in columns x, y and z, each on its decimal points; never cut, however narrow the page."""
     from rich.text import Text
 
-    unit = label(fit.calibration.unit)
-    offset = [with_uncertainty(*pair) for pair in zip(fit.calibration.offset, fit.offset_sigma, strict=True)]
-    columns = [on_the_point(column) for column in zip(offset, *_entries(fit.calibration.matrix), strict=True)]
-    noise = on_the_point([f"{fit.noise:.3g}", offset[0]])[0].ljust(len(columns[0][0]))
-    rows = [*zip(*columns, strict=True), (noise, *(" " * len(column[0]) for column in columns[1:]))]
+    unit = label(calibration.unit)
+    offset = [with_uncertainty(*pair) for pair in zip(calibration.offset, offset_sigma, strict=True)]
+    columns = [on_the_point(column) for column in zip(offset, *matrix_entries(calibration.matrix), strict=True)]
+    noise_shown = on_the_point(["?" if noise is None else figures(noise, 3), offset[0]])[0].ljust(len(columns[0][0]))
+    rows = [*zip(*columns, strict=True), (noise_shown, *(" " * len(column[0]) for column in columns[1:]))]
     text = Text(no_wrap=True, overflow="ignore")
     for title, cells, ending in zip(("offset", "matrix", "", "", "noise"), rows, (unit, "", "", "", unit), strict=True):
         text.append(f"{title:6}   ", "dim").append("   ".join(cells)).append(f"   {ending}\n", "dim")
@@ -126,7 +117,7 @@ def _numbers(fit: Fit) -> RenderableType:
     return text
 
 
-def _entries(matrix: Floats) -> list[list[str]]:
+def matrix_entries(matrix: Floats) -> list[list[str]]:
     """Write a matrix with as many decimals everywhere: seven digits of its largest entry."""
     largest = float(abs(matrix).max())
     decimals = DECIMALS - math.floor(math.log10(largest) + 1e-9)
@@ -147,9 +138,10 @@ def _verdict(fit: Fit) -> RenderableType:
         "limited": f"{within}, with these limits:",
         "refused": "not fit for use, nothing was written",
     }[fit.verdict]
-    basis = f"{fit.samples:,} readings, {fit.coverage.fraction:.0%} of the sphere seen; {fit.method}"
+    seen = "" if fit.is_flat else f", {fit.coverage.fraction:.0%} of the sphere seen"
+    basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     if fit.verdict != "refused":
-        basis += f"; level, dip {error.dip_deg:g}°"
+        basis += f"; held level, dip {error.dip_deg:g}°"
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column()
@@ -169,7 +161,7 @@ def _findings(findings: Iterable[Finding], turn: str) -> RenderableType:
     said = False
     for finding in findings:
         mark, style = MARKS[finding.severity]
-        advice = finding.advice.replace(turn, "do as said above") if said else finding.advice
+        advice = finding.advice.replace(turn, "turn the sensor as above") if said else finding.advice
         said = said or turn in finding.advice
         grid.add_row(Text(f"  {mark}", style=style), Text(advice, style="dim" if style == "dim" else ""))
     return grid

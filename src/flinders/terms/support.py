@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.quadric import GATHER, Ellipsoid
+from flinders.terms.equations import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,9 +37,23 @@ if TYPE_CHECKING:
 WELL_CONDITIONED: Final = 0.1
 """Smallest eigenvalue of the normal matrix in its own scale from which on nothing needs a closer look."""
 
-ROUNDING: Final = 1e-15
 UNSEEN: Final = 1.0 / 3.0
 """Share of a direction's information that noise may pretend before the direction counts as unseen."""
+
+
+FLAT, FLAT_NOISE, FLATTEST = 0.01, 3.0, 0.2
+"""Flat are readings thinner than a hundredth of their width or, up to a fifth, than three times their noise."""
+
+
+def is_flat(principal_variances: Floats, noise: float) -> bool:
+    """Whether readings of (3,) ascending principal variances lie in one plane, as those of a level turn do."""
+    thickness, width = np.sqrt(principal_variances[[0, 2]])
+    return bool(thickness < flatness_limit(float(width), noise) * width)
+
+
+def flatness_limit(width: float, noise: float) -> float:
+    """Thickness over width below which readings are flat; width is their standard deviation along the longest axis."""
+    return min(max(FLAT_NOISE * noise / width, FLAT), FLATTEST)
 
 
 def pretended(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
@@ -91,12 +106,17 @@ class Support:
             Gives the (K, K) matrix of `pretended`, where it is asked for: a well-conditioned matrix needs none.
         """
         diagonal = np.diag(matrix)
-        scale = np.sqrt(np.maximum(diagonal, max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)))
-        values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+        nothing = max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)
+        scale = np.sqrt(np.maximum(diagonal, nothing))
+        scaled = matrix / np.outer(scale, scale)
+        mute = diagonal <= nothing  # rounding must not tie them to the others
+        scaled[mute] = scaled[:, mute] = 0.0
+        values, vectors = np.linalg.eigh(scaled)
         share = np.zeros(len(values))
         if not values[0] > WELL_CONDITIONED:
             noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(scale, scale), vectors)
-            share = np.clip(noise / np.maximum(values, ROUNDING * values[-1]), 0.0, 1.0)
+            least = ROUNDING * values[-1]
+            share = np.where(values > least, np.clip(noise / np.maximum(values, least), 0.0, 1.0), 1.0)
         return cls(scale, values, vectors, share)
 
     @property

@@ -1,0 +1,84 @@
+"""Recordings that are kept in memory where they are short enough.
+
+>>> held = Kept(Samples(np.ones((5, 3))), room=10)
+>>> [len(block) for block in held.blocks()], held.in_memory().field.shape
+([5], (5, 3))
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.samples import Joined, Samples, Wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.samples import Recording
+
+HELD: Final = 500_000
+"""Readings that are kept in memory, 16 MB with their times; what is longer is gone through again."""
+
+
+class Kept(Wrapped):
+    """A recording that remembers its readings on the first pass, unless there are too many.
+
+    Attributes
+    ----------
+    recording : Recording
+    room : int
+        Readings that may be remembered.
+    """
+
+    def __init__(self, recording: Recording, room: int) -> None:
+        self.recording = recording
+        self.room = room
+        self._blocks: list[Samples] | None = None
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording and keep its readings as long as there is room."""
+        self._blocks, rows = [], 0
+        for block in self.recording.blocks():
+            rows += len(block)
+            if rows > self.room:
+                self._blocks = None
+            if self._blocks is not None:
+                self._blocks.append(block)
+            yield block
+
+    def in_memory(self) -> Recording:
+        """The readings, or the recording itself where they were too many."""
+        return self.recording if self._blocks is None else concatenated(self._blocks, self)
+
+
+def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
+    """Several recordings as one, and each of them.
+
+    Where all are in memory and not too long, so is the whole, and each is a view of it; else the whole goes through
+    them in turn.
+    """
+    joined = Joined(tuple(recordings))
+    held = [recording for recording in recordings if isinstance(recording, Samples)]
+    if len(held) < len(recordings) or sum(map(len, held)) > HELD:
+        return joined, recordings
+    whole = concatenated(held, joined)
+    ends = np.cumsum([len(part) for part in held])
+    return whole, [
+        replace(part, field=whole.field[end - len(part) : end]) for part, end in zip(held, ends, strict=True)
+    ]
+
+
+def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
+    """Field and time of the blocks of a recording; no time where one has none."""
+    filled = [block for block in blocks if len(block)]
+    times = [block.time for block in filled if block.time is not None]
+    return Samples(
+        np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
+        unit=recording.unit,
+        axes=recording.axes,
+        time=np.concatenate(times) if times and len(times) == len(filled) else None,
+        source=recording.source,
+    )

@@ -1,0 +1,190 @@
+"""Level: the ellipse of a level turn, where nothing was turned over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+
+from flinders.errors import NotAnEllipsoid, UsageError
+from flinders.estimators.likelihood import ENOUGH, Likelihood
+from flinders.estimators.robust import SEED, Robust, asks_for_it
+from flinders.quadric import Ellipsoid
+from flinders.samples import Wrapped
+from flinders.terms import prior
+from flinders.terms.support import is_flat
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.random import Generator
+
+    from flinders.arrays import Floats
+    from flinders.estimators.estimate import Estimate
+    from flinders.estimators.readings import Readings
+    from flinders.samples import Recording, Samples
+
+DRAWS: Final = 256
+SCORED: Final = 600
+THINNEST: Final = 1e-3
+"""Twice the area of a triangle of readings, in squares of their spread, that still tells where a circle is."""
+
+UPRIGHT: Final = np.cos(np.deg2rad(30.0))
+"""The axis of a level turn is the sensor's z, to this angle; about another one x and y do not make a heading."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Ellipse through the x and y of a level turn: two offsets, two scales and their skew.
+
+    With the field u = (cos I cos ψ, −cos I sin ψ, sin I) a level vehicle reads in x and y
+
+        c + S₂ (cos ψ, −sin ψ),     c = b + sin I (S₁₃, S₂₃),     S₂ = cos I (S₁₁, S₁₂; S₁₂, S₂₂)
+
+    an ellipse, whatever the iron. It is found as `Likelihood` finds an ellipsoid, from the readings laid
+    flat, and puts the heading right as long as the vehicle stays level. Nothing else is known: along z the soft
+    iron is held at none with the prior's spread, and the offset where the dip puts it, give or take the field.
+
+    Use it for vehicles that cannot be turned over. `auto` takes it where all readings lie in one
+    plane across z.
+
+    Parameters
+    ----------
+    prior : float
+        See `Likelihood`; in the plane it matters only where less than a full turn was recorded.
+    dip_deg : float
+        Inclination of the field at the site.
+
+    Examples
+    --------
+    >>> from flinders.estimators.readings import Readings
+    >>> heading = np.arange(200) * (2 * np.pi / 200)
+    >>> level = np.stack([25 * np.cos(heading) + 20, -30 * np.sin(heading) + 90, np.full(200, 60.0)], axis=1)
+    >>> found = Level().estimate(Readings.of(level)).ellipsoid
+    >>> found.centre[:2].round(3), found.shape.diagonal()[:2].round(3)
+    (array([20., 90.]), array([50., 60.]))
+    """
+
+    prior: float = prior.SPREAD
+    dip_deg: float = 60.0
+
+    name: ClassVar[str] = "level"
+    unknowns: ClassVar[int] = 6
+    use: ClassVar[str] = "ellipse of a level turn, x and y only: vehicles that cannot be turned over"
+    is_biased: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Refuse a prior that means nothing, or none: no level turn says what lies across it.
+
+        Raises
+        ------
+        UsageError
+            For either.
+        """
+        prior.check(self.prior)
+        if self.prior is None:
+            raise UsageError("level needs a prior for what lies across the plane: leave prior=None out")
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit an ellipse to x and y.
+
+        Raises
+        ------
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
+            See `Readings.require`.
+        NotAnEllipsoid
+            If the readings lie on one line.
+        NeedsSamples
+            If only sums were given.
+        """
+        readings.require(self.unknowns, self.name, axes="xy")
+        height = float(readings.summary.moments.mean[2])
+        flat = readings.through(lambda recording: _Flat(recording, height))
+        rng = np.random.default_rng(SEED)
+        circle = circle_start(flat.spread_out(flat.thinned(ENOUGH, self.name), rng), rng)
+        found = Likelihood(prior=self.prior).polish(flat, circle)
+        if len(flat) >= Robust.unknowns and asks_for_it(flat, found.ellipsoid):
+            found = Robust(prior=self.prior).majority(flat, circle_start)
+        return self._raised(found)
+
+    def _raised(self, flat: Estimate) -> Estimate:
+        """Take an ellipse, found as the equator of an ellipsoid, to where the dip puts it."""
+        dip = np.deg2rad(self.dip_deg)
+        shape = flat.ellipsoid.shape / np.cos(dip)
+        ellipsoid = Ellipsoid(flat.ellipsoid.centre - np.sin(dip) * shape[:, 2], shape)
+        raised = np.eye(9)
+        raised[3:, 3:] /= np.cos(dip)
+        raised[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
+        return replace(
+            flat,
+            ellipsoid=ellipsoid,
+            covariance=_carried(flat.covariance, raised, ellipsoid.radius),
+            textbook=None if flat.textbook is None else _carried(flat.textbook, raised, ellipsoid.radius),
+            method=self.name,
+        )
+
+
+def is_level(covariance: Floats, noise: float) -> bool:
+    """Whether readings of a (3, 3) covariance lie in one plane, but for noise, and that plane across z."""
+    variances, axes = np.linalg.eigh(covariance)
+    return is_flat(variances.clip(min=0.0), noise) and abs(float(axes[2, 0])) > UPRIGHT
+
+
+def circle_start(readings: Floats, rng: Generator) -> Ellipsoid:
+    """Least median of squares: of many circles through three readings each, the one that is nearest to half of all.
+
+    Parameters
+    ----------
+    readings : (N, 3) float
+        At one height.
+    rng : Generator
+
+    Raises
+    ------
+    NotAnEllipsoid
+        If no three readings lie on a circle.
+    """
+    some = readings if len(readings) <= SCORED else readings[rng.choice(len(readings), SCORED, replace=False)]
+    origin = some.mean(axis=0)
+    scale = float(np.sqrt(np.mean(np.sum((some - origin) ** 2, axis=1))))
+    points = (some[:, :2] - origin[:2]) / scale
+    first, second, third = np.moveaxis(points[rng.integers(len(points), size=(DRAWS, 3))], 1, 0)
+    a, b = second - first, third - first
+    twice = 2.0 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    sound = np.abs(twice) > THINNEST
+    if not sound.any():
+        raise NotAnEllipsoid((0.0, 0.0, 0.0), Level.name)
+    first, a, b, twice = first[sound], a[sound], b[sound], twice[sound]
+    squares = np.stack([np.sum(a * a, axis=1), np.sum(b * b, axis=1)])
+    arms = np.stack([b[:, 1] * squares[0] - a[:, 1] * squares[1], a[:, 0] * squares[1] - b[:, 0] * squares[0]], axis=1)
+    arms /= twice[:, np.newaxis]
+    radii = np.linalg.norm(arms, axis=1)
+    distances = np.abs(np.linalg.norm(points - (first + arms)[:, np.newaxis], axis=2) - radii[:, np.newaxis])
+    best = int(np.argmin(np.median(distances, axis=1)))
+    centre = np.append((first + arms)[best], 0.0)
+    return Ellipsoid(origin + scale * centre, scale * radii[best] * np.eye(3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flat(Wrapped):
+    """A recording with all readings at one height."""
+
+    recording: Recording
+    height: float
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        for block in self.recording.blocks():
+            field = block.field.copy()
+            field[:, 2] = self.height
+            yield replace(block, field=field)
+
+
+def _carried(covariance: Floats, raised: Floats, field: float) -> Floats:
+    """(9, 9) covariance after raising; the offset along z is known to a field strength, whatever it was before."""
+    known = covariance.copy()
+    known[2, :] = known[:, 2] = 0.0
+    carried: Floats = raised @ known @ raised.T
+    carried[2, 2] += field**2
+    return carried

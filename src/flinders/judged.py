@@ -1,0 +1,178 @@
+"""A calibration with what is claimed of it: what is needed to hold it against others, or to put it together with them.
+
+>>> from flinders import fitting, simulate
+>>> found = fitting.fit(simulate.tumble(seed=1).samples)
+>>> one = Judged.from_fit(found, name="monday")
+>>> one.name, one.samples, one.covariance.shape
+('monday', 3000, (9, 9))
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from flinders.arrays import floats
+from flinders.calibration import Calibration
+from flinders.document import PARAMETERS, read
+from flinders.errors import ArrayError, AxesError, DocumentError, UnitError
+from flinders.quadric import Ellipsoid, upper
+from flinders.units import label
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.document import Document, Fitted, SourceFile
+    from flinders.result import Fit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """A calibration and its covariance.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    covariance : (9, 9) float, optional
+        Of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the square
+        of the calibration's unit. None where it claims nothing: it is then taken as exact.
+    name : str
+        What messages call it.
+    record : Fitted, optional
+        How it was found.
+    files : tuple of SourceFile
+        The recordings that it came from, where that is known.
+
+    Raises
+    ------
+    ArrayError
+        Unless the covariance is (9, 9), symmetric and without negative eigenvalues.
+    """
+
+    calibration: Calibration
+    covariance: Floats | None = None
+    name: str = "calibration"
+    record: Fitted | None = None
+    files: tuple[SourceFile, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the covariance."""
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", _covariance(self.covariance))
+
+    @classmethod
+    def from_fit(cls, fit: Fit, *, name: str = "fit") -> Self:
+        """Take what a fit found and claims."""
+        return cls(fit.calibration, fit.covariance, name, fit.to_document().fit)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a calibration file, with the covariance where it holds one.
+
+        Raises
+        ------
+        DocumentError
+            For a file that cannot be opened or understood, or whose covariance is none of offset and shape.
+        """
+        return cls.from_document(read(path), name=os.fspath(path))
+
+    @classmethod
+    def from_document(cls, document: Document, *, name: str = "calibration") -> Self:
+        """Take both out of the content of a calibration file.
+
+        Raises
+        ------
+        DocumentError
+            As `load`.
+        """
+        calibration = Calibration.from_document(document, source=name)
+        files = document.provenance.files if document.provenance else ()
+        if document.fit is None or document.fit.covariance is None:
+            return cls(calibration, None, name, document.fit, files)
+        names = document.fit.covariance_of
+        missing = [parameter for parameter in PARAMETERS if parameter not in names]
+        if missing:
+            raise DocumentError(f"{name}: fit.covariance lacks {', '.join(missing)}: need offset and shape, all nine")
+        rows = [names.index(parameter) for parameter in PARAMETERS]
+        try:
+            covariance = np.array(document.fit.covariance)[np.ix_(rows, rows)]
+            return cls(calibration, covariance, name, document.fit, files)
+        except ArrayError as error:
+            raise DocumentError(f"{name}: fit.{error}") from None
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid that the calibration makes a sphere, which knows no rotation."""
+        shape = self.calibration.shape
+        squares, axes = np.linalg.eigh(shape @ shape.T)
+        return Ellipsoid(self.calibration.offset, (axes * np.sqrt(squares)) @ axes.T)
+
+    @property
+    def samples(self) -> int:
+        """Readings that it came from; 0 where nobody said."""
+        return self.record.samples if self.record else 0
+
+
+def refuse_unlike(a: Judged, b: Judged) -> None:
+    """Refuse calibrations whose numbers cannot be held against each other.
+
+    Raises
+    ------
+    UnitError
+        Where one is in µT and the other in counts.
+    AxesError
+        Where their axes are mapped in different ways.
+    """
+    if a.calibration.unit != b.calibration.unit:
+        raise UnitError(
+            f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
+            "calibrate both with one unit (counts need --scale)"
+        )
+    for what in ("axes", "frame"):
+        ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
+        if ours != theirs:
+            raise AxesError(
+                f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both with the same --axes"
+            )
+
+
+def rescaled(covariance: Floats, factor: float) -> Floats:
+    """(9, 9) covariance of (b, S) once the shape S was multiplied by `factor`."""
+    factors = np.repeat([1.0, factor], [3, 6])
+    return covariance * np.outer(factors, factors)
+
+
+def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
+    """(9, 9) covariance of (b, S) once S was brought to the size of a reference R (3, 3), tr(R⁻¹S) = 3.
+
+    For S about R, that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, given
+    as `shape` after it was brought there. Whatever its scale was, the row of R⁻¹ is free of it, so that several
+    covariances are singular in the same direction.
+    """
+    jacobian = np.eye(9)
+    jacobian[3:, 3:] -= np.outer(upper(shape), trace_with(reference)) / 3.0
+    projected: Floats = jacobian @ covariance @ jacobian.T
+    return projected
+
+
+def trace_with(reference: Floats) -> Floats:
+    """(6,) coefficients of tr(R⁻¹S) in the entries of S that `upper` takes."""
+    relative: Floats = upper(np.linalg.inv(reference)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    return relative
+
+
+def _covariance(values: Floats) -> Floats:
+    """Let through what can be a covariance of nine parameters."""
+    array = floats(values, "covariance")
+    if array.shape != (9, 9):
+        raise ArrayError(f"covariance has shape {array.shape}: need (9, 9), of offset and shape")
+    lack = float(np.abs(array - array.T).max())
+    largest = float(np.abs(array).max())
+    if lack > 1e-6 * largest:
+        raise ArrayError(f"covariance is not symmetric: entries across the diagonal differ by up to {lack:.3g}")
+    lowest = float(np.linalg.eigvalsh(array)[0])
+    if lowest < -1e-6 * largest:
+        raise ArrayError(f"covariance has the eigenvalue {lowest:.3g}: no variance is negative")
+    return array

@@ -1,0 +1,518 @@
+"""Several calibrations of one sensor put together into one, where the recordings are gone or too many to fit at once.
+
+Each is weighted with the covariance that it claims; as far as they scatter beyond their claims, something changed from
+one to the next, and the scatter goes into the covariance of what they say together. Those that contradict each
+other are not averaged: the merger is limited or refused, and says which of them is off, by how many degrees.
+
+>>> from flinders import fitting, simulate
+>>> sensor = simulate.Sensor.random(np.random.default_rng(7))
+>>> monday, tuesday = (
+...     Judged.from_fit(fitting.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples), name=name)
+...     for seed, name in ((1, "monday"), (2, "tuesday"))
+... )
+>>> merged = merge([monday, tuesday])
+>>> merged.verdict, merged.samples
+('good', 2000)
+>>> merged.heading_error_deg.worst < merged.repeats.parts[0].claimed_deg
+True
+>>> moved = replace(tuesday, calibration=replace(tuesday.calibration, offset=tuesday.calibration.offset + [3, 0, 0]))
+>>> merge([monday, moved])
+Traceback (most recent call last):
+flinders.merging.NotMerged: monday and tuesday are 6.4° of heading apart (3.0 µT in the offset), which is not chance: \
+something magnetic changed in between; use recordings made in the state of use
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+import numpy as np
+
+from flinders.calibration import Calibration
+from flinders.document import FindingRecord, Fitted, HeadingErrorRecord, write
+from flinders.errors import FitError, UsageError, counted, figures
+from flinders.heading import HeadingError, direction_error_deg, level_error
+from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
+from flinders.pooling import chi_square_of, pool
+from flinders.quadric import Ellipsoid, symmetric, upper
+from flinders.repeats import Part, compared
+from flinders.result import VERDICTS, DirectionError, Finding
+from flinders.units import Unit, label
+from flinders.verdict import LEVEL, REFUSED_AT, contradiction, of_calibration
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.document import Document, Provenance, SourceFile
+    from flinders.repeats import Repeats
+    from flinders.result import Severity, Verdict
+
+METHOD: Final = "merged"
+
+LACKING: Final = frozenset({"coverage", "rings", "prior", "inflation", "level-plane"})
+"""Findings of something that a recording did not see: one that did makes up for it."""
+
+RENEWED: Final = frozenset({"heading-error", "axis-ratio", "mirrored-axes"})
+"""Findings that are made anew of what is merged."""
+
+LOOSE: Final = 0.05
+"""Standard deviation of a radius, as a share of it, beyond which it cannot be taken out to first order.
+
+Two level turns, whose radius rests on the prior to a sixth, came out twenty times worse than either:
+`tests/truth/test_merging.py`.
+"""
+
+UNLIKE: Final = 10.0
+"""Radii that are as many times apart are not those of one sensor: the earth's field varies by three."""
+
+SMALLEST, LARGEST, FARTHEST, FINEST, FLATTEST = 1e-30, 1e30, 1e6, 1e-9, 1e4
+"""Radii of a sensor in any unit; an offset or an uncertainty, and what an offset was ever known to, in radii; the gain
+of one axis over that of another. Beyond these lie slips of the pen, and the digits of a computer end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Merged:
+    """What several calibrations of one sensor say together.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    covariance : (9, 9) float
+        Of the offset b and the shape S = F W⁻¹, in the order of a fit's, with what they scatter beyond their claims.
+    samples : int
+        Readings that they came from, all together.
+    noise : float or None
+        Standard deviation of a reading's distance from the ellipsoid, in the calibration's unit, over all readings.
+    heading_error_deg : HeadingError
+        Expected of a level vehicle, 1 σ.
+    target_deg : float
+        The worst heading error that was asked for.
+    repeats : Repeats
+        The calibrations, held against each other.
+    files : tuple of SourceFile
+        The recordings that they came from.
+    findings : tuple of Finding
+        Gravest first.
+    """
+
+    calibration: Calibration
+    covariance: Floats
+    samples: int
+    noise: float | None
+    heading_error_deg: HeadingError
+    target_deg: float
+    repeats: Repeats
+    files: tuple[SourceFile, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """``good``, ``limited`` or ``refused``: what the gravest finding says."""
+        severities = {finding.severity for finding in self.findings}
+        return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "good")
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid that the calibration makes a sphere."""
+        return Ellipsoid(self.calibration.offset, self.calibration.shape)
+
+    @property
+    def offset_sigma(self) -> Floats:
+        """(3,) standard deviation of the offset, in the calibration's unit."""
+        return np.sqrt(np.diag(self.covariance)[:3])
+
+    @property
+    def direction_error_deg(self) -> DirectionError:
+        """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
+        return DirectionError(*direction_error_deg(self.ellipsoid, self.covariance))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: what ``--json`` prints. Of a refused one the calibration is None, so that nobody copies it."""
+        error = self.heading_error_deg
+        return {
+            "verdict": self.verdict,
+            "method": METHOD,
+            "calibration": None if self.verdict == "refused" else self.calibration.as_dict(),
+            "heading_error_deg": {
+                "rms": error.rms,
+                "worst": error.worst,
+                "dip_deg": error.dip_deg,
+                "target_deg": self.target_deg,
+            },
+            "direction_error_deg": self.direction_error_deg._asdict(),
+            "noise": self.noise,
+            "samples": self.samples,
+            "repeats": self.repeats.as_dict(),
+            "coverage": {},
+            "covariance": self.covariance.tolist(),
+            "findings": [finding.as_dict() for finding in self.findings],
+        }
+
+    def to_document(self, provenance: Provenance | None = None) -> Document:
+        """The calibration file with all of this in it."""
+        error = self.heading_error_deg
+        record = Fitted(
+            method=METHOD,
+            samples=self.samples,
+            noise=self.noise,
+            covariance=tuple(tuple(row) for row in self.covariance.tolist()),
+            verdict=self.verdict,
+            heading_error_deg=HeadingErrorRecord(
+                rms=error.rms, worst=error.worst, dip_deg=error.dip_deg, target_deg=self.target_deg
+            ),
+            findings=tuple(FindingRecord(**finding.as_dict()) for finding in self.findings),
+        )
+        return self.calibration.to_document(fit=record, provenance=provenance)
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False, provenance: Provenance | None = None) -> None:
+        """Write the calibration file, whole or not at all.
+
+        Raises
+        ------
+        OutputExists
+            Where there is a file already, unless `force`.
+        OutputError
+            Where it cannot be written.
+        """
+        write(self.to_document(provenance), path, force=force)
+
+    def __repr__(self) -> str:
+        error = self.heading_error_deg
+        return (
+            f"Merged({self.verdict}, {counted(len(self.repeats.parts), 'calibration')}, heading error "
+            f"{error.rms:.2g}° rms, {error.worst:.2g}° worst, p = {self.repeats.p_value:.2g})"
+        )
+
+
+class NotMerged(FitError):
+    """Calibrations that contradict each other, or leave too much open: `merged` holds what they say together."""
+
+    code: ClassVar[str] = "not-merged"
+
+    def __init__(self, merged: Merged) -> None:
+        self.merged = merged
+        reasons = [finding for finding in merged.findings if finding.severity == "refuses"]
+        super().__init__(
+            "; ".join(finding.advice for finding in reasons), **{finding.code: finding.number for finding in reasons}
+        )
+
+
+def merge(parts: Sequence[Judged], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Merged:
+    """Put several calibrations of one sensor together.
+
+    The mean over offset and shape is weighted with the inverse covariances, and minimises
+
+        Σ (θᵢ − θ)ᵀ Pᵢ⁻¹ (θᵢ − θ)
+
+    which is what a joint fit of all recordings finds, as far as each is linear about its own. To the covariance of
+    the mean is added what the calibrations scatter beyond their claims (`flinders.pooling`).
+
+    The scale: unless all were given the strength of their field, each was recorded in a field of unknown strength,
+    which says nothing of the sensor. All are then brought to the geometric mean of their radii, and the scale
+    is left out of all weights.
+
+    Parameters
+    ----------
+    parts : sequence of Judged
+        Two or more, from recordings of their own, in the same unit and axes, each with its covariance.
+    target_deg : float
+        Worst heading error that is good enough, in degrees.
+    dip_deg : float, optional
+        Inclination of the field at the site, positive where it points along +z of the mapped axes. By default the
+        steepest that one of them was judged for, else 60°.
+
+    Raises
+    ------
+    NotMerged
+        Where they contradict each other, or the heading error is beyond use.
+    UnitError, AxesError
+        For calibrations in unlike units, axes or frames.
+    UsageError
+        For fewer than two, two sensors, recordings that went into two of them, a calibration that claims nothing or
+        holds what others found, or that leaves its size open where no field strength gives it, a rotation that is not
+        the symmetric one; or numbers out of range.
+    """
+    if not target_deg > 0.0:
+        raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+    _refuse(parts)
+    dip = _dip(parts) if dip_deg is None else dip_deg
+    field = _Field.of(parts)
+    brought = [field.bring(part) for part in parts]
+    _refuse_held(brought)
+    together = pool([part.parameters for part in brought], [part.covariance for part in brought])
+    ellipsoid = Ellipsoid(together.mean[:3], symmetric(together.mean[3:]))
+    if not ellipsoid.semi_axes[0] > 0.0:
+        raise UsageError("they have so little in common that no ellipsoid lies between them: they are of two sensors")
+    ellipsoid, covariance = field.settle(ellipsoid, together.covariance + together.predicted)
+    merged = Merged(
+        calibration=_calibration(parts, ellipsoid, field),
+        covariance=covariance,
+        samples=sum(part.samples for part in parts),
+        noise=_noise(parts),
+        heading_error_deg=level_error(ellipsoid, covariance, dip_deg=dip),
+        target_deg=float(target_deg),
+        repeats=compared(brought, dip_deg=dip),
+        files=tuple(sorted({file.sha256: file for part in parts for file in part.files}.values(), key=_by_name)),
+    )
+    merged = replace(merged, findings=_judged(merged, parts))
+    if merged.verdict == "refused":
+        raise NotMerged(merged)
+    return merged
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Field:
+    """The one field that several calibrations are brought to.
+
+    Attributes
+    ----------
+    strength : float
+        Geometric mean of their field strengths where all are known, else of their radii.
+    is_known : bool
+    reference : (3, 3) float
+        About what all have in common, of that size: the scale is taken out with respect to it, the same for all.
+    log_variance : float
+        Of the logarithm of `strength`, where it is found and not known.
+    """
+
+    strength: float
+    is_known: bool
+    reference: Floats
+    log_variance: float
+
+    @classmethod
+    def of(cls, parts: Sequence[Judged]) -> _Field:
+        known = all(part.calibration.field_strength_known for part in parts)
+        sizes = np.array([part.calibration.field_strength if known else _radius(part) for part in parts])
+        strength = float(np.exp(np.log(sizes).mean()))
+        shapes = [strength / size * part.calibration.shape for size, part in zip(sizes, parts, strict=True)]
+        variances = []
+        for part in parts:
+            trace = trace_with(part.calibration.shape)
+            variances.append(trace @ _claim(part)[3:, 3:] @ trace / 9.0)
+        for part, variance in zip(parts, variances, strict=True):
+            if not known and variance > LOOSE**2:
+                raise UsageError(
+                    f"{part.name} leaves the size of its ellipsoid open by {np.sqrt(variance):.0%}, and not all were "
+                    "given a field strength to bring them to one size: calibrate with --field-strength, or leave it out"
+                )
+        log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
+        return cls(strength, known, np.mean(shapes, axis=0), log_variance)
+
+    def bring(self, part: Judged) -> Part:
+        """Bring a calibration to the field: its shape by a factor, its covariance without the scale unless known."""
+        shape = (part.calibration.shape + part.calibration.shape.T) / 2.0
+        if self.is_known:
+            factor = self.strength / part.calibration.field_strength
+            covariance = rescaled(_claim(part), factor)
+        else:
+            factor = 3.0 / float(trace_with(self.reference) @ upper(shape))
+            covariance = without_scale(rescaled(_claim(part), factor), factor * shape, self.reference)
+        return Part(part.name, part.samples, Ellipsoid(part.calibration.offset, factor * shape), covariance)
+
+    def settle(self, ellipsoid: Ellipsoid, covariance: Floats) -> tuple[Ellipsoid, Floats]:
+        """Give the mean the size that was agreed on, and its covariance what is known of that size."""
+        if self.is_known:
+            return ellipsoid, covariance
+        factor = self.strength / ellipsoid.radius
+        settled = Ellipsoid(ellipsoid.centre, factor * ellipsoid.shape)
+        scale = np.concatenate([np.zeros(3), upper(settled.shape)])
+        return settled, rescaled(covariance, factor) + self.log_variance * np.outer(scale, scale)
+
+
+def _refuse(parts: Sequence[Judged]) -> None:
+    """Refuse what cannot be put together, before anything is computed."""
+    if len(parts) < 2:
+        raise UsageError(f"{counted(len(parts), 'calibration')}: need two or more to merge")
+    for part in parts:
+        _refuse_alone(part)
+    for a, b in combinations(parts, 2):
+        refuse_unlike(a, b)
+        _refuse_pair(a, b)
+
+
+def _radius(part: Judged) -> float:
+    """Geometric mean of the semi-axes: the length of readings about the offset."""
+    _, log_gain = np.linalg.slogdet(part.calibration.matrix)
+    with np.errstate(over="ignore", under="ignore"):
+        return float(np.exp(np.log(part.calibration.field_strength) - log_gain / 3.0))
+
+
+def _claim(part: Judged) -> Floats:
+    """(9, 9) the covariance that a calibration is weighted with."""
+    if part.covariance is None or not np.any(part.covariance):
+        raise UsageError(
+            f"{part.name} states no uncertainty, and cannot be weighted: calibrate again from its recording, "
+            "or leave it out"
+        )
+    return part.covariance
+
+
+def _refuse_alone(part: Judged) -> None:
+    """Refuse a calibration that cannot be merged with any other."""
+    _claim(part)
+    if part.calibration.rotation != "symmetric":
+        raise UsageError(
+            f"{part.name} holds a rotation ({part.calibration.rotation}), of which its covariance says nothing: merge "
+            "the calibrations as they were fitted, and turn what comes out"
+        )
+    gains = np.linalg.eigvalsh(part.calibration.matrix)
+    if not gains[0] > 0.0:
+        raise UsageError(f"{part.name} mirrors an axis, which no fit does: calibrate again with --axes")
+    radius = _radius(part)
+    offset, variances = float(np.abs(part.calibration.offset).max()), np.diag(_claim(part))
+    largest, finest = np.sqrt([max(variances.max(), 0.0), max(variances[:3].max(), 0.0)]).tolist()
+    is_sane = SMALLEST < radius < LARGEST and max(offset, largest) < FARTHEST * radius
+    if not (is_sane and finest > FINEST * radius and gains[2] < FLATTEST * gains[0]):
+        raise UsageError(
+            f"{part.name} is not of a magnetometer: its radius is {radius:.2g}, its offset {offset:.2g}, known to "
+            f"{finest:.2g}, and one axis reads {gains[2] / gains[0]:.2g} times as much as another"
+        )
+    if part.record is not None and part.record.verdict == "refused":
+        raise UsageError(f"{part.name} was refused when it was made, and is not fit for use: leave it out")
+
+
+def _refuse_pair(a: Judged, b: Judged) -> None:
+    """Refuse two that are not of one sensor, or not independent of each other."""
+    ours, theirs = a.calibration, b.calibration
+    if None not in (ours.sensor, theirs.sensor) and ours.sensor != theirs.sensor:
+        raise UsageError(
+            f"{a.name} is for sensor {ours.sensor!r}, {b.name} for {theirs.sensor!r}: only calibrations of one sensor "
+            "can be merged"
+        )
+    strengths = ours.field_strength, theirs.field_strength
+    gains = _radius(a) / strengths[0], _radius(b) / strengths[1]
+    for low, high in (sorted(gains), sorted(strengths)):
+        if high > UNLIKE * low:
+            raise UsageError(
+                f"{a.name} has a radius of {figures(_radius(a), 3)} {label(ours.unit)}, {b.name} one of "
+                f"{figures(_radius(b), 3)}: the gain or the unit is another, calibrate both alike"
+            )
+    if np.array_equal(ours.offset, theirs.offset) and np.array_equal(ours.matrix, theirs.matrix):
+        if a.name == b.name:
+            raise UsageError(f"{a.name} is given twice: name each calibration once")
+        raise UsageError(
+            f"{a.name} and {b.name} are the same calibration: counted twice it would seem better than it is, "
+            "leave one out"
+        )
+    shared = {file.sha256 for file in b.files}
+    same = [file.name for file in a.files if file.sha256 in shared]
+    if same:
+        raise UsageError(
+            f"{a.name} and {b.name} were both made from {' and '.join(same)}: readings that are counted twice seem "
+            "better than they are, leave one out"
+        )
+    turns = [one.record is not None and one.record.method == LEVEL for one in (a, b)]
+    if turns[0] != turns[1]:
+        level, other = (a, b) if turns[0] else (b, a)
+        raise UsageError(
+            f"{level.name} comes from a level turn and rests on the dip that was given, {other.name} found it: leave "
+            f"{level.name} out"
+        )
+
+
+def _refuse_held(parts: Sequence[Part]) -> None:
+    """Refuse a calibration whose method holds what the others find: exact as it says to be, it would outweigh all."""
+    zero = np.zeros(9)
+    total = np.sum([part.covariance for part in parts], axis=0)
+    freedom = chi_square_of(zero, total)[1]
+    for part in parts:
+        free = chi_square_of(zero, part.covariance)[1]
+        if free < freedom:
+            raise UsageError(
+                f"{part.source} leaves {free} of {freedom} parameters free and holds the rest, as a simpler method "
+                "does: calibrate with one that finds them all, such as auto"
+            )
+
+
+def _dip(parts: Sequence[Judged]) -> float:
+    """The steepest dip that a calibration was judged for, with its sign."""
+    errors = [part.record.heading_error_deg for part in parts if part.record is not None]
+    dips = [error.dip_deg for error in errors if error is not None and error.dip_deg is not None]
+    return max(dips, key=lambda dip: (abs(dip), dip), default=60.0)
+
+
+def _noise(parts: Sequence[Judged]) -> float | None:
+    """Root mean square over all readings of which it is known."""
+    known = [part.record for part in parts if part.record is not None and part.record.noise is not None]
+    if not known:
+        return None
+    weights = [max(record.samples, 1) for record in known]
+    return float(np.sqrt(np.average([float(record.noise or 0.0) ** 2 for record in known], weights=weights)))
+
+
+def _calibration(parts: Sequence[Judged], ellipsoid: Ellipsoid, field: _Field) -> Calibration:
+    """The merged correction, recorded as the parts are."""
+    first = parts[0].calibration
+    units = [part.calibration.raw for part in parts]
+    named = sorted({part.calibration.sensor for part in parts if part.calibration.sensor is not None})
+    found = Calibration.from_ellipsoid(
+        ellipsoid.centre,
+        ellipsoid.shape,
+        field_strength=field.strength if field.is_known else None,
+        raw=first.raw if len(set(units)) == 1 else Unit.of(first.unit),
+        axes=first.axes,
+        sensor=named[0] if named else None,
+    )
+    return replace(found, frame=first.frame)
+
+
+def _by_name(file: SourceFile) -> tuple[str, str]:
+    return file.name, file.sha256
+
+
+def _judged(merged: Merged, parts: Sequence[Judged]) -> tuple[Finding, ...]:
+    """Say what there is to know, gravest first."""
+    apart = list(contradiction(merged.repeats, merged.target_deg, label(merged.calibration.unit)))
+    is_said = any(finding.severity == "refuses" for finding in apart)
+    found = [
+        *apart,
+        *(() if is_said else _accuracy(merged)),
+        *_carried(merged, parts),
+        *of_calibration(merged),
+    ]
+    order = list(VERDICTS)
+    return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
+
+
+def _accuracy(merged: Merged) -> Iterator[Finding]:
+    """What the covariance says about heading."""
+    worst, target = merged.heading_error_deg.worst, merged.target_deg
+    if worst <= target:
+        return
+    severity: Severity = "limits" if worst <= REFUSED_AT * target else "refuses"
+    amount = f"{figures(worst)}°" if worst < 90.0 else "any angle"
+    scatter = merged.repeats.scatter_deg
+    why = f", {figures(min(scatter, worst))}° of it because they differ" if scatter > worst / 2.0 else ""
+    yield Finding(
+        "heading-error", severity, worst, target,
+        f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°{why}): merge calibrations "
+        "that were made in the state of use, of sensors turned through all directions",
+    )  # fmt: skip
+
+
+def _carried(merged: Merged, parts: Sequence[Judged]) -> Iterator[Finding]:
+    """What limits the calibrations limits what is merged of them, unless another makes up for it."""
+    limits = [[one for one in _limits(part) if one.code not in RENEWED] for part in parts]
+    lacks = [[one for one in found if one.code in LACKING] for found in limits]
+    if all(lacks):
+        claims = [part.claimed_deg for part in merged.repeats.parts]
+        best = int(np.argmin(claims))
+        for lack in lacks[best]:
+            yield replace(lack, advice=f"not even the best of them, {parts[best].name}, is whole: {lack.advice}")
+    for part, found in zip(parts, limits, strict=True):
+        for limit in found:
+            if limit.code not in LACKING:
+                yield replace(limit, advice=f"{part.name}: {limit.advice}")
+
+
+def _limits(part: Judged) -> Iterator[Finding]:
+    """What a calibration says that it is limited by."""
+    for record in part.record.findings if part.record is not None else ():
+        if record.severity == "limits":
+            number, limit = (0.0 if value is None else value for value in (record.number, record.limit))
+            yield Finding(record.code, "limits", number, limit, record.advice)

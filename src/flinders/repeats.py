@@ -1,0 +1,145 @@
+"""Several recordings of one sensor, held against each other.
+
+Each is fitted on its own. As far as they scatter beyond what each claims, something changed from one to the
+next: a battery that moved, another place, the cover put on. A joint fit smooths that over, and its
+residuals hardly show it.
+
+>>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
+>>> claimed = np.diag([0.01] * 9)
+>>> found = compared([Part("monday", 500, sphere, claimed), Part("tuesday", 500, moved, claimed)], dip_deg=60.0)
+>>> found.farthest.source, round(found.farthest.off_deg), found.p_value < 1e-6
+('monday', 7, True)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flinders.heading import level_error
+from flinders.pooling import chance_of, chi_square_of, each_from_the_others, pool
+from flinders.quadric import Ellipsoid, upper
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One recording of several, fitted on its own.
+
+    Attributes
+    ----------
+    source : str
+    samples : int
+        Readings used.
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        Of (b, S), in unit².
+    """
+
+    source: str
+    samples: int
+    ellipsoid: Ellipsoid
+    covariance: Floats
+
+    @property
+    def parameters(self) -> Floats:
+        """(9,) offset and shape."""
+        return np.concatenate([self.ellipsoid.centre, upper(self.ellipsoid.shape)])
+
+
+@dataclass(frozen=True, slots=True)
+class Repeat:
+    """How one recording stands to the others.
+
+    Attributes
+    ----------
+    source : str
+    samples : int
+    claimed_deg : float
+        Worst level heading error that it claims on its own, 1 σ.
+    off_deg : float
+        Worst level heading difference from the others.
+    off_sigma_deg : float
+        What both claim of that difference, 1 σ.
+    offset : float
+        Distance of its offset from theirs, in the unit of the readings.
+    p_value : float
+        How often chance alone makes one recording of so many differ as much, over all nine parameters.
+    """
+
+    source: str
+    samples: int
+    claimed_deg: float
+    off_deg: float
+    off_sigma_deg: float
+    offset: float
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Repeats:
+    """Recordings of one sensor against each other.
+
+    Attributes
+    ----------
+    parts : tuple of Repeat
+        In the order given; those that give no fit of their own are not among them.
+    scatter : (9, 9) float
+        What their scatter adds to the covariance of a joint fit, in unit².
+    scatter_deg : float
+        Worst level heading error (1 σ) from that alone.
+    p_value : float
+        How often chance alone scatters them as far.
+    """
+
+    parts: tuple[Repeat, ...]
+    scatter: Floats
+    scatter_deg: float
+    p_value: float
+
+    @property
+    def farthest(self) -> Repeat:
+        """The recording that chance explains least."""
+        return min(self.parts, key=lambda part: (part.p_value, -part.off_deg))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "p_value": self.p_value,
+            "scatter_deg": self.scatter_deg,
+            "parts": [dataclasses.asdict(part) for part in self.parts],
+        }
+
+
+def compared(parts: Sequence[Part], *, dip_deg: float) -> Repeats:
+    """Hold two or more recordings against each other, for a level vehicle at a dip."""
+    parameters, covariances = [part.parameters for part in parts], [part.covariance for part in parts]
+    together = pool(parameters, covariances)
+    middle = parts[0].ellipsoid
+    repeats = []
+    for part, (off, covariance) in zip(parts, each_from_the_others(parameters, covariances), strict=True):
+        alone = chance_of(*chi_square_of(off, covariance))
+        repeats.append(
+            Repeat(
+                source=part.source,
+                samples=part.samples,
+                claimed_deg=level_error(part.ellipsoid, part.covariance, dip_deg=dip_deg).worst,
+                off_deg=level_error(part.ellipsoid, np.outer(off, off), dip_deg=dip_deg).worst,
+                off_sigma_deg=level_error(part.ellipsoid, covariance, dip_deg=dip_deg).worst,
+                offset=float(np.linalg.norm(off[:3])),
+                p_value=min(1.0, alone * len(parts)),
+            )
+        )
+    return Repeats(
+        parts=tuple(repeats),
+        scatter=together.predicted,
+        scatter_deg=level_error(middle, together.predicted, dip_deg=dip_deg).worst,
+        p_value=together.p_value,
+    )

@@ -1,0 +1,229 @@
+"""A fit as a page of plain words: for whoever sails, drives or flies with the compass, as text that any e-mail carries.
+
+It says what was found, how far off the compass was and will be, for which attitudes that holds, what is not known and
+why, what to do next, and the numbers to copy. Of a refusal it says why and how to move, and shows no numbers.
+
+>>> print(_paragraph("It is short."), _items(["One.", "Two."]), sep="")
+It is short.
+- One.
+- Two.
+<BLANKLINE>
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import TYPE_CHECKING, Final
+
+from flinders.errors import counted, figures
+from flinders.report.text import degrees, matrix_entries, on_the_point, with_uncertainty
+from flinders.report.words import FINDINGS, REFUSALS
+from flinders.result import Fit, Refused
+from flinders.units import label
+from flinders.verdict import HOLE_DEG, OF_THE_RECORDING, remedy, unseen_side
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from flinders.document import Provenance
+    from flinders.errors import FitError
+    from flinders.result import Finding
+
+WIDTH: Final = 78
+"""Columns: two less than the terminal's 80, so that an e-mail can be quoted."""
+
+RUNS: Final = 8
+"""Runs of stray readings that are listed."""
+
+USE: Final = "Enter the numbers below, or the calibration file, where the compass is read."
+
+AGAIN: Final = (
+    "Calibrate again when anything of iron, or a current, has come near the sensor or gone from it. A new recording "
+    "shows whether the calibration still holds: flinders check."
+)
+
+
+def page(outcome: Fit | FitError, provenance: Provenance) -> str:
+    """Write a fit, or why there is none, in plain words.
+
+    Parameters
+    ----------
+    outcome : Fit or FitError
+        What was found, or the refusal.
+    provenance : Provenance
+        Release, date and recordings.
+    """
+    if isinstance(outcome, Fit):
+        sections = _given(outcome)
+    elif isinstance(outcome, Refused):
+        sections = _refused(outcome.fit)
+    else:
+        sections = _without_a_fit(outcome)
+    fit = outcome if isinstance(outcome, Fit) else getattr(outcome, "fit", None)
+    return "\n".join([_head(fit, provenance), *sections, _read(outcome, fit, provenance)])
+
+
+def _head(fit: Fit | None, provenance: Provenance) -> str:
+    sensor = f" of the sensor {fit.calibration.sensor}" if fit and fit.calibration.sensor else ""
+    date = f"{provenance.date.day} {provenance.date:%B %Y, %H:%M %Z}"
+    method = f", method {fit.method}" if fit else ""
+    return f"Compass calibration{sensor}\n" + _paragraph(f"{date}, Flinders {provenance.flinders}{method}")
+
+
+def _given(fit: Fit) -> list[str]:
+    said = [finding for finding in fit.findings if finding.severity != "refuses"]
+    return [
+        _section("WHAT WAS FOUND", _paragraph(_what_was_found(fit))),
+        _section("HOW FAR OFF THE COMPASS WAS, AND WILL BE", _paragraph(_how_far_off(fit))),
+        _section("WHICH ATTITUDES IT IS GOOD FOR", _paragraph(_attitudes(fit))),
+        _section("WHAT IS NOT KNOWN OR NOT SOUND, AND WHY", _items(_in_words(fit, finding) for finding in said)),
+        _section("WHAT TO DO NEXT", _items([USE, *_remedies(fit, said), AGAIN])),
+        _section("THE NUMBERS TO COPY", _numbers(fit)),
+    ]
+
+
+def _refused(fit: Fit) -> list[str]:
+    said = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
+    return _refusal((_in_words(fit, finding) for finding in said), _remedies(fit, said))
+
+
+def _without_a_fit(error: FitError) -> list[str]:
+    if error.code not in REFUSALS:
+        return _refusal([str(error)], [])
+    words = REFUSALS[error.code]
+    return _refusal([words.said.format(**error.evidence)], [words.remedy])
+
+
+def _refusal(why: Iterable[str], what: Iterable[str]) -> list[str]:
+    found = "No calibration can be given from this recording. Its numbers could not be trusted, and none are shown."
+    return [
+        _section("WHAT WAS FOUND", _paragraph(found)),
+        _section("WHY", _items(why)),
+        _section("WHAT TO DO NEXT", _items([*what, "After that, calibrate again."])),
+    ]
+
+
+def _what_was_found(fit: Fit) -> str:
+    verdict = {
+        "good": "The calibration is good.",
+        "limited": "The calibration can be used, with the limits that are named below.",
+    }[fit.verdict]
+    strength, spread = fit.uncorrected_strength
+    unit, field = label(fit.calibration.unit), fit.calibration.field_strength
+    offset = math.hypot(*fit.calibration.offset)
+    return (
+        f"{verdict} What is magnetic near the sensor and turns with it, and its own zero error, add a field of "
+        f"{figures(offset, 4)} {unit}, {figures(offset / field)} times the one to be measured. As the sensor turns, "
+        f"the field seems to vary by {spread:.1%} about {figures(strength, 4)} {unit}; after correction it varies by "
+        f"{fit.noise / field:.1%}."
+    )
+
+
+def _how_far_off(fit: Fit) -> str:
+    raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
+    before = "any angle: the compass does not work" if raw.worst > 100.0 else f"up to {degrees(raw.worst)}"
+    mounting = (
+        f" The mounting, as well as it is known, adds {degrees(fit.alignment_error_deg)}."
+        if fit.alignment_error_deg is not None
+        else ""
+    )
+    return (
+        f"Without the calibration headings are off by {before}. With it, expect them to be off by {degrees(error.rms)} "
+        f"on average and by {degrees(error.worst)} at the worst heading; in 19 of 20 cases by no more than twice that. "
+        f"The target was {fit.target_deg:g}°.{mounting} This is for a vehicle that is level, where the field dips by "
+        f"{abs(error.dip_deg):g}°, and for as long as nothing magnetic near the sensor comes, goes or is switched on."
+    )
+
+
+def _attitudes(fit: Fit) -> str:
+    seen = f"{fit.coverage.fraction:.0%}"
+    if fit.coverage.hole_deg <= HOLE_DEG:
+        return f"All of them: readings were taken in {seen} of all directions, and no large gap is left."
+    return (
+        f"Attitudes like those that were recorded, and no others: readings were taken in {seen} of all directions. The "
+        f"middle of what is missing is where the sensor's {unseen_side(fit.coverage)} points along the earth's field."
+    )
+
+
+def _in_words(fit: Fit, finding: Finding) -> str:
+    length = f"{figures(fit.calibration.field_strength, 4)} {label(fit.calibration.unit)}"
+    return FINDINGS[finding.code].said.format(
+        number=finding.number,
+        limit=finding.limit,
+        angle="any angle" if finding.number > 90.0 else degrees(finding.number),
+        seconds=figures(finding.number),
+        length=length,
+    )
+
+
+def _remedies(fit: Fit, findings: Iterable[Finding]) -> list[str]:
+    """Say what to do about each finding, each thing once."""
+    advice = remedy(fit)
+    move = f"{advice[0].upper()}{advice[1:]}."
+    remedies = (FINDINGS[finding.code].remedy.format(remedy=move) for finding in findings)
+    return [what for what in dict.fromkeys(remedies) if what]
+
+
+def _numbers(fit: Fit) -> str:
+    """Offset and matrix, one line each a person can copy, and what to do with them."""
+    calibration = fit.calibration
+    unit = label(calibration.unit)
+    pairs = zip(calibration.offset, fit.offset_sigma, strict=True)
+    offsets = on_the_point([with_uncertainty(*pair) for pair in pairs])
+    rows = zip(*map(on_the_point, zip(*matrix_entries(calibration.matrix), strict=True)), strict=True)
+    lines = [
+        "corrected = matrix * (raw - offset)",
+        "",
+        *(f"offset {axis}   {value.rstrip()} {unit}" for axis, value in zip("xyz", offsets, strict=True)),
+        "",
+        *(f"matrix {axis}   {'   '.join(row)}" for axis, row in zip("xyz", rows, strict=True)),
+    ]
+    raw = f"raw is a reading in {unit}"
+    if calibration.raw.scale != 1.0:
+        raw += f" (the recording's {calibration.raw.name} times {calibration.raw.scale:g})"
+    if not calibration.axes.is_identity:
+        raw += f", its axes taken as {calibration.axes}"
+    return (
+        _paragraph("Subtract the offset from each reading, then multiply by the matrix:")
+        + "\n"
+        + textwrap.indent("\n".join(lines), "    ").replace("    \n", "\n")
+        + "\n\n"
+        + _paragraph(
+            f"Here {raw}. What stands behind ± is the standard deviation; the matrix has no unit. Corrected readings "
+            f"are {figures(calibration.field_strength, 4)} {unit} long. The calibration file holds all digits."
+        )
+    )
+
+
+def _read(outcome: Fit | FitError, fit: Fit | None, provenance: Provenance) -> str:
+    """Name the recordings, and what of them was left out."""
+    items = [f"{file.name}: {counted(file.rows, 'reading')}." for file in provenance.files]
+    if fit and fit.strays:
+        runs = [str(stray) for stray in fit.strays]
+        more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
+        items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
+    findings = fit.findings if fit else ()
+    items += [f"{finding.advice[0].upper()}{finding.advice[1:].rstrip('.')}." for finding in findings
+              if finding.code == "skipped-rows"]  # fmt: skip
+    items += [f"Left out: {entry}." for entry in getattr(outcome, "skipped", ())]
+    return _section("WHAT WAS READ", _items(items))
+
+
+def _section(heading: str, text: str) -> str:
+    return f"{heading}\n{text}"
+
+
+def _paragraph(text: str) -> str:
+    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
+
+
+def _items(texts: Iterable[str]) -> str:
+    """Write sentences below each other, each with a dash."""
+    return "".join(
+        textwrap.fill(
+            text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        )
+        + "\n"
+        for text in texts
+    )

@@ -1,0 +1,152 @@
+"""What is found about a recording in plain words, without a word that only those know who fit ellipsoids.
+
+>>> FINDINGS["heading-error"].said.format(angle="2.1°", limit=1.0)
+'At the worst heading the compass may be off by 2.1°, and 1° is the target.'
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class Words(NamedTuple):
+    """What was found, and what to do about it, if there is anything."""
+
+    said: str
+    remedy: str = ""
+
+
+MOVE: Final = "{remedy}"
+"""Stands for what would make the heading error smaller, which depends on the fit."""
+
+FINDINGS: Final = {
+    "one-plane": Words(
+        "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any other "
+        "attitude.",
+        "Turn the sensor onto its sides and upside down too.",
+    ),
+    "heading-error": Words(
+        "At the worst heading the compass may be off by {angle}, and {limit:g}° is the target.", MOVE
+    ),
+    "coverage": Words(
+        "In a large part of all attitudes nothing was recorded, so nobody knows how good it is there.", MOVE
+    ),
+    "noise": Words(
+        "After the best correction the strength of the field still varies by {number:.1%} as the sensor turns. That is "
+        "more than a sensor does by itself: something moved, or a current flowed, or other columns were read.",
+        "Record again away from iron and currents, with nothing magnetic moving near the sensor, and check that the "
+        "right columns are read.",
+    ),
+    "rings": Words(
+        "The sensor was turned in too few ways. For {number:.0f} of the 9 numbers of the correction the recording "
+        "tells nothing, and the most likely value was taken.",
+        "Turn the sensor about all three of its axes.",
+    ),
+    "prior": Words(
+        "One of the 9 numbers of the correction rests to {number:.0%} on what is likely, and not on the recording.",
+        MOVE,
+    ),
+    "bias": Words(
+        "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor.",
+        "Calibrate again with the method auto.",
+    ),
+    "level-plane": Words(
+        "The sensor was turned level only. The correction is for a vehicle that stays level.",
+        "For all attitudes, turn the sensor onto its sides and upside down too while recording.",
+    ),
+    "inflation": Words(
+        "The readings lie on a small patch of what they should go round ({number:.1f} times as wide).", MOVE
+    ),
+    "recordings-differ": Words(
+        "The recordings do not agree with each other: one is {angle} of heading off the others.",
+        "Find out what changed from one recording to the next, and use those made in the state in which the compass "
+        "will be used.",
+    ),
+    "field-changed": Words(
+        "Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
+        "Record again with currents and everything magnetic as they will be, and the sensor warm.",
+    ),
+    "structure": Words(
+        "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind takes "
+        "off. The errors given here allow for it.",
+    ),
+    "few-samples": Words(
+        "There is little to go by: the number of independent readings is only {number:.0f}.",
+        "Record for longer, turning all the time.",
+    ),
+    "correlated": Words(
+        "The readings err alike for moments at a time, so that they tell as much as {number:.0%} of them would. The "
+        "errors given here allow for it.",
+    ),
+    "strays": Words(
+        "Some readings do not belong to the rest ({number:.1%}) and were left out; they are listed below. Something "
+        "magnetic passed by, a cable moved, or bits were lost on the way.",
+        "Find out what happened at the times or rows listed below.",
+    ),
+    "saturated": Words(
+        "The sensor was at the end of its range in {number:.1%} of the readings.",
+        "Choose a larger range of the sensor, or move it away from magnets, and record again.",
+    ),
+    "stale-repeats": Words(
+        "Of the readings, {number:.0%} only repeat the one before, because the log is faster than the sensor. They "
+        "count once.",
+    ),
+    "time-back": Words(
+        "The clock of the recording goes back (times it does: {number:.0f}).",
+        "Check the order of the recordings, and the clock.",
+    ),
+    "time-gap": Words("Nothing was recorded for {seconds} s in one stretch."),
+    "skipped-rows": Words(
+        "Some lines could not be used (number of lines: {number:,.0f}); they are named below.",
+        "Look at the lines that could not be used.",
+    ),
+    "axis-ratio": Words(
+        "One axis of the sensor reads {number:.1f} times as much as another, which is unusual.",
+        "Check the gains of the axes, and that the right columns are read.",
+    ),
+    "field-strength": Words(
+        "The field that was found, {length}, is not one of the earth's. Headings do not depend on that.",
+        "Check the unit of the recording.",
+    ),
+    "mirrored-axes": Words(
+        "The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
+        "Check the axes mapping.",
+    ),
+    "unit-unknown": Words("The unit of the readings is not known: they are in counts. Headings do not depend on it."),
+    "scale-unknown": Words(
+        "The strength of the field at the place of recording was not given. The length of corrected readings, "
+        "{length}, is therefore a convention. Headings do not depend on it.",
+    ),
+    "rotation-unknown": Words(
+        "How the sensor is turned against the vehicle cannot be seen by a magnetometer. A sensor that is mounted askew "
+        "adds to the errors given here.",
+        "Check by other means, such as a known bearing, how the sensor is mounted.",
+    ),
+}
+"""Each finding in plain words, and what to do about it."""
+
+REFUSALS: Final = {
+    "too-few-samples": Words(
+        "The number of usable readings is {found:,}, and at least {needed:,} are needed.",
+        "Record for longer, while turning the sensor through all directions.",
+    ),
+    "stuck-axis": Words(
+        "Some of the sensor's axes never change.",
+        "Check the wiring and the columns that are read, and turn the sensor about all three of its axes.",
+    ),
+    "unmoved": Words("The sensor was hardly moved.", "Turn it slowly through all directions while recording."),
+    "out-of-scale": Words(
+        "The readings are larger or smaller than those of any magnetometer.",
+        "Check which columns are read, and the unit.",
+    ),
+    "not-an-ellipsoid": Words(
+        "The readings cover too few directions to tell what they would be in the others.",
+        "Turn the sensor upside down and onto each of its sides.",
+    ),
+    "undetermined": Words(
+        "The sensor was turned in too few ways. For {unseen} of the 9 numbers of the correction the recording tells "
+        "nothing.",
+        "Turn the sensor about all three of its axes.",
+    ),
+}
+"""Each refusal that has no fit in plain words, and what to do about it."""

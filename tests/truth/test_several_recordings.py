@@ -1,0 +1,176 @@
+"""Several recordings of one sensor: fitted as one, read once, and nothing goes across from one to the next."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+import flinders
+from flinders.estimators import Likelihood, Readings, Robust, kept
+from flinders.estimators.correlation import correlation_of
+from flinders.samples import Joined, Samples, Wrapped
+from flinders.simulate import Sensor, tumble
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.samples import Recording
+
+SENSOR: Final = Sensor(
+    np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5
+)
+
+
+class Streamed(Wrapped):
+    """A recording that is gone through block by block, and counts how often."""
+
+    def __init__(self, samples: Samples) -> None:
+        self.recording: Recording = samples
+        self.passes = 0
+
+    def blocks(self) -> Iterator[Samples]:
+        """From the first block again."""
+        self.passes += 1
+        assert isinstance(self.recording, Samples)
+        return self.recording.blocks(777)
+
+
+def by_hand(seed: int, n: int = 3000) -> Samples:
+    """A tumble of one sensor whose clock starts anew."""
+    return tumble(seed=seed, sensor=SENSOR, n=n).samples
+
+
+def test_recordings_are_read_once_and_kept_each_on_its_own() -> None:
+    samples = [by_hand(seed, n) for seed, n in ((1, 3000), (2, 1500), (3, 2000))]
+    streams = [Streamed(part) for part in samples]
+    readings = Readings.of(Joined(tuple(streams)))
+    assert [stream.passes for stream in streams] == [1, 1, 1]
+    assert isinstance(readings.recording, Samples)
+    npt.assert_array_equal(readings.recording.field, np.concatenate([part.field for part in samples]))
+    assert [len(part) for part in readings.parts] == [3000, 1500, 2000]
+    for part, own in zip(readings.parts, samples, strict=True):
+        assert isinstance(part.recording, Samples)
+        npt.assert_array_equal(part.recording.field, own.field)
+        npt.assert_array_equal(part.recording.time, own.time)
+        assert np.shares_memory(part.recording.field, readings.recording.field)
+        assert part.parts == ()
+    assert flinders.fit(Joined(tuple(streams))).samples == 6500
+    assert [stream.passes for stream in streams] == [2, 2, 2]
+
+
+def test_the_summary_of_the_whole_is_that_of_its_parts() -> None:
+    samples = [by_hand(1), by_hand(2, 1500)]
+    readings = Readings.of(Joined(tuple(map(Streamed, samples))))
+    health = readings.summary.health
+    assert len(readings.summary) == sum(len(part.summary) for part in readings.parts) == 4500
+    assert health.clock.backward_steps == 0
+    assert health.clock.longest_step == pytest.approx(0.02)
+    assert health.clock.usual_step == pytest.approx(0.02)
+    assert health.clock.seconds == pytest.approx(0.02 * 4498)
+
+
+def test_a_seam_is_no_repeat() -> None:
+    samples = by_hand(1)
+    again = Joined((samples, samples[::-1]))
+    assert Readings.of(again).summary.health.repeats == 0
+
+
+def test_one_recording_that_was_joined_is_a_single_one() -> None:
+    readings = Readings.of(Joined((Joined((by_hand(1),)),)))
+    assert readings.parts == ()
+    assert readings.each == (readings,)
+    nested = Readings.of(Joined((Joined((by_hand(1), by_hand(2))), by_hand(3))))
+    assert len(nested.parts) == 3
+
+
+def test_what_is_kept_in_memory_is_bounded_over_all_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept, "HELD", 5000)
+    streams = [Streamed(by_hand(seed, n)) for seed, n in ((1, 3000), (2, 3000), (3, 1500), (4, 1500))]
+    readings = Readings.of(Joined(tuple(streams)))
+    in_memory = [isinstance(part.recording, Samples) for part in readings.parts]
+    assert in_memory == [True, False, True, False]
+    assert isinstance(readings.recording, Joined)
+    assert [stream.passes for stream in streams] == [1, 1, 1, 1]
+    assert sum(len(block) for block in readings.recording.blocks()) == len(readings) == 9000
+    assert [stream.passes for stream in streams] == [1, 2, 1, 2]
+
+
+@pytest.mark.parametrize("method", ["auto", "robust", "li"])
+def test_long_or_short_the_fit_is_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples = [by_hand(seed, 2000) for seed in (1, 2, 3)]
+    joined = Joined(tuple(map(Streamed, samples)))
+    whole = flinders.fit(joined, method=method)
+    for room in (3000, 1000):
+        monkeypatch.setattr(kept, "HELD", room)
+        streamed = flinders.fit(joined, method=method)
+        npt.assert_allclose(streamed.calibration.offset, whole.calibration.offset, rtol=0, atol=1e-6)
+        npt.assert_allclose(streamed.covariance, whole.covariance, rtol=1e-4, atol=1e-9)
+        assert streamed.samples == whole.samples
+        assert [str(stray) for stray in streamed.strays] == [str(stray) for stray in whole.strays]
+
+
+def test_an_empty_recording_adds_nothing() -> None:
+    samples = by_hand(1)
+    empty = Streamed(samples[:0])
+    alone, joined = Readings.of(samples), Readings.of(Joined((empty, samples)))
+    assert [len(part) for part in joined.parts] == [0, 3000]
+    assert isinstance(joined.recording, Samples)
+    one, other = Likelihood().estimate(alone), Likelihood().estimate(joined)
+    npt.assert_allclose(other.covariance, one.covariance, rtol=1e-9)
+
+
+def test_stretches_end_where_a_recording_ends() -> None:
+    parts = by_hand(1, 400), by_hand(2, 700)
+    stretches = Readings.of(Joined(parts)).stretches("auto")
+    assert [len(stretch) for stretch in stretches] == [400, 700]
+    long = Readings.of(Joined((by_hand(1, 30_000), by_hand(2, 400), by_hand(3, 20_000))))
+    stretches = long.stretches("auto")
+    assert len(stretches) <= 21
+    sets = [
+        {row.tobytes() for row in part.recording.field} for part in long.parts if isinstance(part.recording, Samples)
+    ]
+    for stretch in stretches:
+        assert sum(all(row.tobytes() in rows for row in stretch[[0, -1]]) for rows in sets) == 1
+
+
+def test_a_short_recording_does_not_hide_how_residuals_of_a_long_one_hang_together() -> None:
+    rng = np.random.default_rng(4)
+    field = tumble(seed=4, sensor=SENSOR, n=4000, noise=0.1).samples.field.copy()
+    drift = np.zeros(len(field))
+    for row in range(1, len(field)):
+        drift[row] = 0.9 * drift[row - 1] + 0.2 * rng.standard_normal()
+    field += drift[:, np.newaxis] * np.array([0.5, 0.5, 0.7])
+    ellipsoid = Likelihood().estimate(Readings.of(field)).ellipsoid
+    alone = correlation_of([field], len(field), ellipsoid)
+    beside = correlation_of([field, field[:10]], len(field) + 10, ellipsoid)
+    assert alone.time > 3.0
+    assert beside.time == pytest.approx(alone.time, rel=0.1)
+    npt.assert_allclose(np.diag(beside.scatter), np.diag(alone.scatter), rtol=0.1)
+
+
+def test_a_magnet_at_the_end_of_one_recording_leaves_the_next_alone() -> None:
+    first, second = by_hand(1), by_hand(2)
+    field = first.field.copy()
+    field[-60:] += np.array([60.0, 30.0, 0.0])
+    struck = Samples(field, unit=first.unit, time=first.time)
+    found = Robust().estimate(Readings.of(Joined((struck, second))))
+    run = max(found.strays, key=lambda stray: stray.rows)
+    assert 2941 - 30 <= run.first <= 2941
+    assert run.last == 3000
+    assert run.end == first.time[-1] if first.time is not None else False
+    assert all(stray.rows < 4 for stray in found.strays if stray.first > 3000)
+    assert found.used + sum(stray.rows for stray in found.strays) == 6000
+
+
+def test_rows_of_strays_are_counted_over_all_recordings() -> None:
+    first, second = by_hand(1), by_hand(2)
+    field = second.field.copy()
+    field[[99, 199]] += 200.0
+    found = Robust().estimate(Readings.of(Joined((first, Samples(field, unit=second.unit, time=second.time)))))
+    far = [stray for stray in found.strays if stray.farthest > 50.0]
+    assert [(stray.first, stray.rows) for stray in far] == [(3100, 1), (3200, 1)]
+    assert second.time is not None
+    assert far[0].start == second.time[99]
