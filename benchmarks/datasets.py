@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from numpy.random import Generator
-    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
 
@@ -100,7 +99,8 @@ def dataset(name: str, trial: int, sigma: float) -> Simulated:
     sensor = recipe.sensor(rng, sigma)
     path = recipe.path(rng)
     raw = sensor.read(FIELD_STRENGTH * path.directions, rng)
-    strays = _strike(raw, rng, recipe.outliers)
+    fields, strays = simulate.stray_fields(rng, len(raw), recipe.outliers)
+    raw[strays] += fields[strays] * FIELD_STRENGTH
     samples = Samples.of(
         raw,
         unit="uT",
@@ -166,17 +166,6 @@ def _angle_deg(matrix: Floats, information: Floats) -> float:
     turned = across @ moved
     square = np.einsum("nij,jk,nik->", turned, np.linalg.inv(information), turned) / len(true)
     return math.degrees(math.sqrt(square))
-
-
-def _strike(raw: Floats, rng: Generator, share: float) -> NDArray[np.bool_]:
-    """Move a share of readings (N, 3) by half to three field strengths, in place; (N,) which."""
-    struck = np.zeros(len(raw), dtype=np.bool_)
-    if share:
-        count = round(share * len(raw))
-        rows = rng.choice(len(raw), count, replace=False)
-        raw[rows] += simulate.uniform(rng, count) * rng.uniform(0.5, 3.0, (count, 1)) * FIELD_STRENGTH
-        struck[rows] = True
-    return struck
 
 
 def _by_hand(rng: Generator) -> Path:

@@ -48,6 +48,11 @@ REFERENCES: Final = (
 )
 
 
+def text_recordings() -> list[Path]:
+    """All files in the folder that may be text recordings of a magnetometer."""
+    return [path for path in sorted(FOLDER.glob("*/*")) if path.suffix in TEXT and path.name not in NO_RECORDINGS]
+
+
 def row(reference: Reference) -> str:
     """Fit one recording and write its row."""
     fit = flinders.fit(flinders.read(FOLDER / reference.recording))
@@ -88,8 +93,8 @@ def main() -> None:
     references()
     print("\n| recording | readings used | verdict, method | worst heading error | textbook | findings |")
     print("|---|---:|---|---:|---:|---|")
-    for path in sorted(FOLDER.glob("*/*")):
-        if path.suffix in TEXT and path.name not in NO_RECORDINGS and (told := judged(path)):
+    for path in text_recordings():
+        if told := judged(path):
             print(told, flush=True)
 
 

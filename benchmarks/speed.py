@@ -3,7 +3,8 @@
     python -m benchmarks.speed
 
 A fit is compared with the least that a fit can be: build the N × 9 design in NumPy in one go and solve the normal
-equations. Sums and summaries are compared with ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192.
+equations; and with itself without its honest covariance, its look for strays and its verdict. Sums and summaries
+are compared with ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192.
 Times are medians of interleaved repeats, on one thread.
 """
 
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import flinders
+from flinders.estimators import Likelihood, Readings
 from flinders.moments import Moments
 from flinders.simulate import tumble
 from flinders.summary import Summary
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 BLOCK: Final = 8192
 MILLION: Final = 1_000_000
 FIT_LIMITS: Final[dict[int, float | None]] = {500: 60.0, 5_000: None, 50_000: 8.0, MILLION: 2.0}
+JUDGED_LIMIT: Final = 1.5
 MOMENTS_LIMIT: Final = 2.0
 SUMMARY_LIMIT: Final = 5.0
 MEMORY_LIMIT_MB: Final = 32.0
@@ -43,6 +46,11 @@ def normal_equations(field: Floats) -> Floats:
     x, y, z = field.T
     design = np.column_stack([x * x, y * y, z * z, x * y, x * z, y * z, x, y, z])
     return np.linalg.solve(design.T @ design, design.sum(axis=0))
+
+
+def ellipsoid_alone(field: Floats) -> object:
+    """The ellipsoid of (N, 3) readings with its textbook covariance: no honest one, no verdict."""
+    return Likelihood(bias_correction=False).estimate(Readings.of(field))
 
 
 def blocked_products(field: Floats) -> Floats:
@@ -93,6 +101,8 @@ def ratios() -> None:
     print("| what | Flinders | plain | ratio | limit |\n|---|---:|---:|---:|---:|")
     for n, limit in FIT_LIMITS.items():
         print(compared("`fit` ÷ normal equations", flinders.fit, normal_equations, n, limit), flush=True)
+    for n, limit in ((500, None), (50_000, None), (MILLION, JUDGED_LIMIT)):
+        print(compared("`fit` ÷ the ellipsoid alone", flinders.fit, ellipsoid_alone, n, limit), flush=True)
     for n in (50_000, MILLION):
         print(compared("`Moments.of` ÷ `D @ D.T`", Moments.of, blocked_products, n, MOMENTS_LIMIT), flush=True)
         print(compared("`Summary.of` ÷ `D @ D.T`", Summary.of, blocked_products, n, SUMMARY_LIMIT), flush=True)

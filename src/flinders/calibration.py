@@ -235,9 +235,10 @@ class Calibration:
             return NotImplemented
         if self.unit != first.unit:
             raise UnitError(f"a calibration in {self.unit} cannot follow one in {first.unit}: give the scale of counts")
+        sensor = self.sensor if first.sensor is None else first.sensor
         if self.is_identity:
-            return first
-        recorded = replace(self, raw=first.raw, axes=first.axes, sensor=first.sensor or self.sensor)
+            return replace(first, sensor=sensor)
+        recorded = replace(self, raw=first.raw, axes=first.axes, sensor=sensor)
         if first.is_identity:
             return recorded
         return replace(

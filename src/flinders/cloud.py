@@ -204,10 +204,12 @@ def _gathered(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floa
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
     starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+    with np.errstate(over="ignore"):  # numbers that large are refused, but not here
+        added = np.add.reduceat(sums[order], starts, axis=0)
     return (
         keys[starts],
         np.add.reduceat(counts[order], starts),
-        np.add.reduceat(sums[order], starts, axis=0),
+        added,
         np.fmin.reduceat(first[order], starts),
         np.fmax.reduceat(last[order], starts),
     )

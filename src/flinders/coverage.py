@@ -10,6 +10,7 @@ Directions need the centre, so they cannot be counted while readings stream by: 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
@@ -46,6 +47,10 @@ def fibonacci(n: int) -> Floats:
     z = 1 - 2 * steps / n
     longitude: Floats = np.pi * (1 + 5**0.5) * steps  # the golden angle, but for full turns
     return around_z(z, longitude)
+
+
+LEANING_LEAST, LEANING = 0.1, math.sqrt(3.0)
+"""Mean height of the directions of a recording that leans: so much, and three standard errors of random ones."""
 
 
 def _centres() -> Floats:
@@ -114,9 +119,12 @@ class Coverage:
         """The dip with the sign that the recording shows: a sensor mounted upside down sees the field come from below.
 
         Sensor axes need not be body axes, and a recording made mostly upright or mostly upside down says which way
-        up is; one made all around says nothing, and either sign then gives the same error.
+        up is; one made all around says nothing, and either sign then gives the same error. Of few directions the mean
+        is a matter of chance.
         """
-        return -dip_deg if float(self.counts @ CELLS[:, 2]) * dip_deg < -0.1 * self.readings * abs(dip_deg) else dip_deg
+        upright = float(self.counts @ CELLS[:, 2]) / max(self.readings, 1.0)
+        by_chance = LEANING / math.sqrt(max(int(np.count_nonzero(self.counts)), 1))
+        return -dip_deg if math.copysign(upright, upright * dip_deg) < -max(LEANING_LEAST, by_chance) else dip_deg
 
     def as_dict(self) -> dict[str, float]:
         """JSON-ready numbers."""

@@ -301,7 +301,7 @@ def dumps(document: Document) -> str:
         content = msgspec.to_builtins(document, enc_hook=_plain)
     except TypeError as error:
         raise DocumentError(f"calibration: {error}") from None
-    for place in _gaps(content):
+    for place in gaps(content):
         raise DocumentError(f"calibration: {place} is not finite: a calibration file holds finite numbers only")
     return lay_out(msgspec.to_builtins(_checked(content, "calibration"))) + "\n"
 
@@ -353,7 +353,7 @@ def _parse(text: bytes, source: str) -> object:
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        reason = _in_words(error)
+        reason = in_words(error)
         hint = "the file was cut short" if "truncated" in reason else "need a calibration file"
         raise DocumentError(f"{source}: cannot be read as JSON ({reason}): {hint}") from None
 
@@ -377,13 +377,13 @@ def _checked(content: object, source: str) -> Document:
     try:
         return msgspec.convert(content, Document)
     except msgspec.ValidationError as error:
-        raise DocumentError(f"{source}: {_in_words(error)}") from None
+        raise DocumentError(f"{source}: {in_words(error)}") from None
 
 
-def _in_words(error: Exception) -> str:
+def in_words(error: Exception) -> str:
     """Put msgspec's message the other way round: the place first, then what is wrong there.
 
-    >>> _in_words(ValueError("Expected `array` of length 3, got 2 - at `$.calibration.offset`"))
+    >>> in_words(ValueError("Expected `array` of length 3, got 2 - at `$.calibration.offset`"))
     'calibration.offset: expected array of length 3, got 2'
     """
     found, _, place = str(error).replace("JSON is malformed: ", "").partition(" - at `$")
@@ -401,16 +401,16 @@ def _plain(value: object) -> object:
     raise TypeError(f"{type(value).__name__} cannot be written to a file")
 
 
-def _gaps(value: object, place: str = "") -> Iterator[str]:
+def gaps(value: object, place: str = "") -> Iterator[str]:
     """Yield the places of numbers that are not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         yield place
     elif isinstance(value, dict):
         for key, member in value.items():
-            yield from _gaps(member, f"{place}.{key}".removeprefix("."))
+            yield from gaps(member, f"{place}.{key}".removeprefix("."))
     elif isinstance(value, list | tuple):
         for index, member in enumerate(value):
-            yield from _gaps(member, f"{place}[{index}]")
+            yield from gaps(member, f"{place}[{index}]")
 
 
 def _is_group(value: object) -> bool:

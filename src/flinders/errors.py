@@ -10,6 +10,8 @@
     │   ├── ArrayError               array             5    an array of the wrong shape or with gaps
     │   ├── UnreadableInput          unreadable        5    a file that cannot be opened or decoded
     │   ├── NoMagnetometer           no-magnetometer   5    a readable file without a magnetometer in it
+    │   ├── NoAccelerometer          no-accelerometer  5    one without an accelerometer, where headings need it
+    │   ├── ForeignAxes              foreign-axes      5    accelerometer and magnetometer with unlike axes
     │   └── DocumentError            document          5    a calibration file that is not one
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4
@@ -21,6 +23,7 @@
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   ├── Refused                  refused           4    a fit exists, its verdict is "refused"
     │   └── NotMerged                not-merged        4    calibrations that contradict each other
+    ├── NotExportable                not-exportable    4    values that the target cannot hold
     └── OutputError                  output            6    the result cannot be written
         └── OutputExists             output-exists     6    a file is there already
 
@@ -115,6 +118,12 @@ class NoMagnetometer(InputError):
     code = "no-magnetometer"
 
 
+class NoAccelerometer(InputError):
+    """A readable recording in which no accelerometer was recognised, and tilt cannot be taken off without one."""
+
+    code = "no-accelerometer"
+
+
 class DocumentError(InputError):
     """A calibration file that cannot be understood."""
 
@@ -158,9 +167,10 @@ class StuckAxis(FitError):
     def __init__(self, axes: tuple[str, ...], values: tuple[float, ...]) -> None:
         self.axes, self.values = axes, values
         named = ", ".join(f"{axis} = {value:g}" for axis, value in zip(axes, values, strict=True))
+        level = ". The method 'level' fits x and y of a level turn alone" if axes == ("z",) else ""
         super().__init__(
             f"never changes in this recording: {named}. "
-            "Check the wiring and the columns, and turn the sensor about all three of its axes",
+            f"Check the wiring and the columns, and turn the sensor about all three of its axes{level}",
             axes=axes,
             values=values,
         )
@@ -236,6 +246,17 @@ class NeedsSamples(FitError):
             "give it the readings, or use a method that needs only their sums, such as 'consistent'",
             method=method,
         )
+
+
+class NotExportable(FlindersError):
+    """Values (`beyond`: their names) that the target's registers cannot hold; `evidence` holds what would be lost."""
+
+    code, exit_code = "not-exportable", 4
+
+    def __init__(self, message: str, *, beyond: Iterable[str], **evidence: object) -> None:
+        self.beyond = tuple(beyond)
+        self.evidence: Mapping[str, object] = {"beyond": self.beyond, **evidence}
+        super().__init__(message)
 
 
 class OutputError(FlindersError):

@@ -100,11 +100,12 @@ def fit(
     calibration = Calibration.from_ellipsoid(
         estimate.ellipsoid.centre,
         estimate.ellipsoid.shape,
-        field_strength=field_strength,
+        field_strength=estimate.strength if field_strength is None else field_strength,
         raw=unit or Unit.of(),
         axes=axes or Axes(),
         sensor=sensor,
     )
+    calibration = replace(calibration, field_strength_known=field_strength is not None)
     if estimator.is_biased:
         estimate = with_bias(estimate, readings)
     repeats = _repeats(readings, dip_deg, estimate.method)
@@ -163,8 +164,10 @@ def _repeated(estimate: Estimate, summary: Summary) -> float:
 
 
 def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | None:
-    """Whether something changed while one recording was made."""
+    """Whether something changed while one recording was made: if so, its residuals are not white."""
     if readings.recording is None or readings.parts or estimate.unseen:
+        return None
+    if estimate.correlation is None or estimate.correlation.is_white:
         return None
     near = readings.near(estimate.ellipsoid, estimate.rejected_beyond)
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
@@ -194,15 +197,18 @@ def _repeats(readings: Readings, dip_deg: float, method: str) -> Repeats | None:
 
     Level turns are only held against each other: each rests on the dip, and elsewhere that is found.
     """
-    parts = []
+    turns: list[Part] = []
+    others: list[Part] = []
     for part in readings.parts:
         try:
             alone = Auto(dip_deg=dip_deg).estimate(part)
         except FitError:
             continue
-        if (alone.method == Level.name) == (method == Level.name) and (method == Level.name or not alone.unseen):
-            source = "" if part.recording is None else part.recording.source
-            parts.append(Part(source, alone.used, alone.ellipsoid, alone.covariance))
+        source = "" if part.recording is None else part.recording.source
+        if alone.method == Level.name or not alone.unseen:
+            alike = turns if alone.method == Level.name else others
+            alike.append(Part(source, alone.used, alone.ellipsoid, alone.covariance))
+    parts = turns if method == Level.name or len(others) < 2 else others
     return compared(parts, dip_deg=dip_deg) if len(parts) > 1 else None
 
 
@@ -228,6 +234,7 @@ def _judged(
         samples=estimate.used or len(summary),
         coverage=coverage,
         heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
+        distortion=0.0 if estimate.correlation is None else estimate.correlation.direction,
         target_deg=target_deg,
         dip_deg=dip_deg,
         held=estimate.held,
@@ -236,8 +243,8 @@ def _judged(
         independent_samples=_independent(estimate, len(summary) / repeated),
         strays=estimate.strays,
         bias_deg=_bias_deg(estimate, dip),
-        distortion=0.0 if estimate.correlation is None else estimate.correlation.direction,
         drift=_drift(estimate, readings, dip),
         repeats=repeats,
     )
+    fitted = replace(fitted, heading_error_deg=fitted.heading_error_deg.beside(fitted.structure_deg))
     return replace(fitted, findings=judge(fitted, summary))

@@ -16,7 +16,9 @@ A vertical offset leaves a level heading alone, and comes in with the sine of th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -61,6 +63,11 @@ class HeadingError:
     worst: float
     dip_deg: float
     tilt_deg: float = 0.0
+
+    def beside(self, angle_deg: float) -> HeadingError:
+        """The same with another error of each heading, independent of this one."""
+        rms, worst = math.hypot(self.rms, angle_deg), math.hypot(self.worst, angle_deg)
+        return HeadingError(rms, worst, self.dip_deg, self.tilt_deg)
 
     def __repr__(self) -> str:
         tilt = f", tilt={self.tilt_deg:g}°" if self.tilt_deg else ""
@@ -284,13 +291,29 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
     >>> bool(np.allclose(on_its_side @ level_turn(30.0, on_its_side)[1], 0.5))
     True
     """
+    heading, fields, _ = _turn_at(float(dip_deg))
+    return heading, fields if down is None else upright(down) @ fields
+
+
+@lru_cache(maxsize=16)
+def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
+    """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only.
+
+    Raises
+    ------
+    UsageError
+        Within a degree of the magnetic poles.
+    """
     if not abs(dip_deg) <= STEEPEST_DIP_DEG:
         raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
     dip = np.deg2rad(dip_deg)
     heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
-    level = np.cos(dip)
+    level, zeros = np.cos(dip), np.zeros(HEADINGS)
     fields = np.stack([level * np.cos(heading), -level * np.sin(heading), np.full(HEADINGS, np.sin(dip))])
-    return heading, fields if down is None else upright(down) @ fields
+    across = np.stack([np.sin(heading), np.cos(heading), zeros]) / level
+    for array in (heading, fields, across):
+        array.flags.writeable = False
+    return heading, fields, across
 
 
 def upright(down: Floats) -> Floats:
@@ -309,9 +332,11 @@ def upright(down: Floats) -> Floats:
 
 def _level_fields(dip_deg: float, down: Floats | None) -> tuple[Floats, Floats]:
     """(3, 72) horizontal vectors, an error along which is one of heading, and (3, 72) the fields of a level turn."""
-    heading, directions = level_turn(dip_deg, down)
-    across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / np.cos(np.deg2rad(dip_deg))
-    return across if down is None else upright(down) @ across, directions
+    _, directions, across = _turn_at(float(dip_deg))
+    if down is None:
+        return across, directions
+    turn = upright(down)
+    return turn @ across, turn @ directions
 
 
 def _tilts(angle: float, down: Floats | None) -> Floats:

@@ -179,7 +179,8 @@ class Fit:
     bias_deg : float
         Heading error (rms) that the method's own bias and misfit cost, as far as the readings show; in the covariance.
     distortion : float
-        Standard deviation of what belongs to the direction and no ellipsoid takes off, in the calibration's unit.
+        Standard deviation of what belongs to the direction and no ellipsoid takes off, in the calibration's unit;
+        `structure_deg` of it is in the heading error.
     drift : Drift, optional
         Where the recording is one and long enough.
     repeats : Repeats, optional
@@ -237,14 +238,24 @@ class Fit:
 
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
-        return tilted_error(self.ellipsoid, self.covariance, dip_deg=self.heading_error_deg.dip_deg, tilt_deg=tilt_deg)
+        dip = self.heading_error_deg.dip_deg
+        error = tilted_error(self.ellipsoid, self.covariance, dip_deg=dip, tilt_deg=tilt_deg)
+        return error.beside(self.structure_deg)
+
+    @property
+    def structure_deg(self) -> float:
+        """Heading error (1 σ) from what belongs to the direction: as much across the field as it shows along it."""
+        level = np.cos(np.deg2rad(self.heading_error_deg.dip_deg))
+        return float(np.rad2deg(self.distortion / (self.ellipsoid.radius * level)))
 
     @property
     def attitude_limit_deg(self) -> float:
         """Tilt up to which the worst heading error is within the target: 0 where even level it is not, 180 for all."""
-        return attitude_limit_deg(
-            self.ellipsoid, self.covariance, dip_deg=self.heading_error_deg.dip_deg, limit_deg=self.target_deg
-        )
+        left = self.target_deg**2 - self.structure_deg**2
+        if left <= 0.0:
+            return 0.0
+        dip = self.heading_error_deg.dip_deg
+        return attitude_limit_deg(self.ellipsoid, self.covariance, dip_deg=dip, limit_deg=float(np.sqrt(left)))
 
     @property
     def uncorrected_heading_error_deg(self) -> HeadingError:

@@ -51,6 +51,7 @@ CODES: Final = {
     "time-back": "time goes back `number` times",
     "time-gap": "nothing was recorded for `number` seconds in one stretch",
     "skipped-rows": "`number` rows could not be used",
+    "typed-extremes": "no readings, only typed extremes: a turn that missed ends costs `number` degrees of heading",
     "axis-ratio": "the longest axis of the ellipsoid is `number` times the shortest",
     "field-strength": "the field found, `number` µT, is not one of the earth's",
     "mirrored-axes": "the axes mapping turns a right-handed frame into a left-handed one",
@@ -179,9 +180,9 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
         yield Finding(
             "coverage", "limits", hole, HOLE_DEG,
             f"directions up to {hole:.0f}° from any reading are unseen ({fit.coverage.fraction:.0%} of the sphere was "
-            f"covered): {attitudes(fit)}; for all attitudes {movement(fit)}",
+            f"covered): {attitudes(fit)}; to be sure of all attitudes, {movement(fit)}",
         )  # fmt: skip
-    share = fit.noise / fit.calibration.field_strength
+    share = fit.noise / fit.ellipsoid.radius
     if share > NOISE_LIMITS:
         yield Finding(
             "noise", "limits" if share <= NOISE_REFUSES else "refuses", share, NOISE_LIMITS,
@@ -238,17 +239,18 @@ def _change(fit: Fit) -> Iterator[Finding]:
     if drift is not None and drift.p_value < CHANGED and drift.heading_deg > CHANGED_SHARE * target:
         moved = float(np.linalg.norm(drift.offset))
         yield Finding(
-            "field-changed", "limits" if drift.heading_deg > target else "note", drift.heading_deg, target,
+            "field-changed", _graded(drift.heading_deg, target, REFUSED_AT * target), drift.heading_deg, target,
             f"the offset changed by {figures(moved)} {label(fit.calibration.unit)} from the beginning of the recording "
             f"to its end, {figures(drift.heading_deg)}° of heading: keep currents and everything magnetic as they "
             "will be, let the sensor warm up, and record again",
         )  # fmt: skip
-    share = fit.distortion / fit.calibration.field_strength
+    share = fit.distortion / fit.ellipsoid.radius
     if share > STRUCTURE:
         yield Finding(
-            "structure", "note", share, STRUCTURE,
-            f"{share:.1%} of the field belongs to the direction and no ellipsoid takes it off (a sensor that is not "
-            "linear, or a field that is not the same everywhere); the heading error allows for it",
+            "structure", "limits" if fit.structure_deg > target else "note", share, STRUCTURE,
+            f"{share:.1%} of the field belongs to the direction and no ellipsoid takes it off, "
+            f"{figures(fit.structure_deg)}° of heading, which the heading error allows for: the sensor is not linear, "
+            "near the end of its range, or the field not the same everywhere; record away from iron, check the range",
         )  # fmt: skip
 
 
@@ -347,9 +349,9 @@ def _recording(health: Health) -> Iterator[Finding]:
 
 
 def _is_wide(ends: Lows, extent: Floats, axis: int) -> bool:
-    """Whether readings at the end of an axis lie far apart along the other two, as at a rail."""
+    """Whether readings at the end of an axis that does change lie far apart along the other two, as at a rail."""
     others = [other for other in range(3) if other != axis]
-    return bool(np.all(ends.beside[axis, others] > RAIL_WIDTH * extent[others]))
+    return bool(extent[axis] > 0.0 and np.all(ends.beside[axis, others] > RAIL_WIDTH * extent[others]))
 
 
 def _time(health: Health) -> Iterator[Finding]:
@@ -398,7 +400,7 @@ def _shape(fit: Corrected) -> Iterator[Finding]:
             "axis-ratio", "limits", ratio, AXIS_RATIO,
             f"one axis reads {figures(ratio)} times as much as another: check the axes' gains and the columns",
         )  # fmt: skip
-    strength, known = fit.calibration.field_strength, fit.calibration.field_strength_known
+    strength, known = fit.ellipsoid.radius, fit.calibration.field_strength_known
     if fit.calibration.unit == MICROTESLA and not known and not EARTH_UT[0] <= strength <= EARTH_UT[1]:
         yield Finding(
             "field-strength", "note", strength, EARTH_UT[0] if strength < EARTH_UT[0] else EARTH_UT[1],
@@ -445,10 +447,12 @@ def remedy(fit: Fit) -> str:
 
 def movement(fit: Fit) -> str:
     """Say which way to turn the sensor next: where readings would tell most, or all round where none tells more."""
+    if fit.method == LEVEL:
+        return "turn it all the way round, more than once, keeping it level"
     advice = advised(fit)
     if advice.after_deg > (1.0 - WORTH_IT) * advice.worst_deg:
         return "record for longer while turning through all directions, away from iron and currents"
-    return advice.words("sensor")
+    return advice.words("sensor").replace("hold it", "hold the sensor", 1)
 
 
 def advised(fit: Fit) -> Guidance:

@@ -43,9 +43,10 @@ def session(*lines: str, code: int = 0) -> str:
     return shown
 
 
-def record(name: str, motion: str) -> None:
-    """Write a simulated recording."""
-    lines = [",".join(f"{value:.3f}" for value in row) for row in simulate.tumble(seed=2, motion=motion).samples.field]
+def record(name: str, motion: str, *, axes: tuple[int, int, int] = (0, 1, 2)) -> None:
+    """Write a simulated recording, its axes in another order where the sensor is mounted so."""
+    field = simulate.tumble(seed=2, motion=motion).samples.field[:, axes]
+    lines = [",".join(f"{value:.3f}" for value in row) for row in field]
     Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
 
 
@@ -101,9 +102,20 @@ def test_a_report_in_plain_words(golden: Golden) -> None:
     golden("cli/report.txt", dated)
 
 
+def test_a_calibration_of_a_level_turn(golden: Golden) -> None:
+    record("boat.csv", "level")
+    golden("cli/level.txt", session("flinders calibrate boat.csv -o calibration.json", code=3))
+
+
 def test_a_refused_calibration(golden: Golden) -> None:
-    record("table.csv", "level")
+    """Turned about the vertical with its x axis down."""
+    record("table.csv", "level", axes=(2, 0, 1))
     golden("cli/refused.txt", session("flinders calibrate table.csv -o calibration.json", code=4))
+
+
+def test_six_typed_numbers(golden: Golden) -> None:
+    line = "flinders calibrate --minmax -157,98,-123,124,-109,101 --option variant=largest -o calibration.json"
+    golden("cli/minmax.txt", session(line, code=3))
 
 
 def test_an_error(golden: Golden) -> None:

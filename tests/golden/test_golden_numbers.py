@@ -13,7 +13,19 @@ import numpy.testing as npt
 import pytest
 
 import flinders
-from flinders.estimators import Algebraic, Consistent, Estimator, Li, Likelihood, Readings, Sphere, fit_error
+from flinders.estimators import (
+    Algebraic,
+    Consistent,
+    Constrained,
+    Estimator,
+    Li,
+    Likelihood,
+    MinMax,
+    Readings,
+    Sphere,
+    fit_error,
+)
+from flinders.extremes import from_extremes
 from flinders.simulate import hemisphere
 
 if TYPE_CHECKING:
@@ -65,6 +77,7 @@ def test_the_data_set_is_the_one_the_table_was_made_from() -> None:
         (LI4, 0.5, False, "19.965705 119.987385 90.035983", 52.61706),
         (NXP, 0.5, False, "19.965673 119.988251 90.027549", 52.61706),
         (Sphere(), 0.5, False, "19.980117 119.964560 90.030444", 53.95222),
+        (Constrained("eye"), 0.5, False, "19.980117 119.964560 90.030444", 53.95222),
         (OLS, 2.0, False, "19.869895 119.942991 90.147517", 52.66372),
         (ALS, 2.0, False, "19.869996 119.942313 90.147129", 52.50666),
         (SAMPSON, 2.0, False, "19.892375 119.923749 90.120863", 52.57790),
@@ -128,7 +141,9 @@ def test_the_uncertainty_of_the_offset_is_that_of_the_table(
 
 
 @pytest.mark.parametrize("half", [False, True])
-@pytest.mark.parametrize("estimator", [OLS, ALS, SAMPSON, LI4, NXP, Li(), Algebraic(), Likelihood()], ids=repr)
+@pytest.mark.parametrize(
+    "estimator", [OLS, ALS, SAMPSON, LI4, NXP, Li(), Algebraic(), Likelihood(), Constrained()], ids=repr
+)
 def test_without_noise_every_row_is_exact(estimator: Estimator, half: bool) -> None:
     found = estimated(estimator, 0.0, half=half).ellipsoid
     npt.assert_allclose(found.centre, OFFSET, rtol=0, atol=1e-9)
@@ -171,11 +186,43 @@ def test_the_documented_example_of_matlabs_magcal() -> None:
     directions = np.random.default_rng(1).normal(size=(200, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     readings = directions * [30, 20, 50] + [-50, 20, 100]
-    for fit in (flinders.fit(readings, method="algebraic", normalisation="nxp"), flinders.fit(readings, method="axes")):
+    fits = [flinders.fit(readings, method="algebraic", normalisation="nxp"), flinders.fit(readings, method="axes")]
+    fits += [flinders.fit(readings, method="ellipsoid", radii=radii) for radii in ("sym", "diag", "auto")]
+    for fit in fits:
         calibration = fit.calibration
         assert calibration.field_strength == pytest.approx(31.0723, abs=5e-5)
         npt.assert_allclose(calibration.matrix, np.diag([1.03574, 1.55362, 0.62145]), atol=5.1e-6)
         npt.assert_allclose(calibration.offset, [-50, 20, 100], atol=1e-8)
+
+
+CAR: Final = np.array([[-157.0, 98.0], [-123.0, 124.0], [-109.0, 101.0]])
+"""Smallest and largest of x, y and z on the console of the robot car."""
+
+
+def car() -> Readings:
+    """Readings with these extremes, each axis at its ends while the others are in their middle."""
+    middle = CAR.mean(axis=1)
+    ends = [np.where(np.arange(3) == axis, CAR[axis, end], middle) for axis in range(3) for end in (0, 1)]
+    return Readings.of(np.array([*ends, middle + np.array([50.0, 50.0, 60.0])]))
+
+
+def test_the_console_of_the_robot_car() -> None:
+    """Xoff −29.5, 0.5, −4.0; Xsca 1.00, 1.03, 1.21."""
+    estimate = MinMax("largest").estimate(car())
+    assert estimate.strength == 127.5
+    npt.assert_array_equal(estimate.ellipsoid.centre, [-29.5, 0.5, -4.0])
+    npt.assert_array_equal((127.5 / estimate.ellipsoid.shape.diagonal()).round(2), [1.0, 1.03, 1.21])
+    typed = from_extremes(CAR.ravel(), variant="largest")
+    npt.assert_array_equal(typed.calibration.offset, [-29.5, 0.5, -4.0])
+    npt.assert_array_equal(typed.scale.round(2), [1.0, 1.03, 1.21])
+
+
+def test_the_cars_numbers_by_the_other_recipes() -> None:
+    """The mean of 127.5, 123.5 and 105 is 118.667; full range puts each end at ±½."""
+    mean, full = (from_extremes(CAR.ravel(), variant=variant).calibration for variant in ("mean", "full-range"))
+    assert mean.field_strength == pytest.approx(118.6667, abs=5e-5)
+    npt.assert_allclose(mean.matrix, np.diag([0.9307, 0.9609, 1.1302]), atol=5e-5)
+    npt.assert_allclose(full.apply(CAR.T), [[-0.5] * 3, [0.5] * 3], atol=1e-15)
 
 
 def flat_ellipsoid() -> Readings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ import flinders
 from flinders import simulate
 from flinders.errors import ArrayError, FitError
 from flinders.estimators import METHODS
+from flinders.samples import Joined, Samples
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -72,6 +74,9 @@ arrays_of_any_kind = st.one_of(
 )
 
 
+CLOUD = simulate.tumble(seed=1, motion="uniform", n=60).samples.field
+
+
 def attempt(field: Floats, method: str) -> Fit | None:
     """Fit; the errors of this package are an answer, and all others are not."""
     try:
@@ -80,8 +85,9 @@ def attempt(field: Floats, method: str) -> Fit | None:
         return None
 
 
-def test_eight_methods_are_tried() -> None:
-    assert len(METHODS) == 8
+def test_eleven_methods_are_tried() -> None:
+    assert len(METHODS) == 11
+    assert "level" in METHODS
 
 
 @given(arrays_of_any_kind, methods)
@@ -101,6 +107,39 @@ def test_any_finite_array_gives_a_fit_or_a_refusal(field: Floats, method: str) -
         assert fit.calibration.field_strength > 0
         assert repr(fit)
         assert fit.as_dict()["verdict"] == fit.verdict
+
+
+@pytest.mark.parametrize("method", ["auto", "level"])
+@given(arrays_of_any_kind)
+@example(np.full((12, 3), 7.0))
+@example(np.ones((12, 3)) * [1.0, 1.0, 1e300])
+@settings(max_examples=150)
+def test_any_finite_array_gives_a_level_turn_or_a_refusal(method: str, field: Floats) -> None:
+    """Laid flat, anything at all."""
+    for height in (0.0, 1.0):
+        laid = field * [1.0, 1.0, 0.0] + [0.0, 0.0, height]
+        fit = attempt(laid, method)
+        assert fit is None or fit.verdict == "limited"
+        assert fit is None or np.isfinite(fit.covariance).all()
+
+
+@given(arrays_of_any_kind, arrays_of_any_kind, methods)
+@example(np.zeros((0, 3)), np.zeros((0, 3)), "auto")
+@example(CLOUD, CLOUD, "auto")
+@example(CLOUD, CLOUD[:1] * np.ones((30, 1)), "auto")
+@example(CLOUD, 1e200 * CLOUD, "auto")
+@example(CLOUD * [1.0, 1.0, 1e-9], CLOUD * [1.0, 1.0, 1e-9] + 3.0, "level")
+@settings(max_examples=300)
+def test_any_two_finite_arrays_give_a_fit_or_a_refusal(one: Floats, other: Floats, method: str) -> None:
+    """As recordings of one sensor, held against each other."""
+    try:
+        fit = flinders.fit(Joined((Samples.of(one), Samples.of(other))), method=method)
+    except (FitError, ArrayError):
+        return
+    assert fit.verdict in ("good", "limited")
+    assert np.isfinite(fit.covariance).all()
+    assert fit.repeats is None or np.isfinite([part.off_deg for part in fit.repeats.parts]).all()
+    assert json.dumps(fit.as_dict(), allow_nan=False)
 
 
 @given(flat(), methods)

@@ -90,7 +90,8 @@ def test_the_inverse_of_the_inverse_has_the_same_numbers(calibration: Calibratio
 @given(calibrations(), calibrations(), readings)
 def test_a_product_applies_one_after_the_other(b: Calibration, a: Calibration, raw: Floats) -> None:
     close((b @ a).apply(raw), b.apply(a.apply(raw)))
-    assert (b @ a).rotation == "composed"
+    if not (a.is_identity or b.is_identity):
+        assert (b @ a).rotation == "composed"
     assert ((b @ a).raw, (b @ a).axes) == (a.raw, a.axes)
     assert (b @ a).field_strength == b.field_strength
 

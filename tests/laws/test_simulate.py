@@ -12,7 +12,19 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders import simulate
-from flinders.simulate import MOTIONS, Sensor, Simulated, angle_error_deg, tumble
+from flinders.simulate import (
+    MOTIONS,
+    Disturbance,
+    MotorCurrent,
+    PassingMagnet,
+    Sensor,
+    Simulated,
+    Step,
+    ThermalDrift,
+    angle_error_deg,
+    tumble,
+)
+from flinders.simulate.truth import Truth, dumps, loads
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -35,6 +47,19 @@ def sensors(draw: st.DrawFn) -> Sensor:
 @st.composite
 def recordings(draw: st.DrawFn) -> Simulated:
     return tumble(draw(seeds), motion=draw(motions), n=draw(counts), outliers=draw(st.floats(0, 1)))
+
+
+@st.composite
+def disturbances(draw: st.DrawFn) -> list[Disturbance]:
+    """Some of all kinds, in any order, of any strength."""
+    strengths, shares = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
+    kinds = st.one_of(
+        st.builds(MotorCurrent, strengths),
+        st.builds(ThermalDrift, strengths, kelvin=st.floats(-30, 30)),
+        st.builds(Step, strengths, at=shares),
+        st.builds(PassingMagnet, strengths, at=shares, seconds=st.floats(0.01, 10.0)),
+    )
+    return draw(st.lists(kinds, max_size=4))
 
 
 def assert_rotations(matrices: Floats) -> None:
@@ -173,3 +198,29 @@ def test_without_its_rotation_a_perfect_correction_has_no_error(sensor: Sensor, 
     corrected = simulate.fibonacci(400) @ sensor.rotation.T
     angles = np.degrees(np.arccos(np.clip(np.sum(corrected * simulate.fibonacci(400), axis=1), -1, 1)))
     assert left == pytest.approx(np.sqrt(np.mean(angles**2)), abs=1e-5)
+
+
+@given(seeds, motions, counts, disturbances(), st.floats(0, 1))
+def test_disturbances_add_to_the_readings_and_touch_nothing_else(
+    seed: int, motion: str, n: int, several: list[Disturbance], held: float
+) -> None:
+    plain = tumble(seed, motion=motion, n=n, held=held)
+    disturbed = tumble(seed, motion=motion, n=n, held=held, disturbances=several)
+    assert_same(disturbed, tumble(seed, motion=motion, n=n, held=held, disturbances=several))
+    npt.assert_array_equal(disturbed.directions, plain.directions)
+    shift = np.zeros((n, 3)) if disturbed.shift is None else disturbed.shift
+    npt.assert_allclose(disturbed.samples.field, plain.samples.field + shift, atol=1e-9)
+    assert len(disturbed.samples) == n
+    for column, kind in ((disturbed.samples.current, MotorCurrent), (disturbed.samples.temperature, ThermalDrift)):
+        assert (column is not None) == any(isinstance(one, kind) for one in several)
+
+
+@given(sensors(), seeds, st.floats(0.1, 1000.0), st.floats(-90, 90))
+def test_a_truth_is_read_as_it_was_written(sensor: Sensor, seed: int, strength: float, dip_deg: float) -> None:
+    written = Truth.of(tumble(seed, n=3, sensor=sensor, field_strength=strength, dip_deg=dip_deg))
+    assert loads(dumps(written)) == written
+
+
+@given(arrays(np.float64, (5, 3), elements=st.floats(-1.8, 1.8)))
+def test_rotation_vectors_are_the_inverse_of_turns(vectors: Floats) -> None:
+    npt.assert_allclose(simulate.rotation_vectors(simulate.turns(vectors)), vectors, atol=1e-7)

@@ -64,6 +64,12 @@ def ring(n: int = 200) -> str:
     return rows(50 * (np.outer(np.cos(angle), across[0]) + np.outer(np.sin(angle), across[1])) + [10, 20, 30] + noise)
 
 
+def level_turn(n: int = 200) -> str:
+    """A sensor turned about its z axis, which reads the same all the time."""
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    return rows(np.stack([25 * np.cos(angle) + 10, 25 * np.sin(angle) + 20, np.full(n, 43.0)], axis=1))
+
+
 def zipped(text: str) -> bytes:
     """A ZIP archive with a recording in it."""
     file = BytesIO()
@@ -118,6 +124,13 @@ ODD: dict[str, Odd] = {
     "a ring in a plane": Odd(REFUSED, "turn the sensor", ring()),
     "a ring in a plane, as a sphere": Odd(REFUSED, "turn the sensor", ring(), "calibrate odd.csv --method sphere"),
     "noise without a field": Odd(REFUSED, "off the ellipsoid", rows(GAUSS)),
+    "a z that is stuck": Odd(REFUSED, "z = 7. Check the wiring", rows(GAUSS * [1, 1, 0] + [0, 0, 7])),
+    "a level turn of which z is stuck": Odd(REFUSED, "The method 'level' fits x and y", level_turn()),
+    "two recordings that contradict each other": Odd(
+        REFUSED, "is not chance: something magnetic changed", rows(np.add(TUMBLE.samples.field, [9, 0, 0])),
+        "calibrate good.csv odd.csv --unit uT",
+    ),
+    "level turns without a prior": Odd(USAGE, "prior", words="calibrate odd.csv --method level --prior none"),
     "numbers of 1e300": Odd(REFUSED, "not those of a magnetometer", rows(GAUSS * 1e300)),
     "numbers of 1e150": Odd(REFUSED, "not those of a magnetometer", rows(GAUSS * 1e150)),
     "numbers of 1e-300": Odd(REFUSED, "not those of a magnetometer", rows(GAUSS * 1e-300)),
@@ -259,7 +272,7 @@ def judged(odd: Odd, code: int, out: str, err: str) -> None:
 
 
 def test_the_table_is_long_enough() -> None:
-    assert len(ODD) >= 45
+    assert len(ODD) >= 60
 
 
 @pytest.mark.parametrize("name", ODD)

@@ -131,7 +131,7 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     assert set(found) - set(promised) == {
         "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
         "bias_deg", "held", "unseen", "samples", "independent_samples", "strays", "distortion", "drift", "repeats",
-        "covariance",
+        "covariance", "tilted_heading_error_deg", "attitude_limit_deg",
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])
     assert {"rms", "worst"} <= set(found["heading_error_deg"])
@@ -298,14 +298,14 @@ def test_force_overwrites(home: Path) -> None:
 
 
 def test_a_limited_fit_says_what_it_is_good_for_and_how_to_move_on(home: Path) -> None:
-    hemisphere = simulate.tumble(seed=5, motion="hemisphere").samples.field
-    Path("half.csv").write_text(text(hemisphere, header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
-    ended = flinders_("calibrate", "half.csv", "-o", "out.json")
+    tilted = simulate.tumble(seed=5, motion="tilted").samples.field
+    Path("deck.csv").write_text(text(tilted, header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
+    ended = flinders_("calibrate", "deck.csv", "-o", "out.json")
     shown = " ".join(ended.out.split())
     assert ended.code == 3
     assert re.search(r"LIMITED worst heading good to [\d.]+° \(1 σ; the target is 1°\), with these limits:", shown)
-    assert "good for attitudes like those recorded" in shown
-    assert "turn the sensor until its −z side points along the field" in shown
+    assert re.search(r"within 1° up to \d+° of tilt; [\d.]+° at (?:10|30|90)°, [\d.]+° upside down", shown)
+    assert re.search(r"to be sure of all attitudes, hold the sensor with [^:]* and turn it slowly once around", shown)
     assert Path("out.json").exists()
 
 
@@ -316,8 +316,8 @@ def test_a_refused_fit_says_why_and_how_to_move_and_shows_no_number_to_copy(home
     shown = " ".join(ended.err.split())
     assert (ended.code, ended.out) == (4, "")
     assert "REFUSED not fit for use, nothing was written" in shown
-    assert shown.count("turn the sensor until") == 1
-    assert "for all attitudes turn the sensor as above" in shown
+    assert shown.count("record for longer while turning through all directions") == 1
+    assert "to be sure of all attitudes, turn the sensor as above" in shown
     assert "matrix" not in shown
     assert not Path("out.json").exists()
 
@@ -328,8 +328,9 @@ def test_a_refused_fit_says_what_is_odd_about_the_recording_and_nothing_of_the_f
     rows[10:12] = ["nan,nan,nan,nan", "what?"]
     rows[20:30] = rows[29:19:-1]
     Path("table.csv").write_text("\n".join(["time_s,mx_uT,my_uT,mz_uT", *rows, ""]), encoding="utf-8")
-    shown = " ".join(flinders_("calibrate", "table.csv", "--method", "likelihood").err.split())
-    assert "REFUSED not fit for use, nothing was written 998 readings; likelihood ✗" in shown
+    shown = " ".join(flinders_("calibrate", "table.csv", "--method", "robust").err.split())
+    assert "REFUSED not fit for use, nothing was written" in shown
+    assert "998 readings; robust ✗ all readings lie in one plane" in shown
     assert "· left out: 1 not finite row (line 12: 'nan,nan,nan,nan'); 1 unreadable row (line 13: 'what?')" in shown
     assert "· time steps back 9 times" in shown
     assert "field strength" not in shown

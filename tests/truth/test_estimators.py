@@ -140,7 +140,7 @@ def test_an_asymmetric_truth_is_found_up_to_one_rotation(matrix: Floats) -> None
     npt.assert_allclose(rotation @ rotation.T, np.eye(3), atol=2e-3)
     finding = next(finding for finding in fit.findings if finding.code == "rotation-unknown")
     assert finding.severity == "note"
-    assert "cannot be known from a magnetometer alone" in finding.advice
+    assert "how the axes sit in the vehicle is unseen" in finding.advice
     assert fit.calibration.rotation == "symmetric"
 
 

@@ -38,15 +38,15 @@ SOUND: Final = [
     "jremington_icm20948/mag3_raw.csv",
     "jremington_mpu9250/mag.txt",
     "michaelwro_fxos8700/mag-readings.txt",
-    "pichim_betaflight/20231008_apex5_mag_gyro_dedup.csv",
     "pichim_betaflight/20231014_apex5_mag_on_tpu_02.csv",
     "pichim_betaflight/20231015_ctzsnooze_PR_Cal_3.csv",
     "pichim_betaflight/CalCareful_2282320.csv",
     "sunsided_hmc5883l/full-sphere.csv",
 ]
 HONEST: Final = {
-    # Good but for this: not enough that is independent for one degree, or too much that does not belong.
+    # Good but for this: not enough that is independent for one degree, too much that does not belong, or a change.
     "jremington_icm20948/icm_20948_cal_mag.csv": {"heading-error"},  # 300 readings that hang together
+    "pichim_betaflight/20231008_apex5_mag_gyro_dedup.csv": {"field-changed"},  # its halves differ by 2.4° of heading
     "uutzinger_gearvr/Officemag.txt": {"strays"},  # its last 1,700 readings and others, up to a quarter of the field
     "uutzinger_gearvr/mag_data.txt": {"few-samples"},
 }

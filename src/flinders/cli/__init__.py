@@ -7,7 +7,21 @@ from __future__ import annotations
 
 import click
 
-from flinders.cli import apply, calibrate, check, compare, demo, merge, methods
+from flinders.cli import (
+    apply,
+    budget,
+    calibrate,
+    check,
+    compare,
+    demo,
+    evaluate,
+    export,
+    heading,
+    merge,
+    methods,
+    simulate,
+    swing,
+)
 from flinders.cli._program import EXIT_CODES, Program
 
 main = Program(
@@ -22,9 +36,15 @@ main = Program(
     commands=[
         calibrate.command,
         apply.command,
+        heading.command,
+        swing.command,
         check.command,
         compare.command,
         merge.command,
+        export.command,
+        budget.command,
+        simulate.command,
+        evaluate.command,
         demo.command,
         methods.command,
     ],

@@ -79,7 +79,7 @@ def _told(error: FlindersError, *, as_json: bool) -> int:
         print_fit(fit, err=True)
     else:
         message = " ".join(str(error).splitlines())
-        say(f"{'refused' if isinstance(error, FitError) else 'error'}: {message}")
+        say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {message}")
     if as_json:
         with contextlib.suppress(OSError):
             print_json(_as_dict(error))
@@ -90,7 +90,8 @@ def _as_dict(error: FlindersError) -> dict[str, Any]:
     """The error as a result: a refusal has the keys of a fit, with null where there is none."""
     told: dict[str, Any] = {"code": error.code, "message": str(error), "exit_code": error.exit_code}
     if not isinstance(error, FitError):
-        return {"error": told}
+        evidence = getattr(error, "evidence", None)
+        return {"error": told if evidence is None else {**told, "evidence": dict(evidence)}}
     fit = getattr(error, "fit", None)
     fields = fit.as_dict() if fit else {**dict.fromkeys(FIT_KEYS), "verdict": "refused", "findings": []}
     return {**fields, "error": {**told, "evidence": dict(error.evidence)}}

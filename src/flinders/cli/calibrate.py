@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _extremes, _options
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._sources import saying_what_was_skipped, sha256
 from flinders.cli._talk import print_fit, print_json, progress, say
@@ -34,9 +34,10 @@ def _spread(value: str) -> float | str:
 Example:
   flinders calibrate tumble.csv -o calibration.json
   flinders calibrate monday.csv tuesday.csv --columns mx,my,mz --unit mG -o calibration.json
+  flinders calibrate tumble.csv --method minmax --option variant=largest
 """,
 )
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.argument("recordings", nargs=-1, metavar="RECORDING...")
 @click.option(
     "-o", "--output", metavar="FILE",
     help="Calibration file to write, or - for standard output; without it nothing is written.",
@@ -46,6 +47,14 @@ Example:
     help="Also write a page of plain words for those who will use the compass, or - for standard output.",
 )  # fmt: skip
 @click.option("--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.")
+@click.option(
+    "--option", "method_options", multiple=True, metavar="NAME=VALUE",
+    help="An option of the method, as `flinders methods` lists them; may be given several times.",
+)  # fmt: skip
+@click.option(
+    "--minmax", metavar="X0,X1,Y0,Y1,Z0,Z1",
+    help="Smallest and largest reading of each axis, typed in place of a recording.",
+)  # fmt: skip
 @click.option(
     "--field-strength", type=_options.positive, metavar="F",
     help="Strength of the field at the site, in µT (in counts for a recording in counts).",
@@ -74,6 +83,8 @@ def command(
     as_json: bool,
     prior: float | str | None,
     robust: bool,
+    method_options: tuple[str, ...],
+    minmax: str | None,
     **options: Any,
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
@@ -90,7 +101,20 @@ def command(
         options["prior"] = None if prior == "none" else prior
     if robust:
         options["robust"] = True
+    if minmax is not None:
+        return _extremes.calibrate(
+            minmax,
+            recordings=recordings,
+            method_options=method_options,
+            output=output,
+            force=force,
+            as_json=as_json,
+            options={**options, "report": report},
+        )
+    if not recordings:
+        raise click.MissingParameter(param_hint="'RECORDING...'", param_type="argument")
     _check(recordings, options)
+    _add(options, method_options)
     _check_outputs(recordings, output, report, force=force, as_json=as_json)
     reading = {name: options.pop(name) for name in ("columns", "unit", "scale", "axes")}
     with progress("reading") as watch:
@@ -137,6 +161,26 @@ def _check(recordings: tuple[str, ...], options: dict[str, Any]) -> None:
     if options["unit"]:
         Unit.of(options["unit"], options["scale"])
     _options.refuse_twice(recordings)
+
+
+def _add(options: dict[str, Any], words: tuple[str, ...]) -> None:
+    """Add the options of the method itself.
+
+    Raises
+    ------
+    UsageError
+        For those that the method has not, values that it cannot take, or what another option says already.
+    """
+    from flinders.cli._method_options import parsed
+    from flinders.estimators import METHODS
+
+    method = METHODS[options["method"]]
+    own = parsed(words, method)
+    twice = [name for name in own if name in options]
+    if twice:
+        raise UsageError(f"--{twice[0]} and --option {twice[0]} say the same: give one of them")
+    method(**own)
+    options.update(own)
 
 
 def _check_outputs(

@@ -11,7 +11,7 @@ from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._talk import print_fit, print_json, say
 
 if TYPE_CHECKING:
-    from flinders.samples import Samples
+    from flinders.simulate import Simulated
 
 
 @click.command(
@@ -35,8 +35,7 @@ def command(seed: int, path: str | None, target_deg: float, dip_deg: float, forc
 
     simulated = tumble(seed=seed, dip_deg=dip_deg)
     if path:
-        _write(path, simulated.samples, force=force)
-        say(f"the recording is in {path}")
+        _write(path, simulated, force=force)
     say(f"simulated: {len(simulated.samples):,} readings in a minute of tumbling, hard and soft iron, 0.5 µT of noise")
     found = fit(simulated.samples, target_deg=target_deg, dip_deg=dip_deg)
     error = angle_error_deg(found.calibration.matrix, found.calibration.offset, simulated)
@@ -48,12 +47,13 @@ def command(seed: int, path: str | None, target_deg: float, dip_deg: float, forc
     return GOOD if found.verdict == "good" else LIMITED
 
 
-def _write(path: str, samples: Samples, *, force: bool) -> None:
-    """Write the recording the way a logger would."""
-    import numpy as np
+def _write(path: str, simulated: Simulated, *, force: bool) -> None:
+    """Write the recording the way a logger would, and what is true of it beside it."""
+    from flinders.files import refuse_existing
+    from flinders.simulate import truth, write_csv
 
-    from flinders.files import replacing
-
-    with replacing(path, force=force) as file:
-        file.write("time_s,mag_x_uT,mag_y_uT,mag_z_uT\n")
-        np.savetxt(file, np.column_stack([np.asarray(samples.time), samples.field]), fmt="%.3f", delimiter=",")
+    beside = truth.beside(path)
+    refuse_existing(beside, force=force)
+    write_csv(simulated.samples, path, force=force)
+    truth.write(truth.Truth.of(simulated), beside, force=force)
+    say(f"the recording is in {path}, the truth in {beside}")

@@ -24,15 +24,17 @@ ELLIPSOID: Final = 9
 Example:
   flinders methods
   flinders calibrate --method sphere tumble.csv
+  flinders calibrate --method ellipsoid --option radii=xy tumble.csv
 """,
 )
 @_options.as_json
 def command(as_json: bool) -> None:
     """List the methods of estimation and when to use each."""
+    from flinders.cli._method_options import listed
     from flinders.estimators import METHODS
 
     if as_json:
-        print_json({name: _as_dict(method) for name, method in METHODS.items()})
+        print_json({name: {**_as_dict(method), "options": listed(method)} for name, method in METHODS.items()})
         return
     from rich import box
     from rich.table import Table
@@ -43,7 +45,9 @@ def command(as_json: bool) -> None:
     table.add_column("readings,\nat least", justify="right")
     table.add_column("when to use it")
     for name, method in METHODS.items():
-        table.add_row(name, *map(str, _as_dict(method).values()))
+        parameters, least, use = _as_dict(method).values()
+        options = [f"option {option}: {', '.join(values)}" for option, values in listed(method).items()]
+        table.add_row(name, str(parameters), str(least), "\n".join([str(use), *options]))
     click.echo(drawn(table, sys.stdout))
 
 

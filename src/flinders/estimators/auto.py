@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from flinders.estimators.consistent import Consistent
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import Robust, asks_for_it
+from flinders.heading import level_error
 from flinders.terms import prior
+from flinders.terms.support import NEARLY_FLAT_NOISE
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -22,13 +24,22 @@ if TYPE_CHECKING:
 TRIMS, TRIMMED = 3, 0.03
 """Of readings among which there are strays, the share that is left out and how often, to see whether they are flat."""
 
+FEWEST_LEFT: Final = 20
+"""Readings that have to be left for that."""
+
+THICK: Final = np.inf
+"""Noise for which all readings are flat that can be a level turn at all."""
+
+MUCH_BETTER: Final = 5.0
+"""Times smaller a claim that takes readings for a level turn which stand out of their plane by more than noise."""
+
 
 @dataclass(frozen=True, slots=True)
 class Auto:
     """Likelihood from a consistent start; robust where residuals ask for it; consistent where there are only sums.
 
     Minimises what `Likelihood` minimises, over all readings or, as `Robust`, over those that belong together; of a
-    level turn, what `Level` does.
+    level turn, what `Level` does, and of one that is nearly level whichever claims the smaller level heading error.
 
     Use it unless there is a reason not to. The estimate names what was run.
 
@@ -83,26 +94,34 @@ class Auto:
         NeedsSamples
             If only sums were given, and `robust` or a prior of its own was asked for: neither works on sums.
         """
+        if readings.recording is None and not self.robust:
+            return self._from_sums(readings)
+        level = Level(self.prior, self.dip_deg) if self.prior is not None and _can_be_level(readings) else None
+        if level is not None and is_level(readings.summary.moments.covariance, noise=0.0):
+            return level.estimate(readings)
+        found = self._of_all_or_most(readings)
+        if level is None:
+            return found
+        # Of all readings, too: to an ellipsoid through a rest, the turn itself is astray.
+        covariances = readings.summary.moments.covariance, _covariance(readings, found)
+        if not any(is_level(one, THICK) for one in covariances):
+            return found
+        turned = level.estimate(readings)
+        if any(is_level(one, found.noise) for one in covariances):
+            return turned
+        nearly = found.unseen > 0 or any(is_level(one, found.noise, within=NEARLY_FLAT_NOISE) for one in covariances)
+        much = 1.0 if nearly else MUCH_BETTER
+        return turned if much * self._claimed(turned) < self._claimed(found) else found
+
+    def _claimed(self, found: Estimate) -> float:
+        """Worst level heading error that an estimate claims, in degrees."""
+        return level_error(found.ellipsoid, found.covariance, dip_deg=self.dip_deg).worst
+
+    def _of_all_or_most(self, readings: Readings) -> Estimate:
+        """Fit all readings; the majority alone where that is asked for, or their residuals ask and there is one."""
         if self.robust:
             return Robust(prior=self.prior).estimate(readings)
-        if readings.recording is None:
-            return self._from_sums(readings)
-        level = self._level(readings, readings.summary.moments.covariance, noise=0.0)
-        if level is not None:
-            return level.estimate(readings)
-        found = self._without_strays(readings, Likelihood(prior=self.prior).estimate(readings))
-        level = self._level(readings, _covariance(readings, found), found.noise)
-        return found if level is None else level.estimate(readings)
-
-    def _level(self, readings: Readings, covariance: Floats, noise: float) -> Level | None:
-        """What fits a level turn, where this is one and a prior holds what it leaves open."""
-        can_be_level = len(readings) >= Level.unknowns and readings.are_in_scale
-        if self.prior is None or not can_be_level or not is_level(covariance, noise):
-            return None
-        return Level(self.prior, self.dip_deg)
-
-    def _without_strays(self, readings: Readings, found: Estimate) -> Estimate:
-        """Fit the majority alone, where the residuals of a fit to all ask for it and there is one."""
+        found = Likelihood(prior=self.prior).estimate(readings)
         if len(readings) < Robust.unknowns or not asks_for_it(readings, found.ellipsoid):
             return found
         try:
@@ -117,6 +136,13 @@ class Auto:
         return Consistent().estimate(readings)
 
 
+def _can_be_level(readings: Readings) -> bool:
+    """Enough readings of numbers that can be calculated with; an axis that never changes may be a broken one."""
+    if len(readings) < Level.unknowns or not readings.are_in_scale:
+        return False
+    return bool(readings.summary.health.extent.all())
+
+
 def _covariance(readings: Readings, found: Estimate) -> Floats:
     """(3, 3) of the readings about their mean; of strays, without those left out and the farthest from their plane.
 
@@ -125,6 +151,8 @@ def _covariance(readings: Readings, found: Estimate) -> Floats:
     if not found.strays:
         return readings.summary.moments.covariance
     field = readings.near(found.ellipsoid, found.rejected_beyond).thinned(ENOUGH)
+    if len(field) < FEWEST_LEFT:
+        return readings.summary.moments.covariance
     for _ in range(TRIMS):
         local = field - field.mean(axis=0)
         across = np.abs(local @ np.linalg.eigh(local.T @ local)[1][:, 0])

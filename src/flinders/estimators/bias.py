@@ -42,4 +42,7 @@ def with_bias(estimate: Estimate, readings: Readings) -> Estimate:
     chance = np.linalg.pinv(estimate.covariance + other.covariance, rcond=1e-12, hermitian=True)
     surprise = float(apart @ chance @ apart)
     bias = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise)) if surprise > 0.0 else np.zeros(9)
-    return replace(estimate, covariance=estimate.covariance + np.outer(bias, bias), bias=bias)
+    covariance = estimate.covariance + np.outer(bias, bias)
+    if other.unseen:  # where the readings leave it open, nobody knows how far off a method is
+        covariance = covariance + other.covariance
+    return replace(estimate, covariance=covariance, bias=bias)

@@ -61,12 +61,15 @@ SMOOTH: Final = np.deg2rad(30.0)
 SIGNIFICANT: Final = 2.0
 """Standard errors beyond which a correlation is one."""
 
+PROVEN: Final = 3.0
+"""The same for a distortion that belongs to directions: what is not there would cost the claim much."""
+
 MOST_FREEDOM: Final = 1.3
 """Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
 
 
-BLOCKS: Final = 16
-"""Blocks of a recording, put together to eight and to four, that tell what creeps."""
+BLOCKS: Final = 8
+"""Blocks of a recording, put together to four, that tell what creeps."""
 
 BY_CHANCE: Final = 0.02
 """Creeping that chance makes more often than this is not one."""
@@ -212,26 +215,20 @@ class Residuals:
         """Factor by which blocks of the recording scatter more than a scatter (9, 9) of the whole allows; at least 1.
 
         With gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, N and B of the whole, q = Σ gᵦᵀB⁻¹gᵦ has the mean
-        9 − Σ tr (N⁻¹Nᵦ)² about a fit, and twice that sum for its variance. Sixteen, eight and four
-        blocks are looked at; the largest q over its mean that chance does not explain counts.
+        9 − Σ tr (N⁻¹Nᵦ)² about a fit, and twice that sum for its variance. Eight and four blocks are
+        looked at; the largest q over its mean that chance does not explain counts.
         """
-        diagonal = np.diag(scatter)
-        told = diagonal > ROUNDING * float(diagonal.max())
-        scale = np.sqrt(diagonal[told])
-        rows, scatter = self.jacobian[:, told] / scale, scatter[np.ix_(told, told)]
+        values, vectors = _principal(scatter)
+        rows = self.jacobian @ (vectors / np.sqrt(values))  # in which B is the unit matrix
         blocks = np.array_split(np.arange(len(rows)), BLOCKS)
-        gradients = np.stack([rows[block].T @ self.distances[block] for block in blocks])
+        gradients = np.stack([self.distances[block] @ rows[block] for block in blocks])
         squares = np.stack([rows[block].T @ rows[block] for block in blocks])
-        inverse, precision = (
-            np.linalg.pinv(matrix, rcond=DEPENDENT, hermitian=True)
-            for matrix in (squares.sum(axis=0), scatter / np.outer(scale, scale))
-        )
-        rank = float(np.sum(inverse * squares.sum(axis=0)))
+        inverse = np.linalg.inv(squares.sum(axis=0))
         largest = 1.0
         while len(gradients) >= 4:
             shares = inverse @ squares
-            taken = float(np.einsum("bij,bji->", shares, shares))
-            found, expected = float(np.einsum("bi,ij,bj->", gradients, precision, gradients)), rank - taken
+            taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
+            found, expected = float(np.sum(gradients**2)), len(values) - taken
             if expected > 0.0 and chance_of(found * expected / taken, round(expected**2 / taken)) < BY_CHANCE:
                 largest = max(largest, found / expected)
             gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
@@ -244,16 +241,23 @@ def _not_below(scatter: Floats, white: Floats) -> Floats:
     An autocovariance that is cut off is not positive definite, and few independent readings make a noisy sum: in
     units of the white scatter no eigenvalue may be below one, or below a quarter of their mean.
     """
-    scale = np.sqrt(np.maximum(np.diag(white), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(white / np.outer(scale, scale))
-    known = values > 1e-12 * values[-1]
-    root = vectors[:, known] * np.sqrt(values[known])
-    inverse = vectors[:, known] / np.sqrt(values[known])
-    inflation, turned = np.linalg.eigh(inverse.T @ (scatter / np.outer(scale, scale)) @ inverse)
+    values, vectors = _principal(white)
+    inverse = vectors / np.sqrt(values)
+    inflation, turned = np.linalg.eigh(inverse.T @ scatter @ inverse)
     inflation = np.maximum(inflation, max(1.0, float(inflation.mean()) / 4.0))
-    spread = (root @ turned) * scale[:, np.newaxis]
+    spread = white @ inverse @ turned
     kept: Floats = spread * inflation @ spread.T
     return kept
+
+
+def _principal(matrix: Floats) -> tuple[Floats, Floats]:
+    """(k,) and (9, k): VᵀMV is diag(values) for a symmetric M, over the directions that rounding leaves of it."""
+    diagonal = np.diag(matrix)
+    told = diagonal > ROUNDING * float(diagonal.max())
+    scale = np.sqrt(np.where(told, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(np.where(np.outer(told, told), matrix, 0.0) / np.outer(scale, scale))
+    kept = values > DEPENDENT * values[-1]
+    return values[kept], vectors[:, kept] / scale[:, np.newaxis]
 
 
 def _quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:
@@ -312,7 +316,7 @@ class _Sphere:
         pairs = self._between_visits(at, 1.0 * np.bincount(visit))
         found = float(np.sum(cross / self.counts))
         noise = float(np.mean(residuals**2)) * time * np.sqrt(2.0 * float(np.sum(pairs / self.counts**2)))
-        if found <= SIGNIFICANT * noise:
+        if found <= PROVEN * noise:
             return 0.0
         expected = float(np.sum(pairs * self._left_over() / self.counts))
         return float(np.sqrt(found / expected)) if expected > 0.0 else 0.0

@@ -50,7 +50,10 @@ def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -
     scale[scale == 0.0] = 1.0
     rows /= scale
     distances = magnitude.distances(readings, ellipsoid)
-    inverse = np.linalg.pinv(rows.T @ rows, rcond=1e-9, hermitian=True)
+    try:
+        inverse = np.linalg.inv(rows.T @ rows)
+    except np.linalg.LinAlgError:  # time and direction are one and the same
+        return None
     found = inverse @ (rows.T @ distances)
     left = Residuals(distances - rows @ found, rows, [np.arange(len(readings))])
     autocovariance = left.autocovariance()

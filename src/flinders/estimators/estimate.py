@@ -50,6 +50,9 @@ class Estimate:
         Distance from the surface beyond which readings were left out, in their unit.
     strays : tuple of Stray
         All that was left out: `used` and their rows add up to the readings there were.
+    strength : float, optional
+        Length that the method gives to corrected readings where no field strength is known; None for that which
+        makes the determinant of the matrix 1.
     """
 
     ellipsoid: Ellipsoid
@@ -64,6 +67,7 @@ class Estimate:
     unseen: int = 0
     rejected_beyond: float = np.inf
     strays: tuple[Stray, ...] = ()
+    strength: float | None = None
 
 
 class Estimator(Protocol):

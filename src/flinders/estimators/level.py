@@ -13,7 +13,8 @@ from flinders.estimators.robust import SEED, Robust, asks_for_it
 from flinders.quadric import Ellipsoid
 from flinders.samples import Wrapped
 from flinders.terms import prior
-from flinders.terms.support import is_flat
+from flinders.terms.equations import ROUNDING
+from flinders.terms.support import FLAT_NOISE, is_flat
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,8 +28,10 @@ if TYPE_CHECKING:
 
 DRAWS: Final = 256
 SCORED: Final = 600
-THINNEST: Final = 1e-3
-"""Twice the area of a triangle of readings, in squares of their spread, that still tells where a circle is."""
+THINNEST: Final = 1e-12
+POINTS: Final = 7
+RIDGE: Final = np.diag([1e-3] * 2 + [1e-9] * 3)
+LONGEST_AXIS: Final = 5.0
 
 UPRIGHT: Final = np.cos(np.deg2rad(30.0))
 """The axis of a level turn is the sensor's z, to this angle; about another one x and y do not make a heading."""
@@ -94,7 +97,7 @@ class Level:
         TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `Readings.require`.
         NotAnEllipsoid
-            If the readings lie on one line.
+            If half of the readings are in one place.
         NeedsSamples
             If only sums were given.
         """
@@ -102,10 +105,10 @@ class Level:
         height = float(readings.summary.moments.mean[2])
         flat = readings.through(lambda recording: _Flat(recording, height))
         rng = np.random.default_rng(SEED)
-        circle = circle_start(flat.spread_out(flat.thinned(ENOUGH, self.name), rng), rng)
-        found = Likelihood(prior=self.prior).polish(flat, circle)
+        start = ellipse_start(flat.spread_out(flat.thinned(ENOUGH, self.name), rng), rng)
+        found = Likelihood(prior=self.prior).polish(flat, start)
         if len(flat) >= Robust.unknowns and asks_for_it(flat, found.ellipsoid):
-            found = Robust(prior=self.prior).majority(flat, circle_start)
+            found = Robust(prior=self.prior).majority(flat, ellipse_start)
         return self._raised(found)
 
     def _raised(self, flat: Estimate) -> Estimate:
@@ -125,14 +128,17 @@ class Level:
         )
 
 
-def is_level(covariance: Floats, noise: float) -> bool:
+def is_level(covariance: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
     """Whether readings of a (3, 3) covariance lie in one plane, but for noise, and that plane across z."""
     variances, axes = np.linalg.eigh(covariance)
-    return is_flat(variances.clip(min=0.0), noise) and abs(float(axes[2, 0])) > UPRIGHT
+    return is_flat(variances.clip(min=0.0), noise, within=within) and abs(float(axes[2, 0])) > UPRIGHT
 
 
-def circle_start(readings: Floats, rng: Generator) -> Ellipsoid:
-    """Least median of squares: of many circles through three readings each, the one that is nearest to half of all.
+def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
+    """Least median of squares: of many ellipses through seven readings each, the one that is nearest to half of all.
+
+    As `subset_start` in the plane: conics with tr Q = 2 and a slight pull towards the circle. A circle around the
+    readings where no seven of them lie on an ellipse.
 
     Parameters
     ----------
@@ -143,27 +149,52 @@ def circle_start(readings: Floats, rng: Generator) -> Ellipsoid:
     Raises
     ------
     NotAnEllipsoid
-        If no three readings lie on a circle.
+        If half of the readings are in one place.
     """
     some = readings if len(readings) <= SCORED else readings[rng.choice(len(readings), SCORED, replace=False)]
-    origin = some.mean(axis=0)
-    scale = float(np.sqrt(np.mean(np.sum((some - origin) ** 2, axis=1))))
-    points = (some[:, :2] - origin[:2]) / scale
-    first, second, third = np.moveaxis(points[rng.integers(len(points), size=(DRAWS, 3))], 1, 0)
-    a, b = second - first, third - first
-    twice = 2.0 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    sound = np.abs(twice) > THINNEST
-    if not sound.any():
+    origin = np.median(some, axis=0)
+    scale = float(np.median(np.linalg.norm(some - origin, axis=1)))
+    if scale == 0.0:
         raise NotAnEllipsoid((0.0, 0.0, 0.0), Level.name)
-    first, a, b, twice = first[sound], a[sound], b[sound], twice[sound]
-    squares = np.stack([np.sum(a * a, axis=1), np.sum(b * b, axis=1)])
-    arms = np.stack([b[:, 1] * squares[0] - a[:, 1] * squares[1], a[:, 0] * squares[1] - b[:, 0] * squares[0]], axis=1)
-    arms /= twice[:, np.newaxis]
-    radii = np.linalg.norm(arms, axis=1)
-    distances = np.abs(np.linalg.norm(points - (first + arms)[:, np.newaxis], axis=2) - radii[:, np.newaxis])
+    points = (some[:, :2] - origin[:2]) / scale
+    chosen = points[np.argsort(rng.random((DRAWS, len(points))), axis=1)[:, :POINTS]]
+    centres, inverses = _closed(_conics(chosen))
+    if not len(centres):  # a short arc
+        return Ellipsoid(origin, scale * np.eye(3))
+    y = np.matmul(inverses, (points - centres[:, np.newaxis]).transpose(0, 2, 1))
+    lengths = np.maximum(np.linalg.norm(y, axis=1), THINNEST)
+    steepness = np.linalg.norm(np.matmul(inverses, y), axis=1)
+    distances = np.abs(lengths - 1.0) * lengths / np.maximum(steepness, THINNEST)
     best = int(np.argmin(np.median(distances, axis=1)))
-    centre = np.append((first + arms)[best], 0.0)
-    return Ellipsoid(origin + scale * centre, scale * radii[best] * np.eye(3))
+    shape = np.zeros((3, 3))
+    shape[:2, :2] = np.linalg.inv(inverses[best])
+    shape[2, 2] = np.trace(shape) / 2.0
+    return Ellipsoid(origin + scale * np.append(centres[best], 0.0), scale * shape)
+
+
+def _conics(points: Floats) -> Floats:
+    """(H, 5) a, b, l₁, l₂, d of H conics (1 + a) x² + (1 − a) y² + 2 b x y + l·x + d through (H, K, 2) points."""
+    x, y = np.moveaxis(points, 2, 0)
+    rows = np.stack([x * x - y * y, 2.0 * x * y, x, y, np.ones_like(x)], axis=2)
+    transposed = rows.transpose(0, 2, 1)
+    normal = transposed @ rows + RIDGE
+    normal += ROUNDING * np.trace(normal, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(5)
+    found: Floats = np.linalg.solve(normal, -(transposed @ (x * x + y * y)[..., np.newaxis]))
+    return found[..., 0]
+
+
+def _closed(conics: Floats) -> tuple[Floats, Floats]:
+    """Centres (H, 2) and inverse shapes (H, 2, 2) of those conics that are ellipses of a sensible shape."""
+    a, b = conics[:, 0], conics[:, 1]
+    forms = np.stack([1.0 + a, b, b, 1.0 - a], axis=1).reshape(-1, 2, 2)
+    eigenvalues, vectors = np.linalg.eigh(forms)
+    sound = eigenvalues[:, 0] > LONGEST_AXIS**-2 * eigenvalues[:, 1]
+    eigenvalues, vectors, conics, forms = eigenvalues[sound], vectors[sound], conics[sound], forms[sound]
+    centres = -0.5 * np.linalg.solve(forms, conics[:, 2:4, np.newaxis])[..., 0]
+    levels = np.einsum("hi,hij,hj->h", centres, forms, centres) - conics[:, 4]
+    real = levels > THINNEST
+    roots = np.sqrt(eigenvalues[real] / levels[real, np.newaxis])
+    return centres[real], np.einsum("hij,hj,hkj->hik", vectors[real], roots, vectors[real])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

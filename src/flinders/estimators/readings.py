@@ -37,7 +37,7 @@ SMALLEST, LARGEST = 1e-12, 1e15
 FARTHEST: Final = 1000.0
 """Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
 
-STRETCHES, STRETCH = 20, 1024
+STRETCHES, STRETCH = 12, 1024
 """Stretches of consecutive readings, and readings in each, that tell how residuals hang together."""
 
 PER_CELL: Final = 4

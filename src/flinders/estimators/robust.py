@@ -49,6 +49,9 @@ TO_SIGMA: Final = 1.4826
 HEAVY_TAIL: Final = 1.2
 """Standard deviation from the squares over that from the median, 1 for normal residuals; chance gets 3/√N more."""
 
+PEAKED, PEAKED_ERRORS = 4.5, 8.0
+"""Kurtosis (3 is normal), and its standard errors above 3, from which on a tail is not that of noise."""
+
 FAR_OUT: Final = 6.5
 """Standard deviations: of 20,000 normal residuals one is that far off in one recording out of half a million."""
 
@@ -189,10 +192,11 @@ def rejection_limit(readings: Floats, ellipsoid: Ellipsoid) -> float:
 def asks_for_it(readings: Readings, ellipsoid: Ellipsoid) -> bool:
     """Whether the residuals of a fit to all readings call for a robust one.
 
-    They do where their tail is heavy, where one is far out, or where an ellipsoid through a few readings explains
-    the median reading clearly better: then strays have bent the fit towards themselves (masking). A bent fit leaves
-    residuals that are large or not of normal kurtosis, so only those are looked at twice. Of few
-    readings only one that is very far out is a stray: their median says little of their spread.
+    They do where their tail is heavy, by its spread or its kurtosis, where one is far out, or where an ellipsoid
+    through a few readings explains the median reading clearly better: then strays have bent the fit towards
+    themselves (masking). A bent fit leaves residuals that are large or not of normal kurtosis, so only those are
+    looked at twice. Of few readings only one that is very far out is a stray: their median says little of their
+    spread.
     """
     rng = np.random.default_rng(SEED)
     spread = readings.spread_out(readings.thinned(ENOUGH, Robust.name), rng)
@@ -205,7 +209,10 @@ def asks_for_it(readings: Readings, ellipsoid: Ellipsoid) -> bool:
     if square > ((HEAVY_TAIL + 3.0 / np.sqrt(len(spread))) * sigma) ** 2 or farthest > FAR_OUT * sigma:
         return True
     kurtosis = float(squares @ squares) / len(squares) / max(square * square, np.finfo(float).tiny)
-    is_normal = abs(kurtosis - 3.0) < NORMAL * np.sqrt(24.0 / len(squares))
+    error = float(np.sqrt(24.0 / len(squares)))
+    if kurtosis > max(PEAKED, 3.0 + PEAKED_ERRORS * error):
+        return True
+    is_normal = abs(kurtosis - 3.0) < NORMAL * error
     if is_normal and square < (QUIET * ellipsoid.radius) ** 2:
         return False
     try:

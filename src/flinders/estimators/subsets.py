@@ -8,6 +8,7 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid
 from flinders.quadric import Ellipsoid
+from flinders.terms.equations import ROUNDING
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -56,6 +57,8 @@ def subset_start(readings: Floats, rng: Generator, *, draws: int = DRAWS, scored
     some = readings if len(readings) <= scored else readings[rng.choice(len(readings), scored, replace=False)]
     origin = np.median(some, axis=0)
     scale = float(np.median(np.linalg.norm(some - origin, axis=1)))
+    if scale == 0.0:
+        raise NotAnEllipsoid((0.0, 0.0, 0.0))
     local = (some - origin) / scale
     chosen = local[np.argsort(rng.random((draws, len(local))), axis=1)[:, :POINTS]]
     centres, inverses = _closed(_quadrics(chosen))
@@ -72,7 +75,9 @@ def _quadrics(points: Floats) -> Floats:
     rows = np.stack([x * x - z * z, y * y - z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z, np.ones_like(x)], axis=2)
     squares = x * x + y * y + z * z
     transposed = rows.transpose(0, 2, 1)
-    found = np.linalg.solve(transposed @ rows + RIDGE, -(transposed @ squares[..., np.newaxis]))[..., 0]
+    normal = transposed @ rows + RIDGE
+    normal += ROUNDING * np.trace(normal, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(9)
+    found = np.linalg.solve(normal, -(transposed @ squares[..., np.newaxis]))[..., 0]
     a, b = found[:, 0], found[:, 1]
     return np.column_stack([1.0 + a, 1.0 + b, 1.0 - a - b, found[:, 2:]])
 

@@ -193,6 +193,24 @@ def wanted_places(columns: str, names: Sequence[str], width: int) -> tuple[int, 
     return places
 
 
+def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
+    """Take the accelerometer's columns from where the user says, as `wanted_places` those of the magnetometer.
+
+    Raises
+    ------
+    UsageError
+        Also where one of them is read as the magnetometer, or lines differ in length.
+    """
+    if not width:
+        raise UsageError(f"acceleration {asked!r}: lines differ in length, so that columns cannot be counted")
+    places = wanted_places(asked, names, width)
+    shown = tuple(names[place].strip() if names else str(place + 1) for place in places)
+    if taken := [name for name, place in zip(shown, places, strict=True) if place in columns.field.cells]:
+        raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see --columns")
+    others = tuple(column for column in columns.beside if column.kind != ACCELERATION)
+    return replace(columns, beside=(*others, Column(ACCELERATION, places, shown)))
+
+
 def _meaning(name: str, unit: str) -> Meaning:
     """Tell what a name says, together with the unit that stands below it."""
     found = meaning(name)

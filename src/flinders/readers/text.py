@@ -21,6 +21,7 @@ import numpy as np
 
 from flinders.axes import Axes
 from flinders.errors import UnitError, UnreadableInput
+from flinders.readers._columns import wanted_acceleration
 from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
@@ -87,12 +88,43 @@ class TextRecording:
             Where the file cannot be read to its end; at its end, where more than half of the lines that
             should be readings are not, or no reading is left.
         """
+        for _, samples in self.numbered_blocks():
+            yield samples
+
+    def numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
+        """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in.
+
+        Raises
+        ------
+        UnreadableInput
+            As `blocks`.
+        """
         pending: tuple[Skipped, ...] = ()
         for stretch in self._pass(self.layout.columns):
             pending = added(pending, stretch.left_out)
             if stretch.usable.any():
-                yield replace(self._samples(stretch), skipped=pending)
+                yield (
+                    np.asarray(stretch.rows.lines, float)[stretch.usable],
+                    replace(self._samples(stretch), skipped=pending),
+                )
                 pending = ()
+
+    def name_acceleration(self, columns: str) -> None:
+        """Say which columns are the accelerometer's, where their names do not or another is meant.
+
+        Parameters
+        ----------
+        columns : str
+            Three names, or numbers from 1, as those of the magnetometer.
+
+        Raises
+        ------
+        UsageError
+            For columns that there are not, or that are the magnetometer's.
+        """
+        layout = self.layout
+        known = wanted_acceleration(columns, layout.header, layout.columns, layout.grid.width)
+        self.layout = replace(layout, columns=known)
 
     def corrected_lines(self, correct: Callable[[Floats], Floats], *, add: bool = False) -> Iterator[str]:
         """Yield the lines of the file with corrected readings in place of the recorded ones.

@@ -17,11 +17,11 @@ import textwrap
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import counted, figures
-from flinders.report.text import degrees, matrix_entries, on_the_point, with_uncertainty
+from flinders.report.text import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
 from flinders.report.words import FINDINGS, REFUSALS
-from flinders.result import Fit, Refused
+from flinders.result import TILTS, Fit, Refused
 from flinders.units import label
-from flinders.verdict import HOLE_DEG, OF_THE_RECORDING, remedy, unseen_side
+from flinders.verdict import HOLE_DEG, LEVEL, OF_THE_RECORDING, UPSIDE_DOWN, remedy, unseen_side
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -110,7 +110,7 @@ def _what_was_found(fit: Fit) -> str:
         "limited": "The calibration can be used, with the limits that are named below.",
     }[fit.verdict]
     strength, spread = fit.uncorrected_strength
-    unit, field = label(fit.calibration.unit), fit.calibration.field_strength
+    unit, field = label(fit.calibration.unit), fit.ellipsoid.radius
     offset = math.hypot(*fit.calibration.offset)
     return (
         f"{verdict} What is magnetic near the sensor and turns with it, and its own zero error, add a field of "
@@ -137,12 +137,21 @@ def _how_far_off(fit: Fit) -> str:
 
 
 def _attitudes(fit: Fit) -> str:
-    seen = f"{fit.coverage.fraction:.0%}"
-    if fit.coverage.hole_deg <= HOLE_DEG:
-        return f"All of them: readings were taken in {seen} of all directions, and no large gap is left."
+    limit, target = fit.attitude_limit_deg, fit.target_deg
+    if limit >= UPSIDE_DOWN:
+        said = f"All of them: within the target of {target:g}° whichever way the vehicle is held."
+    else:
+        worse = (
+            f"At a tilt of {{:g}}° expect up to {{}}, and upside down {degrees(fit.tilted_error(UPSIDE_DOWN).worst)}."
+        )
+        tilt = next((tilt for tilt in TILTS if tilt > limit), UPSIDE_DOWN)
+        level = "Held level only." if limit < 1.0 else f"Within the target of {target:g}° up to {limit:.0f}° of tilt."
+        said = f"{level} {worse.format(tilt, degrees(fit.tilted_error(tilt).worst))}"
+    if fit.method == LEVEL or fit.coverage.hole_deg <= HOLE_DEG:
+        return said
     return (
-        f"Attitudes like those that were recorded, and no others: readings were taken in {seen} of all directions. The "
-        f"middle of what is missing is where the sensor's {unseen_side(fit.coverage)} points along the earth's field."
+        f"{said} Readings were taken in {fit.coverage.fraction:.0%} of all directions; the middle of what is missing "
+        f"is where the sensor's {unseen_side(fit.coverage)} points along the earth's field."
     )
 
 
@@ -170,7 +179,8 @@ def _numbers(fit: Fit) -> str:
     calibration = fit.calibration
     unit = label(calibration.unit)
     pairs = zip(calibration.offset, fit.offset_sigma, strict=True)
-    offsets = on_the_point([with_uncertainty(*pair) for pair in pairs])
+    finest = FINEST * calibration.field_strength
+    offsets = on_the_point([with_uncertainty(*pair, finest=finest) for pair in pairs])
     rows = zip(*map(on_the_point, zip(*matrix_entries(calibration.matrix), strict=True)), strict=True)
     lines = [
         "corrected = matrix * (raw - offset)",

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.errors import counted, figures
 from flinders.units import label
-from flinders.verdict import OF_THE_RECORDING, movement
+from flinders.verdict import LEVEL, OF_THE_RECORDING, UPSIDE_DOWN, movement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
 MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("·", "dim")}
+FINEST: Final = 2e-4
+"""Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
+
 DECIMALS: Final = 6
 """Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
@@ -45,8 +48,15 @@ def page(fit: Fit) -> RenderableType:
     return Group("", _verdict(fit), _findings(reasons, movement(fit)))
 
 
-def with_uncertainty(value: float, sigma: float) -> str:
-    """Write a number to the second digit of its standard deviation."""
+def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) -> str:
+    """Write a number to the second digit of its standard deviation, and to a multiple of `finest` at the least.
+
+    Errors of several numbers may cancel, as those of a level turn's offset and shape do: then each of them matters to
+    more digits than its own uncertainty says.
+
+    >>> with_uncertainty(-17.0318, 15.3, finest=0.01)
+    '-17.03 ± 15'
+    """
     if not (math.isfinite(sigma) and sigma > 0.0):
         return f"{value:.6g}"
     if max(abs(value), sigma) >= 1e9:
@@ -54,8 +64,9 @@ def with_uncertainty(value: float, sigma: float) -> str:
     digits = max(0, 1 - math.floor(math.log10(sigma)))
     if digits > DECIMALS:
         return f"{value:.{DECIMALS}f} ± {sigma:.1g}"
-    shown = round(value, digits) + 0.0
-    return f"{shown:.{digits}f} ± {sigma:.{digits}f}"
+    more = max(digits, min(DECIMALS, math.ceil(-math.log10(finest)))) if 0.0 < finest < math.inf else digits
+    shown = round(value, more) + 0.0
+    return f"{shown:.{more}f} ± {sigma:.{digits}f}"
 
 
 def degrees(angle: float) -> str:
@@ -94,10 +105,8 @@ def _before_and_after(fit: Fit) -> RenderableType:
     for heading in ("strength", "spread", "heading error, rms", "worst"):
         table.add_column(heading, justify="right")
     table.add_row("before", f"{figures(strength, 4)} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
-    table.add_row(
-        "after", f"{figures(field, 4)} {unit}", f"{fit.noise / field:.1%}", degrees(error.rms), degrees(error.worst),
-        style="bold",
-    )  # fmt: skip
+    left = f"{fit.noise / fit.ellipsoid.radius:.1%}"
+    table.add_row("after", f"{figures(field, 4)} {unit}", left, degrees(error.rms), degrees(error.worst), style="bold")
     return table
 
 
@@ -106,7 +115,10 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float | None)
     from rich.text import Text
 
     unit = label(calibration.unit)
-    offset = [with_uncertainty(*pair) for pair in zip(calibration.offset, offset_sigma, strict=True)]
+    offset = [
+        with_uncertainty(*pair, finest=FINEST * calibration.field_strength)
+        for pair in zip(calibration.offset, offset_sigma, strict=True)
+    ]
     columns = [on_the_point(column) for column in zip(offset, *matrix_entries(calibration.matrix), strict=True)]
     noise_shown = on_the_point(["?" if noise is None else figures(noise, 3), offset[0]])[0].ljust(len(columns[0][0]))
     rows = [*zip(*columns, strict=True), (noise_shown, *(" " * len(column[0]) for column in columns[1:]))]
@@ -134,11 +146,11 @@ def _verdict(fit: Fit) -> RenderableType:
     error = fit.heading_error_deg
     within = f"worst heading good to {degrees(error.worst)} (1 σ; the target is {fit.target_deg:g}°)"
     words = {
-        "good": f"{within}, all round",
+        "good": f"{within}, {reach(fit)}",
         "limited": f"{within}, with these limits:",
         "refused": "not fit for use, nothing was written",
     }[fit.verdict]
-    seen = "" if fit.is_flat else f", {fit.coverage.fraction:.0%} of the sphere seen"
+    seen = "" if fit.is_flat or fit.method == LEVEL else f", {fit.coverage.fraction:.0%} of the sphere seen"
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     if fit.verdict != "refused":
         basis += f"; held level, dip {error.dip_deg:g}°"
@@ -150,6 +162,12 @@ def _verdict(fit: Fit) -> RenderableType:
     if fit.alignment_error_deg is not None and fit.verdict != "refused":
         grid.add_row("", f"the mounting adds {degrees(fit.alignment_error_deg)} (1 σ), which no magnetometer can see")
     return grid
+
+
+def reach(fit: Fit) -> str:
+    """Say up to which tilt a fit is as good as was asked for."""
+    limit = fit.attitude_limit_deg
+    return "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
 
 
 def _findings(findings: Iterable[Finding], turn: str) -> RenderableType:

@@ -25,6 +25,10 @@ FINDINGS: Final = {
         "attitude.",
         "Turn the sensor onto its sides and upside down too.",
     ),
+    "level-plane": Words(
+        "The sensor was turned level only. The correction is for a vehicle that stays level.",
+        "For all attitudes, turn the sensor onto its sides and upside down too while recording.",
+    ),
     "heading-error": Words(
         "At the worst heading the compass may be off by {angle}, and {limit:g}° is the target.", MOVE
     ),
@@ -49,10 +53,6 @@ FINDINGS: Final = {
     "bias": Words(
         "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor.",
         "Calibrate again with the method auto.",
-    ),
-    "level-plane": Words(
-        "The sensor was turned level only. The correction is for a vehicle that stays level.",
-        "For all attitudes, turn the sensor onto its sides and upside down too while recording.",
     ),
     "inflation": Words(
         "The readings lie on a small patch of what they should go round ({number:.1f} times as wide).", MOVE
@@ -99,6 +99,11 @@ FINDINGS: Final = {
     "skipped-rows": Words(
         "Some lines could not be used (number of lines: {number:,.0f}); they are named below.",
         "Look at the lines that could not be used.",
+    ),
+    "typed-extremes": Words(
+        "There was no recording, only the smallest and the largest reading of each axis. Nobody knows how good the "
+        "correction is; if the sensor was not turned all the way, the compass may be off by {angle} or more.",
+        "Check the compass on known bearings, and record the readings where that can be done.",
     ),
     "axis-ratio": Words(
         "One axis of the sensor reads {number:.1f} times as much as another, which is unusual.",

@@ -41,25 +41,30 @@ UNSEEN: Final = 1.0 / 3.0
 """Share of a direction's information that noise may pretend before the direction counts as unseen."""
 
 
-FLAT, FLAT_NOISE, FLATTEST = 0.01, 3.0, 0.2
-"""Flat are readings thinner than a hundredth of their width or, up to a fifth, than three times their noise."""
+FLAT, FLATTEST = 0.01, 0.2
+"""Thickness over width: readings as thin as the first are flat; as thick as the second they never are."""
+
+FLAT_NOISE, NEARLY_FLAT_NOISE = 1.5, 3.0
+"""Thickness over noise: below the first it is noise; below the second it hardly stands out of it."""
 
 
-def is_flat(principal_variances: Floats, noise: float) -> bool:
+def is_flat(principal_variances: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
     """Whether readings of (3,) ascending principal variances lie in one plane, as those of a level turn do."""
     thickness, width = np.sqrt(principal_variances[[0, 2]])
-    return bool(thickness < flatness_limit(float(width), noise) * width)
+    return bool(thickness < flatness_limit(float(width), noise, within=within) * width)
 
 
-def flatness_limit(width: float, noise: float) -> float:
+def flatness_limit(width: float, noise: float, *, within: float = FLAT_NOISE) -> float:
     """Thickness over width below which readings are flat; width is their standard deviation along the longest axis."""
-    return min(max(FLAT_NOISE * noise / width, FLAT), FLATTEST)
+    return min(max(within * noise / width, FLAT), FLATTEST)
 
 
 def pretended(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
     """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and two tangents t: times σ², what noise adds to ΣJJᵀ."""
     inverse = np.linalg.inv(ellipsoid.shape)
-    u = directions.T
+    pointing = directions.any(axis=1)  # a reading right in the centre has no direction
+    u = directions[pointing].T
+    counts = np.broadcast_to(counts, len(directions))[pointing]
     normal = inverse @ u
     steepness = np.sqrt(np.einsum("ij,ij->j", normal, normal))
     normal = normal / steepness
@@ -114,9 +119,11 @@ class Support:
         values, vectors = np.linalg.eigh(scaled)
         share = np.zeros(len(values))
         if not values[0] > WELL_CONDITIONED:
-            noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(scale, scale), vectors)
-            least = ROUNDING * values[-1]
-            share = np.where(values > least, np.clip(noise / np.maximum(values, least), 0.0, 1.0), 1.0)
+            heard = np.where(mute, np.inf, scale)
+            noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(heard, heard), vectors)
+            told = values > max(ROUNDING * float(values[-1]), np.finfo(float).tiny)
+            share = np.ones(len(values))
+            share[told] = np.clip(noise[told] / values[told], 0.0, 1.0)
         return cls(scale, values, vectors, share)
 
     @property

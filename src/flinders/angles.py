@@ -1,0 +1,54 @@
+"""Angles that go round: headings in [0, 360) and differences in (−180, 180], without a seam.
+
+>>> wrapped([-10.0, 360.0, 725.0]), folded([350.0, -180.0, 181.0])
+(array([350.,   0.,   5.]), array([ -10.,  180., -179.]))
+
+A tiny negative angle is not 360:
+
+>>> float(wrapped(-1e-20))
+0.0
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.arrays import Floats, floats
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+
+def wrapped(angle_deg: ArrayLike) -> Floats:
+    """Bring angles into [0, 360), whatever their shape; NaN stays."""
+    turned = np.asarray(np.mod(floats(angle_deg, "angle"), 360.0))
+    return np.where(turned >= 360.0, 0.0, turned) + 0.0  # the remainder of −1e-20 is rounded up to 360
+
+
+def folded(angle_deg: ArrayLike) -> Floats:
+    """Bring differences of angles into (−180, 180], whatever their shape; NaN stays."""
+    return 180.0 - wrapped(180.0 - floats(angle_deg, "angle"))
+
+
+def mean_deg(angles_deg: ArrayLike) -> float:
+    """Mean direction of (N,) angles in [0, 360): that of the sum of their unit vectors; NaN where they cancel.
+
+    >>> round(mean_deg([350.0, 20.0]), 9)
+    5.0
+    """
+    total = complex(np.exp(1j * np.deg2rad(floats(angles_deg, "angles"))).sum())
+    return float(wrapped(np.rad2deg(np.angle(total)))) if abs(total) > 1e-9 else float("nan")
+
+
+def shown_heading(heading_deg: float, digits: int = 1) -> str:
+    """Write a heading as navigators do, three figures before the point, and never 360.
+
+    >>> shown_heading(7.25), shown_heading(359.96), shown_heading(45.0, 0)
+    ('007.2°', '000.0°', '045°')
+    """
+    if not np.isfinite(heading_deg):
+        return "?"
+    rounded = float(wrapped(round(float(heading_deg), digits)))
+    return f"{rounded:0{4 + digits if digits else 3}.{digits}f}°"

@@ -1,0 +1,416 @@
+"""How much stray field a compass may meet, and what makes it: heading error, wires, pairs of wires, magnets.
+
+A field that is fixed to the vehicle, of horizontal component b, turns the earth's horizontal field H by at most
+asin(b/H), whatever the heading. Wires, pairs of wires and magnets make such fields. Each relation is a value, solved
+for the one quantity that is left out:
+
+>>> allowed = Heading.solve(field=parse("field", "150 mG"), error_deg=1.0)
+>>> round(allowed.stray / parse("field", "1 mG"), 2)
+2.62
+>>> Wire.solve(current=0.2, distance=parse("length", "1 cm")).stray
+4.0
+>>> needed = Wire.solve(current=0.2, stray=allowed.stray)
+>>> round(needed.distance / parse("length", "1 cm"), 1)
+15.3
+
+Fields are in µT, lengths in m, currents in A, moments in A·m². The formulas are those of magnetostatics in free space,
+for straight wires that are long and magnets that are small beside their distance. A calibration takes off what never
+changes: the budget is for what comes, goes or is switched.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
+
+from flinders.errors import UnitError, UsageError
+from flinders.units import PER_UNIT, SPELLINGS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+MU0_2PI: Final = 0.2
+"""µ₀/2π in µT·m/A; the 2·10⁻⁷ T·m/A of the old ampere still holds to nine digits (CODATA 2022)."""
+
+RIGHT_ANGLE: Final = 90.0
+
+Kind: TypeAlias = Literal["field", "length", "current", "angle", "moment", "volume"]
+Position: TypeAlias = Literal["axial", "equatorial"]
+
+UNITS: Final[Mapping[Kind, Mapping[str, float]]] = {
+    "field": PER_UNIT,
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048},
+    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
+    "angle": {"deg": 1.0, "rad": 180.0 / math.pi, "mrad": 0.18 / math.pi},
+    "moment": {"Am2": 1.0, "mAm2": 1e-3, "uAm2": 1e-6, "emu": 1e-3},
+    "volume": {"m3": 1.0, "cm3": 1e-6, "mm3": 1e-9},
+}
+"""What one of each unit is in the unit used here; the first is that unit itself."""
+
+OTHER_SPELLINGS: Final = {
+    "°": "deg", "degree": "deg", "degrees": "deg", "µm": "um", "inch": "in", "inches": "in", "amp": "A", "amps": "A",
+    "ampere": "A", "amperes": "A", "ma": "mA", "µA": "uA", "a": "A", "J/T": "Am2", "cc": "cm3", "meter": "m",
+    "metre": "m", "meters": "m", "metres": "m", "feet": "ft",
+}  # fmt: skip
+
+EXAMPLES: Final[Mapping[Kind, str]] = {
+    "field": "2.62mG", "length": "1cm", "current": "0.2A", "angle": "1deg", "moment": "0.1Am2", "volume": "0.3cm3",
+}  # fmt: skip
+
+NUMBER: Final = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)\s*(.*)", re.DOTALL)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number with the unit it was typed in.
+
+    Attributes
+    ----------
+    value : float
+        In the unit used here: µT, m, A, °, A·m², m³.
+    unit : str
+        As it was typed, in its usual spelling.
+    """
+
+    value: float
+    unit: str
+
+    @classmethod
+    def of(cls, kind: Kind, text: str) -> Self:
+        """Read a number with its unit: ``2.62mG``, ``1 cm``, ``0.2A``, ``0.1 A·m²``; an angle may do without.
+
+        Raises
+        ------
+        UnitError
+            For a unit that is missing, not known or of another kind.
+        UsageError
+            For what is no positive number.
+
+        Examples
+        --------
+        >>> Quantity.of("field", "0.5 mG"), Quantity.of("length", "15 mm"), Quantity.of("moment", "20 mA·m²")
+        (Quantity(value=0.05, unit='mG'), Quantity(value=0.015, unit='mm'), Quantity(value=0.02, unit='mAm2'))
+        """
+        found = NUMBER.fullmatch(text.strip())
+        if not found or found[2].startswith((",", ".")):
+            comma = f"; write {text.strip().replace(',', '.')}" if re.match(r"\d*,\d+\D", text.strip()) else ""
+            raise UsageError(f"{kind} {text!r}: need a number and a unit, such as {EXAMPLES[kind]}{comma}")
+        unit = _unit(kind, found[2], text)
+        value = float(found[1]) * UNITS[kind][unit]
+        if not (math.isfinite(value) and value > 0):
+            limit = "below 1e300" if value > 0 else "above 0"
+            raise UsageError(f"{kind} {text!r}: need a number {limit}")
+        return cls(value, unit)
+
+
+def parse(kind: Kind, text: str) -> float:
+    """Read a quantity into the unit used here; as `Quantity.of`.
+
+    >>> parse("length", "2.5in"), parse("angle", "1°"), parse("current", "200 mA")
+    (0.0635, 1.0, 0.2)
+    """
+    return Quantity.of(kind, text).value
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Stray field b and worst heading error δ in a horizontal field H: b = H sin δ.
+
+    At an angle φ between both the error is atan(b sin φ/(H + b cos φ)), and asin(b/H) at its worst. Small ones are
+    b/H in radians: 1° at 150 mG is 2.62 mG either way. Beyond b = H a compass shows any heading.
+
+    Attributes
+    ----------
+    field : float, µT
+        Horizontal part of the earth's field.
+    stray : float, µT
+        Horizontal part of what is added to it, fixed to the vehicle.
+    error_deg : float, degrees
+        Worst over all headings, at most 90.
+    """
+
+    field: float
+    stray: float
+    error_deg: float
+
+    @property
+    def formula(self) -> str:
+        """How they hang together, for people."""
+        return "b = H sin δ"
+
+    @classmethod
+    def solve(cls, *, field: float | None = None, stray: float | None = None, error_deg: float | None = None) -> Self:
+        """Find the one that is left out.
+
+        Raises
+        ------
+        UsageError
+            Unless exactly one is left out, the others are positive, the error is no more than 90° and the stray
+            field no more than the horizontal one.
+
+        Examples
+        --------
+        >>> [round(Heading.solve(field=25.0, stray=b).error_deg, 2) for b in (1.0, 5.0, 10.0)]
+        [2.29, 11.54, 23.58]
+        """
+        known = _known(field=field, stray=stray, error_deg=error_deg)
+        if known.get("error_deg", 0.0) > RIGHT_ANGLE:
+            raise UsageError(f"a heading error of {error_deg:g}°: need no more than 90°, where any heading is shown")
+        match known:
+            case {"field": h, "error_deg": error}:
+                return cls(h, _sound(h * math.sin(math.radians(error))), error)
+            case {"stray": b, "error_deg": error}:
+                sine = math.sin(math.radians(error))
+                return cls(_sound(b / sine if sine else math.inf), b, error)
+            case {"field": h, "stray": b} if b <= h:
+                return cls(h, b, math.degrees(math.asin(b / h)))
+        raise UsageError(
+            f"a stray field {known['stray'] / known['field']:.3g} times the horizontal field turns the compass "
+            "anywhere: no heading error can be given; keep the source farther away"
+        )
+
+    @property
+    def small_angle_deg(self) -> float:
+        """The error as the rule of thumb has it: b/H in radians, which is too little.
+
+        >>> round(Heading.solve(field=25.0, stray=10.0).small_angle_deg, 2)
+        22.92
+        """
+        return math.degrees(self.stray / self.field)
+
+
+@dataclass(frozen=True, slots=True)
+class Wire:
+    """A long straight wire whose current returns far away: B = µ₀ I/(2π r).
+
+    Attributes
+    ----------
+    current : float, A
+    distance : float, m
+        From the middle of the wire.
+    stray : float, µT
+        Its whole field; how much of it is horizontal depends on how the wire runs.
+    """
+
+    current: float
+    distance: float
+    stray: float
+
+    @property
+    def formula(self) -> str:
+        """How they hang together, for people."""
+        return "B = µ₀ I / (2π r)"
+
+    @classmethod
+    def solve(cls, *, current: float | None = None, distance: float | None = None, stray: float | None = None) -> Self:
+        """Find the one that is left out.
+
+        Raises
+        ------
+        UsageError
+            Unless exactly one is left out and the others are positive.
+
+        Examples
+        --------
+        >>> [round(Wire.solve(current=i, distance=r).stray, 9) for i, r in ((1, 0.01), (10, 0.02), (30, 0.05))]
+        [20.0, 100.0, 120.0]
+        """
+        match _known(current=current, distance=distance, stray=stray):
+            case {"current": i, "distance": r}:
+                return cls(i, r, _sound(MU0_2PI * i / r))
+            case {"current": i, "stray": b}:
+                return cls(i, _sound(MU0_2PI * i / b), b)
+            case {"distance": r, "stray": b}:
+                return cls(_sound(b * r / MU0_2PI), r, b)
+        raise AssertionError  # `_known` lets two of three through
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A wire and its return beside it, both long and straight: B = µ₀ I s/(2π (r² − s²/4)).
+
+    That is the worst place, in the plane of both wires; out of it the field is less, down to µ₀ I s/(2π (r² + s²/4)).
+    Far away either is µ₀ I s/(2π r²). A **twisted** pair makes less by far: its field falls off exponentially with
+    distance, and 1.5 pitches away it is 50 dB below that of a straight pair (Moser and Spencer 1968).
+
+    Attributes
+    ----------
+    current : float, A
+    separation : float, m
+        From the middle of one wire to the middle of the other.
+    distance : float, m
+        From the middle between both.
+    stray : float, µT
+    """
+
+    current: float
+    separation: float
+    distance: float
+    stray: float
+
+    @property
+    def formula(self) -> str:
+        """How they hang together, for people."""
+        return "B = µ₀ I s / (2π (r² − s²/4))"
+
+    @classmethod
+    def solve(
+        cls,
+        *,
+        current: float | None = None,
+        separation: float | None = None,
+        distance: float | None = None,
+        stray: float | None = None,
+    ) -> Self:
+        """Find the one that is left out.
+
+        Raises
+        ------
+        UsageError
+            Unless exactly one is left out and the others are positive, or where the distance is not more than half
+            the separation.
+
+        Examples
+        --------
+        >>> near = Pair.solve(current=10, separation=0.01, distance=0.1)
+        >>> round(near.stray, 3), round(near.far_field, 3), Wire.solve(current=10, distance=0.1).stray
+        (2.005, 2.0, 20.0)
+        """
+        known = _known(current=current, separation=separation, distance=distance, stray=stray)
+        if known.get("distance", math.inf) <= known.get("separation", 0.0) / 2:
+            raise UsageError(
+                f"a distance of {distance:g} m from the middle of two wires {separation:g} m apart is no farther out "
+                "than the wires: need more than half their separation"
+            )
+        match known:
+            case {"current": i, "separation": s, "distance": r}:
+                return cls(i, s, r, _sound(MU0_2PI * i * (s / (r - s / 2)) / (r + s / 2)))
+            case {"current": i, "separation": s, "stray": b}:
+                return cls(i, s, _sound(math.hypot(s / 2, math.sqrt(MU0_2PI * i / b) * math.sqrt(s))), b)
+            case {"current": i, "distance": r, "stray": b}:
+                # s²/4 + k s − r² = 0 with k = µ₀ I/(2π B), in the form that loses no digits
+                k = MU0_2PI * i / b
+                return cls(i, _sound(2 * r * (r / (k + math.hypot(k, r)))), r, b)
+            case {"separation": s, "distance": r, "stray": b}:
+                return cls(_sound(b / MU0_2PI * ((r - s / 2) * ((r + s / 2) / s))), s, r, b)
+        raise AssertionError  # `_known` lets three of four through
+
+    @property
+    def far_field(self) -> float:
+        """µT: the field as the rule of thumb has it, µ₀ I s/(2π r²); a little too low near by."""
+        return MU0_2PI * self.current * (self.separation / self.distance) / self.distance
+
+
+@dataclass(frozen=True, slots=True)
+class Magnet:
+    """A magnet as a dipole: B = µ₀ m/(2π r³) on its axis, half as much beside it.
+
+    The axis is the worst direction. Within three times its size a magnet is no dipole.
+
+    Attributes
+    ----------
+    moment : float, A·m²
+    distance : float, m
+        From the middle of the magnet.
+    stray : float, µT
+    position : str
+        ``axial``: off its poles; ``equatorial``: off its side.
+    """
+
+    moment: float
+    distance: float
+    stray: float
+    position: Position = "axial"
+
+    @property
+    def formula(self) -> str:
+        """How they hang together, for people."""
+        return f"B = µ₀ m / ({'2π' if self.position == 'axial' else '4π'} r³)"
+
+    @classmethod
+    def solve(
+        cls,
+        *,
+        moment: float | None = None,
+        distance: float | None = None,
+        stray: float | None = None,
+        position: Position = "axial",
+    ) -> Self:
+        """Find the one that is left out.
+
+        Raises
+        ------
+        UsageError
+            Unless exactly one is left out and the others are positive.
+
+        Examples
+        --------
+        A magnet of neodymium, 1 cm across and 3 mm thick, at 30 cm:
+
+        >>> moment = magnet_moment(remanence=1.3e6, volume=0.236e-6)
+        >>> round(moment, 3), round(Magnet.solve(moment=moment, distance=0.3).stray, 2)
+        (0.244, 1.81)
+        """
+        if position not in ("axial", "equatorial"):
+            raise UsageError(f"position is {position!r}: need 'axial' or 'equatorial'")
+        constant = MU0_2PI if position == "axial" else MU0_2PI / 2
+        match _known(moment=moment, distance=distance, stray=stray):
+            case {"moment": m, "distance": r}:
+                return cls(m, r, _sound(constant * (m / r / r / r)), position)
+            case {"moment": m, "stray": b}:
+                return cls(m, _sound(math.cbrt(constant * (m / b))), b, position)
+            case {"distance": r, "stray": b}:
+                return cls(_sound(b * r * r * r / constant), r, b, position)
+        raise AssertionError  # `_known` lets two of three through
+
+
+def magnet_moment(*, remanence: float, volume: float) -> float:
+    """A·m²: the moment of a magnet from its remanence in µT and its volume in m³, m = B_r V/µ₀.
+
+    >>> round(magnet_moment(remanence=1.3e6, volume=1e-6), 3)
+    1.035
+    """
+    return _sound(remanence * (volume / (2 * math.pi * MU0_2PI)))
+
+
+def _known(**given: float | None) -> dict[str, float]:
+    """Let through quantities of which exactly one is left out.
+
+    Raises
+    ------
+    UsageError
+        Otherwise, or where one is not a positive finite number.
+    """
+    known = {name: float(value) for name, value in given.items() if value is not None}
+    if len(known) != len(given) - 1:
+        names = ", ".join(name.removesuffix("_deg") for name in given)
+        raise UsageError(f"{len(known)} of {names} are given: leave out exactly one, which is then found")
+    for name, value in known.items():
+        if not (math.isfinite(value) and value > 0):
+            raise UsageError(f"{name.removesuffix('_deg')} is {value:g}: need a positive number")
+    return known
+
+
+def _sound(value: float) -> float:
+    """Let through what came out, unless the numbers given are so far apart that it over- or underflowed."""
+    if not (math.isfinite(value) and value > 0):
+        raise UsageError("these numbers are too far apart to reckon with: check their units")
+    return value
+
+
+def _unit(kind: Kind, text: str, whole: str) -> str:
+    """Find a unit of one kind by any of its spellings."""
+    units = UNITS[kind]
+    spelled = re.sub(r"[ ·⋅*^]", "", text).replace("²", "2").replace("³", "3").replace("μ", "µ")
+    if not spelled and kind == "angle":
+        return "deg"
+    known = SPELLINGS if kind == "field" else OTHER_SPELLINGS
+    # Capitals do not matter but for currents and moments, where M and m are a thousand million apart.
+    lower = spelled if kind in ("current", "moment") else spelled.casefold()
+    for name in (spelled, known.get(spelled, ""), lower, known.get(lower, ""), lower.replace("µ", "u")):
+        if name in units:
+            return name
+    named = f"unit {text!r} is not known here" if text else "lacks a unit"
+    raise UnitError(f"{kind} {whole!r}: {named}; use one of {', '.join(units)}, such as {EXAMPLES[kind]}")

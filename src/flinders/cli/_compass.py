@@ -1,0 +1,274 @@
+"""Options of the commands that give headings, and what they open with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._calibration import agree, is_calibration, load
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.arrays import Floats
+    from flinders.compass import Compass, Headings
+    from flinders.geomag import SiteField
+    from flinders.judged import Judged
+    from flinders.samples import Recording, Samples
+
+ENOUGH_TO_JUDGE: Final = 1000
+"""Readings of a stream after which the axes are looked at for the first time; at its end fewer will do."""
+ENOUGH_TO_WEIGH: Final = 100
+"""Readings of a block from which gravity is taken."""
+
+Function = TypeVar("Function", bound="Callable[..., Any]")
+
+
+def place(function: Function) -> Function:
+    """Where and when, for the declination."""
+    for option in (
+        click.option(
+            "--date", metavar="DAY",
+            help="Day of the recording, such as 2026-11-21, or today [default: by its clock, if from 1970].",
+        ),
+        click.option(
+            "--at", "place", metavar="LAT,LON[,ALT]",
+            help="Site: degrees, north and east positive, and metres; gives true headings (World Magnetic Model).",
+        ),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+def sensors(function: Function) -> Function:
+    """Which columns and axes, and whether tilt is taken off."""
+    for option in (
+        _options.columns,
+        click.option(
+            "--acceleration-axes", default="x,y,z", show_default=True, metavar="AXES",
+            help="Where each axis of the acceleration comes from.",
+        ),
+        click.option(
+            "--acceleration", metavar="X,Y,Z",
+            help="The accelerometer's columns: three names, or numbers counted from 1.",
+        ),
+        click.option("--level", "is_level", is_flag=True, help="Use x and y alone: the sensor is never tilted."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+@dataclass(slots=True, eq=False)
+class Log:
+    """A recording that is turned into headings.
+
+    Attributes
+    ----------
+    judged : Judged
+        The calibration and what it claims.
+    recording : Recording
+        In its unit and axes.
+    compass : Compass
+    site : SiteField, optional
+    """
+
+    judged: Judged
+    recording: Recording
+    compass: Compass
+    site: SiteField | None
+
+    def __str__(self) -> str:
+        """What was recognised, and which columns are taken for the accelerometer."""
+        from flinders.readers import TextRecording
+
+        told = str(self.recording)
+        if self.compass.formula == "level" or not isinstance(self.recording, TextRecording):
+            return told
+        column = self.recording.layout.columns.of_kind("acceleration")
+        return told if column is None else f"{told}; acceleration {', '.join(column.names)}"
+
+    def blocks(self) -> Iterator[tuple[Floats, Samples]]:
+        """Readings and the numbers of their lines, or their own where there are no lines."""
+        import numpy as np
+
+        numbered = getattr(self.recording, "numbered_blocks", None)
+        if numbered is not None:
+            yield from numbered()
+            return
+        done = 0
+        for block in self.recording.blocks():
+            yield np.arange(done + 1.0, done + 1.0 + len(block)), block
+            done += len(block)
+
+
+class Watch:
+    """Goes through a recording, and looks whether sensors and calibration suit each other.
+
+    Attributes
+    ----------
+    log : Log
+    corrector : Corrector
+        Watches the length of the corrected readings.
+    voyage : Voyage
+        What was read so far.
+    """
+
+    def __init__(self, log: Log, dip_deg: float | None = None) -> None:
+        from flinders.cli.apply import Corrector
+        from flinders.compass import Voyage
+
+        self.log, self.voyage = log, Voyage()
+        self.corrector = Corrector(log.judged.calibration, log.recording.source)
+        self._site_dip = log.site.inclination_deg if log.site else dip_deg
+        self._next = ENOUGH_TO_JUDGE
+
+    def headings(self) -> Iterator[tuple[Floats, Samples, Headings]]:
+        """Yield the numbers of the readings, the readings, and their headings, block by block.
+
+        Raises
+        ------
+        InputError
+            Where the readings are of another sensor, or the accelerometer is missing or has other axes.
+        """
+        from flinders.compass import Voyage
+
+        for numbers, samples in self.log.blocks():
+            self.corrector(samples.field)
+            self._weigh(samples)
+            headings = self.log.compass.read(samples)
+            self.voyage += Voyage.of(headings)
+            if self.voyage.readings >= self._next:  # each time there are twice as many
+                self._judge()
+            yield numbers, samples, headings
+        self._judge()
+
+    def _weigh(self, samples: Samples) -> None:
+        """Take gravity from the first block that is long enough, so that shaking later on is seen."""
+        import numpy as np
+
+        compass = self.log.compass
+        if compass.gravity is not None or samples.acceleration is None or len(samples) < ENOUGH_TO_WEIGH:
+            return
+        with np.errstate(over="ignore", invalid="ignore"):
+            length = np.linalg.norm(samples.acceleration, axis=1)
+        if np.isfinite(length).any():
+            self.log.compass = replace(compass, gravity=float(np.nanmedian(length)))
+
+    def _judge(self) -> None:
+        self._next = 2 * self.voyage.readings
+        if self.log.compass.formula == "level":
+            return
+        self.voyage.frames.refuse_foreign(site_dip_deg=self._site_dip, applied=self.log.compass.acceleration_axes)
+
+
+def open_log(
+    command: str,
+    calibration: str,
+    recording: str,
+    *,
+    is_level: bool,
+    formula: str,
+    acceleration: str | None,
+    acceleration_axes: str,
+    place: str | None,
+    date: str | None,
+    declination_deg: float | None = None,
+    **options: Any,
+) -> Log:
+    """Open a recording with a calibration, and find out where it was made.
+
+    Raises
+    ------
+    UsageError
+        For options that contradict each other, or a recording that is a calibration.
+    InputError
+        For what cannot be read.
+    """
+    from flinders.axes import Axes
+    from flinders.compass import LEVEL, Compass
+    from flinders.readers import TextRecording, open_recording
+
+    _refuse_contradictions(
+        is_level=is_level, formula=formula, acceleration=acceleration, place=place, date=date, given=declination_deg
+    )
+    turned = Axes.of(acceleration_axes)
+    if place is not None and date is not None:
+        site_of(place, date)  # what is wrong with them is said before anything is read
+    judged = load(command, calibration, [recording])
+    if is_calibration(recording):
+        raise UsageError(f"{recording} is a calibration too: give a recording after it")
+    opened = open_recording(recording, axes=str(judged.calibration.axes), once=True, **options)
+    if acceleration is not None:
+        if not isinstance(opened, TextRecording):
+            raise UsageError(f"{recording} is no text: its columns are known, leave --acceleration out")
+        opened.name_acceleration(acceleration)
+    agree(judged.calibration, opened)
+    site = None if place is None else site_of(place, date, opened)
+    declination = declination_deg if site is None else site.declination_deg
+    compass = Compass(judged.calibration, LEVEL if is_level else formula, turned, declination)
+    return Log(judged, opened, compass, site)
+
+
+def site_of(place: str, date: str | None, recording: Recording | None = None) -> SiteField:
+    """The field at a place on a day that is given, or that the clock of the recording tells.
+
+    Raises
+    ------
+    UsageError
+        For no place, no day, or one without a model.
+    """
+    from flinders.geomag import place_of, site_field, year_of
+
+    where = place_of(place)
+    return site_field(*where, year=year_of(_day(date, recording)))
+
+
+def _day(date: str | None, recording: Recording | None) -> str:
+    """The day as it is given, today, or by the clock of the recording.
+
+    Raises
+    ------
+    UsageError
+        Where nobody knows it.
+    """
+    import datetime
+
+    if date is not None and date.strip().casefold() != "today":
+        return date
+    if date is not None:
+        return datetime.datetime.now(tz=datetime.UTC).date().isoformat()
+    start = clock_start(recording)
+    if start:
+        return datetime.datetime.fromtimestamp(start, tz=datetime.UTC).date().isoformat()
+    raise UsageError("the declination changes with the years: give the day of the recording, such as --date 2026-11-21")
+
+
+def clock_start(recording: object) -> float:
+    """Seconds from 1970 at which the times of a recording start to count; 0 where they count from something else."""
+    layout = getattr(recording, "layout", None)
+    time = layout.columns.time if layout is not None else None
+    return float(time.start * time.factor) if time is not None else 0.0
+
+
+def _refuse_contradictions(
+    *, is_level: bool, formula: str, acceleration: str | None, place: str | None, date: str | None, given: float | None
+) -> None:
+    """Refuse options of which one would be ignored.
+
+    Raises
+    ------
+    UsageError
+        Naming both.
+    """
+    if is_level and formula != "exact":
+        raise UsageError(f"--level takes no tilt off, --formula {formula} does: leave one of them out")
+    if is_level and acceleration is not None:
+        raise UsageError("--level uses no accelerometer, --acceleration names one: leave one of them out")
+    if place is not None and given is not None:
+        raise UsageError("--at and --declination both say where true north is: leave one of them out")
+    if date is not None and place is None:
+        raise UsageError("--date is for the declination at a place: give --at LAT,LON too")

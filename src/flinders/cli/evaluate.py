@@ -1,0 +1,87 @@
+"""``flinders evaluate``: the true error of a calibration of a simulated recording."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import TYPE_CHECKING
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._calibration import is_calibration, load
+from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._talk import drawn, print_json, say
+from flinders.errors import UnreadableInput, UsageError
+
+if TYPE_CHECKING:
+    from flinders.judged import Judged
+    from flinders.simulate.truth import Truth
+
+
+@click.command(
+    "evaluate",
+    short_help="Hold a calibration against the truth of a simulation.",
+    epilog="""\b
+Example:
+  flinders evaluate calibration.json tumble.truth.json
+
+\b
+Exit codes:
+  0  within the target, and no worse than claimed
+  3  beyond the target, or worse than claimed
+  4  both
+""",
+)
+@click.argument("calibration", metavar="CALIBRATION")
+@click.argument("truth", metavar="TRUTH")
+@click.option(
+    "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), metavar="DEG",
+    help="Inclination of the field for headings [default: that of the truth].",
+)  # fmt: skip
+@click.option(
+    "--target", "target_deg", type=_options.within(0, 180, "degrees above 0, up to 180"), default=1.0,
+    show_default=True, metavar="DEG", help="Worst heading error that is good enough.",
+)  # fmt: skip
+@_options.as_json
+def command(calibration: str, truth: str, dip_deg: float | None, target_deg: float, as_json: bool) -> int:
+    """Say how far CALIBRATION is from TRUTH, which `flinders simulate` wrote, and whether it knows.
+
+    True errors of heading, direction, offset and matrix stand beside those that the calibration claims, with their
+    ratio: about 1 where the claims are true. A rotation that no magnetometer can see is given on its own.
+    """
+    from flinders.evaluation import evaluate
+    from flinders.report.evaluation import page
+
+    found, known = _load(calibration, truth)
+    told = evaluate(found, known, dip_deg=dip_deg, target_deg=target_deg)
+    if found.covariance is None:
+        say(f"{calibration} states no uncertainty: there is no claim to hold against the truth")
+    if as_json:
+        print_json(told.as_dict())
+    else:
+        click.echo(drawn(page(told), sys.stdout))
+    faults = (not told.is_on_target) + (told.verdict == "worse than claimed")
+    return (GOOD, LIMITED, REFUSED)[faults]
+
+
+def _load(calibration: str, truth: str) -> tuple[Judged, Truth]:
+    """Read both, and see whether they were given the other way round.
+
+    Raises
+    ------
+    UsageError
+        Where they were, or one would come from standard input.
+    DocumentError, UnreadableInput
+        For a file that is none of its kind.
+    """
+    from flinders.simulate.truth import read
+
+    if truth == "-":
+        raise UsageError("the truth must be a file: flinders evaluate calibration.json tumble.truth.json")
+    if is_calibration(truth):
+        with contextlib.suppress(UnreadableInput):
+            read(calibration)
+            raise UsageError(f"the calibration comes first: flinders evaluate {truth} {calibration}")
+    found = load("evaluate", calibration, [])
+    return found, read(truth)

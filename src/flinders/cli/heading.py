@@ -1,0 +1,227 @@
+"""``flinders heading``: a recording as magnetic and true headings."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final
+
+import click
+
+from flinders.cli import _compass, _options
+from flinders.cli._talk import drawn, print_json, progress, say
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.compass import Voyage
+    from flinders.samples import Samples
+
+
+@click.command(
+    "heading",
+    short_help="Turn a recording into magnetic and true headings.",
+    epilog="""\b
+Example:
+  flinders heading calibration.json log.csv -o headings.csv
+  flinders heading calibration.json log.csv --at 47.62,-122.35 --date 2026-11-21
+  tail -f log.csv | flinders heading calibration.json - --level
+""",
+)
+@click.argument("calibration", metavar="CALIBRATION")
+@click.argument("log", metavar="LOG")
+@click.option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
+@_compass.place
+@click.option(
+    "--declination", "declination_deg", type=_options.within(-180, 180, "degrees from -180 to 180"), metavar="DEG",
+    help="Declination, east positive, where it is known otherwise.",
+)  # fmt: skip
+@click.option(
+    "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), metavar="DEG",
+    help="Inclination of the field [default: that of --at, else as it is seen, else 60].",
+)  # fmt: skip
+@click.option(
+    "--formula", type=click.Choice(["exact", "an4248", "an3192"]), default="exact", show_default=True,
+    help="How tilt is taken off; all but exact are for comparison.",
+)  # fmt: skip
+@_compass.sensors
+@_options.force
+@_options.as_json
+def command(
+    calibration: str,
+    log: str,
+    output: str,
+    dip_deg: float | None,
+    force: bool,
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
+
+    It is the heading of the sensor's x axis, clockwise from magnetic north, with the tilt taken off by the
+    accelerometer in LOG at any attitude. With --at it is also counted from true north. LOG is a file, or - for
+    standard input, which may go on as long as it likes: lines are written as they come.
+    """
+    from flinders.files import refuse_existing
+
+    if output == "-" and as_json:
+        raise UsageError("--json and headings would both go to standard output: name a file with -o")
+    _options.refuse_to_overwrite(output, [calibration, log])
+    if output != "-":
+        refuse_existing(output, force=force)
+    with progress("heading") as bar:
+        opened = _compass.open_log("heading", calibration, log, progress=bar, **options)
+        say(str(opened))
+        watched = _compass.Watch(opened, dip_deg)
+        lines = _lines(watched)
+        first = next(lines, "")  # what is wrong is found before the output is opened
+        with _output(output, force=force, live=not Path(log).is_file()) as file:
+            file.write(first)
+            for block in lines:
+                file.write(block)
+    for skipped in getattr(opened.recording, "skipped", ()):
+        say(f"{opened.recording.source}: {skipped}")
+    told = claims(opened, watched.voyage, dip_deg=dip_deg)
+    _tell(opened, watched.voyage, told, plausible=watched.corrector.is_plausible)
+    if output != "-":
+        say(f"written to {output}")
+    if as_json:
+        skipped = [str(entry) for entry in getattr(opened.recording, "skipped", ())]
+        print_json(summary(opened, watched.voyage, told, watched.corrector.strength.as_dict(), skipped))
+
+
+def _lines(watch: _compass.Watch) -> Iterator[str]:
+    """Yield a header with the lines of the first block, then the lines of each block."""
+    header = ""
+    for numbers, samples, headings in watch.headings():
+        columns = {**_beside(watch.log, numbers, samples), **headings.columns()}
+        yield ("" if header else ",".join(columns) + "\n") + _written(columns)
+        header = "written"
+
+
+def _beside(log: _compass.Log, numbers: Floats, samples: Samples) -> dict[str, Floats]:
+    """The columns that say which reading it is."""
+    named = {"line" if hasattr(log.recording, "numbered_blocks") else "reading": numbers}
+    if samples.time is not None:
+        named["time_s"] = samples.time + _compass.clock_start(log.recording)
+    return named
+
+
+FORMATS: Final = {
+    "line": "%.0f", "reading": "%.0f", "time_s": "%.6f", "heading_deg": "%.3f", "true_heading_deg": "%.3f",
+    "roll_deg": "%.3f", "pitch_deg": "%.3f", "dip_deg": "%.3f", "strength": "%.5f",
+}  # fmt: skip
+"""How each column is written."""
+
+
+def _written(columns: dict[str, Floats]) -> str:
+    """Lines of a block; a heading is rounded before it goes round, so that 360.000 is never written."""
+    import numpy as np
+
+    from flinders.angles import wrapped
+
+    rounded = [wrapped(np.round(values, 3)) if "heading" in name else values for name, values in columns.items()]
+    form = ",".join(FORMATS[name] for name in columns)
+    return "".join(form % tuple(row) + "\n" for row in np.column_stack(rounded).tolist())
+
+
+def claims(log: _compass.Log, voyage: Voyage, *, dip_deg: float | None) -> dict[str, Any]:
+    """What heading error to expect, 1 σ, at the dip of the site, of a level vehicle and as far as it was tilted."""
+    import numpy as np
+
+    from flinders.compass import LEVEL
+    from flinders.heading import STEEPEST_DIP_DEG, level_error, tilted_error
+
+    tilted = log.compass.formula != LEVEL and voyage.frames.readings
+    seen = voyage.frames.dip_deg[0] if tilted else float("nan")
+    known = {
+        "given": dip_deg,
+        "calibration": _own_dip(log),
+        "model": log.site.inclination_deg if log.site else None,
+        "seen": seen,
+        "assumed": 60.0,
+    }
+    source, dip = next((name, found) for name, found in known.items() if found is not None and np.isfinite(found))
+    dip = float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG))
+    told: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "tilted": None}
+    judged = log.judged
+    if judged.covariance is None:
+        return told
+    calibration, ellipsoid = judged.calibration, judged.ellipsoid
+    turned = calibration.matrix @ ellipsoid.shape / calibration.field_strength  # a rotation, where one was estimated
+    down = turned.T @ np.array([0.0, 0.0, -1.0 if voyage.is_z_up else 1.0])
+    told["level"] = level_error(ellipsoid, judged.covariance, dip_deg=dip, down=down)
+    if voyage.tilt_deg >= 1.0:
+        told["tilted"] = tilted_error(ellipsoid, judged.covariance, dip_deg=dip, tilt_deg=voyage.tilt_deg, down=down)
+    return told
+
+
+def _own_dip(log: _compass.Log) -> float | None:
+    """The dip that the calibration of a level turn rests on: level headings are as good as that says, and no better."""
+    from flinders.compass import LEVEL
+
+    record = log.judged.record
+    if log.compass.formula != LEVEL or record is None or record.method != LEVEL or record.heading_error_deg is None:
+        return None
+    return record.heading_error_deg.dip_deg
+
+
+def summary(
+    log: _compass.Log, voyage: Voyage, told: dict[str, Any], strength: dict[str, Any], skipped: list[str]
+) -> dict[str, Any]:
+    """JSON-ready."""
+
+    def error(found: Any) -> dict[str, float] | None:  # noqa: ANN401 - a HeadingError or nothing
+        if found is None:
+            return None
+        return {"rms": found.rms, "worst": found.worst, "dip_deg": found.dip_deg, "tilt_deg": found.tilt_deg}
+
+    return {
+        **voyage.as_dict(),
+        "formula": log.compass.formula,
+        "heading_error_deg": error(told["level"]),
+        "tilted_heading_error_deg": error(told["tilted"]),
+        "dip_from": told["dip_from"],
+        "declination_deg": log.compass.declination_deg,
+        "site": None if log.site is None else log.site.as_dict(),
+        **strength,
+        "skipped": skipped,
+    }
+
+
+def _tell(log: _compass.Log, voyage: Voyage, told: dict[str, Any], *, plausible: bool) -> None:
+    """Say on standard error how good the headings are, and what to know about them."""
+    from flinders.report.heading import page
+
+    say(
+        drawn(
+            page(
+                voyage,
+                formula=log.compass.formula,
+                site=log.site,
+                declination_deg=log.compass.declination_deg,
+                claims=told,
+                plausible=plausible,
+            ),
+            sys.stderr,
+        )
+    )
+
+
+@contextlib.contextmanager
+def _output(path: str, *, force: bool, live: bool) -> Iterator[IO[str]]:
+    """Open the output: a file that appears when it is complete, or standard output; if live, line by line."""
+    from flinders.files import replacing
+
+    if path != "-":
+        with replacing(path, force=force) as file:
+            yield file
+        return
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=live)
+    yield sys.stdout
+    sys.stdout.flush()

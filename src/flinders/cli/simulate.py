@@ -1,0 +1,437 @@
+"""``flinders simulate``: recordings with a known truth, of three axes in motion or of two that are swung."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._program import GOOD, REFUSED
+from flinders.cli._talk import drawn, print_json, say
+from flinders.errors import FitError, UsageError, counted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from flinders.simulate import Disturbance, Sensor, Simulated
+    from flinders.simulate.two_axis import TwoAxis
+
+MOTIONS: Final = {
+    "hand": "tumbled by hand for a minute, smooth in time",
+    "eight": "waved in figures of eight for a minute, as phones ask for",
+    "uniform": "1,000 directions, all alike: the best there is",
+    "tilted": "all headings in no order, tilted by up to 35°: a vehicle",
+    "level": "all headings in no order, level: a boat, a robot on a floor",
+    "drive": "through bends and over hills for five minutes, 6° at most",
+    "flight": "banked turns, climbs and descents for five minutes, 35° at most",
+    "sweeps": "around in the plane xy, then in yz, then in zx: a minute",
+    "sweep-xy": "around in the plane xy alone: half a minute",
+    "sweep-yz": "around in the plane yz alone",
+    "sweep-zx": "around in the plane zx alone",
+    "hemisphere": "half of all directions: never turned over",
+    "clumped": "all directions, but held still for most of the time",
+}
+"""Those of `flinders.simulate.MOTIONS`, so that help needs no NumPy; a test holds the two together."""
+
+SOFT, HARD, NOISE = 0.25, 100.0, 0.5
+"""What a sensor has unless someone says otherwise: share of soft iron, µT of hard iron and of noise."""
+
+
+def _from_zero(high: float, what: str) -> Callable[[object], float]:
+    """Make the type of an option that takes a number from 0, which counts, to `high`."""
+
+    def number(value: object) -> float:
+        try:
+            found = float(str(value))
+        except ValueError:
+            found = math.nan
+        if not 0.0 <= found <= high:
+            raise click.BadParameter(f"{str(value)!r}: need {what}")
+        return found
+
+    return number
+
+
+def _several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
+    """Make the type of an option that takes so many finite numbers with commas between them."""
+
+    def numbers(value: object) -> tuple[float, ...]:
+        try:
+            found = tuple(float(part) for part in (value if isinstance(value, tuple) else str(value).split(",")))
+        except ValueError:
+            found = ()
+        if len(found) != count or not all(map(math.isfinite, found)):
+            raise click.BadParameter(f"{str(value)!r}: need {what}")
+        return found
+
+    return numbers
+
+
+size = _from_zero(sys.float_info.max, "0 or a number above it")
+share = _from_zero(1.0, "a share of the readings, 0 to 1")
+
+
+def _shared(where: str) -> Callable[[_options.Function], _options.Function]:
+    """Where a recording goes, which is told in a few words, and what both kinds have."""
+
+    def shared(function: _options.Function) -> _options.Function:
+        for option in (
+            _options.as_json,
+            click.option("--force", is_flag=True, help="Overwrite the files if they exist."),
+            click.option(
+                "--truth", metavar="FILE",
+                help="Where to write the truth [default: the recording's name, .truth.json].",
+            ),
+            click.option("-o", "--output", default="-", metavar="FILE", help=where),
+            click.option(
+                "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
+            ),
+            click.option(
+                "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), default=60.0,
+                show_default=True, metavar="DEG", help="Inclination of the field.",
+            ),
+            click.option(
+                "--field-strength", type=_options.positive, default=50.0, show_default=True, metavar="UT",
+                help="Strength of the field in µT.",
+            ),
+        ):  # fmt: skip
+            function = option(function)
+        return function
+
+    return shared
+
+
+@click.group(
+    "simulate",
+    short_help="Simulate a recording whose truth is known.",
+    epilog="""\b
+Example:
+  flinders simulate three-axis -o tumble.csv --motion hand --seed 1
+  flinders calibrate tumble.csv -o calibration.json
+  flinders evaluate calibration.json tumble.truth.json
+  flinders simulate two-axis -o swing.csv --skew 5 --json
+""",
+)
+def command() -> None:
+    """Simulate a recording of a sensor with hard and soft iron, and keep what is true of it beside it.
+
+    The recording is CSV as a logger writes it. What is true (sensor, field, motion, seed) goes into a file of its
+    own, which `flinders evaluate` holds a calibration against. The same seed gives the same bytes.
+    """
+
+
+@command.command(
+    "three-axis",
+    short_help="A three-axis sensor in motion.",
+    epilog="\b\nMotions:\n"
+    + "\n".join(f"  {name:<12}{words}" for name, words in MOTIONS.items())
+    + """\n\n\b
+Example:
+  flinders simulate three-axis -o tumble.csv
+  flinders simulate three-axis -o drive.csv --motion drive --motor 0.2 --seed 7
+  flinders simulate three-axis -o again.csv --sensor tumble.truth.json --seed 2
+  flinders simulate three-axis | flinders calibrate - -o calibration.json
+""",
+)
+@click.option(
+    "--motion", type=click.Choice(tuple(MOTIONS)), default="hand", show_default=True, metavar="NAME",
+    help="How the sensor is moved; see below.",
+)  # fmt: skip
+@click.option("--readings", "n", type=click.IntRange(min=1), metavar="N", help="How many [default: the motion's own].")
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=_options.positive,
+    default=50.0,
+    show_default=True,
+    metavar="HZ",
+    help="Readings a second.",
+)
+@click.option(
+    "--tilt", "tilt_deg", type=_from_zero(90.0, "degrees from 0 to 90"), metavar="DEG",
+    help="Greatest tilt of tilted, drive and flight.",
+)  # fmt: skip
+@click.option("--sensor", metavar="TRUTH", help="The sensor of another simulated recording: its truth.")
+@click.option(
+    "--soft-iron", type=_from_zero(0.45, "a share from 0 to 0.45"), metavar="SHARE",
+    help=f"Scales are drawn within ± this of 1 [default: {SOFT:g}].",
+)  # fmt: skip
+@click.option(
+    "--hard-iron", type=size, metavar="UT", help=f"Offsets are drawn within ± this in µT [default: {HARD:g}]."
+)
+@click.option("--noise", type=size, metavar="UT", help=f"White noise in µT, 1 σ per axis [default: {NOISE:g}].")
+@click.option("--resolution", type=_options.positive, metavar="UT", help="Step of the converter in µT.")
+@click.option("--limit", type=_options.positive, metavar="UT", help="Where each axis saturates, in µT.")
+@click.option("--outliers", type=share, default=0.0, metavar="SHARE", help="Share of readings in a stray field.")
+@click.option("--held", type=share, default=0.0, metavar="SHARE", help="Share of readings in clumps: held still.")
+@click.option("--motor", type=size, metavar="UT", help="Field of motors, in µT per ampere; adds their current.")
+@click.option("--drift", type=size, metavar="UT", help="Drift of the offset, in µT per kelvin; adds the temperature.")
+@click.option("--step", type=size, metavar="UT", help="Step of the offset half way: something was moved.")
+@click.option("--magnet", type=size, metavar="UT", help="A magnet passes after a third, so strong at its peak.")
+@click.option(
+    "--gyro-bias", type=_several(3, "three numbers, such as 0.01,0,-0.02"), metavar="X,Y,Z",
+    help="What the gyro reads at rest, in rad/s.",
+)  # fmt: skip
+@click.option("--magnetometer-only", is_flag=True, help="Leave out acceleration and rate.")
+@_shared("Where to write the recording [default: standard output].")
+def three_axis(
+    output: str, truth: str | None, *, force: bool, as_json: bool, magnetometer_only: bool, **options: Any
+) -> int:
+    """Simulate a three-axis sensor in motion, and whatever disturbs it.
+
+    Directions of what --motor, --drift, --step and --magnet add are drawn from the seed. Columns: time, magnetic
+    field, and acceleration (specific force: level, −9.81 on z) and angular rate where the motion has them.
+    """
+    _check(output, truth, options["sensor"], force=force, as_json=as_json)
+    simulated = _tumbled(options)
+    _write(simulated, output, truth, force=force, bare=magnetometer_only)
+    if as_json:
+        _print_truth(simulated, output, truth)
+    return GOOD
+
+
+@command.command(
+    "two-axis",
+    short_help="A two-axis compass, swung around.",
+    epilog="""\b
+Example:
+  flinders simulate two-axis
+  flinders simulate two-axis --scale 1.2,0.9 --offset 12,-8 --skew 5
+  flinders simulate two-axis -o swing.csv --polar rose.csv
+""",
+)
+@click.option(
+    "--points",
+    type=click.IntRange(min=6),
+    default=36,
+    show_default=True,
+    help="Headings, equally spaced from north on.",
+)
+@click.option(
+    "--scale", type=_several(2, "two numbers, such as 1.1,0.9"), default="1.1,0.9", show_default=True, metavar="X,Y",
+    help="Scale of each axis.",
+)  # fmt: skip
+@click.option(
+    "--offset", type=_several(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True, metavar="X,Y",
+    help="Offset of each axis in µT.",
+)  # fmt: skip
+@click.option(
+    "--skew", "skew_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
+    metavar="DEG", help="By how much the axes are not square.",
+)  # fmt: skip
+@click.option(
+    "--noise", type=size, default=0.25, show_default=True, metavar="UT", help="White noise in µT, 1 σ per axis."
+)
+@click.option("--polar", metavar="FILE", help="Also write radius, heading and its error at each point.")
+@_shared("Also write the recording, and its truth.")
+def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, as_json: bool, **options: Any) -> int:
+    """Swing a two-axis compass around, calibrate it, and show what was found beside what is true.
+
+    Without -o nothing but the table is printed. Where noise or too few points leave no calibration that could be
+    used, the table is printed all the same, and the exit code is 4. The recording has a third column that reads
+    nothing; calibrate it with --method level.
+    """
+    from flinders.report.recovery import page
+
+    output = "" if output == "-" else output
+    _check(output, truth, None, polar, force=force, as_json=False)
+    found = _Swung(**options)
+    if output:
+        _write(found.simulated, output, truth, force=force, bare=False)
+    if polar:
+        _write_polar(found, polar, force=force)
+    if as_json:
+        print_json(found.as_dict())
+    else:
+        click.echo(drawn(page(found.compass, found.recovered, found.polar), sys.stdout))
+    if found.refusal is not None:
+        say(f"refused: this would be no calibration to use; {found.refusal}")
+        return REFUSED
+    return GOOD
+
+
+class _Swung:
+    """A swing, and what a calibration makes of it."""
+
+    def __init__(
+        self, *, points: int, scale: tuple[float, float], offset: tuple[float, float], skew_deg: float, noise: float,
+        seed: int, field_strength: float, dip_deg: float,
+    ) -> None:  # fmt: skip
+        import numpy as np
+
+        from flinders.fitting import fit
+        from flinders.simulate import TwoAxis, swing
+        from flinders.simulate.two_axis import Polar
+
+        self.compass = TwoAxis(scale, offset, skew_deg, noise)
+        self.simulated = swing(self.compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
+        self.refusal: FitError | None = None
+        try:
+            found = fit(self.simulated.samples, method="level", field_strength=field_strength, dip_deg=dip_deg)
+        except FitError as refusal:
+            if getattr(refusal, "fit", None) is None:
+                raise
+            found, self.refusal = refusal.fit, refusal  # type: ignore[attr-defined]
+        calibration, dip = found.calibration, math.radians(dip_deg)
+        shape = field_strength * np.linalg.inv(calibration.matrix)
+        centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
+        horizontal = field_strength * math.cos(dip)
+        ellipse = math.cos(dip) * shape[:2, :2]
+        self.recovered: TwoAxis = TwoAxis.from_ellipse(centre, ellipse, horizontal, noise=found.noise or 0.0)
+        self.polar = Polar.of(self.simulated, calibration.matrix, calibration.offset)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        from flinders.report.recovery import rows
+
+        names = ("scale_x", "scale_y", "offset_x", "offset_y", "skew_deg", "noise")
+        pairs = {
+            name: {"true": true, "found": found}
+            for name, (_, true, found, _) in zip(names, rows(self.compass, self.recovered), strict=True)
+        }
+        verdict = "limited" if self.refusal is None else "refused"
+        return {"verdict": verdict, "recovery": pairs, "polar": self.polar.as_dict(), "unit": "uT"}
+
+
+def _tumbled(options: dict[str, Any]) -> Simulated:
+    """Record, with what the options ask for."""
+    from flinders.simulate import Imu, MotorCurrent, PassingMagnet, Step, ThermalDrift, tumble
+
+    kinds: dict[str, Callable[[float], Disturbance]] = {
+        "motor": MotorCurrent,
+        "drift": ThermalDrift,
+        "step": Step,
+        "magnet": lambda peak: PassingMagnet(peak, at=1 / 3),
+    }
+    wanted = {name: options.pop(name) for name in kinds}
+    iron = {name: options.pop(name) for name in ("sensor", "soft_iron", "hard_iron", "noise", "resolution", "limit")}
+    bias = options.pop("gyro_bias")
+    return tumble(
+        sensor=_sensor(options["seed"], **iron),
+        disturbances=[kinds[name](value) for name, value in wanted.items() if value],
+        imu=None if bias is None else Imu(gyro_bias=bias),
+        **options,
+    )
+
+
+def _sensor(
+    seed: int, *, sensor: str | None, soft_iron: float | None, hard_iron: float | None, noise: float | None,
+    resolution: float | None, limit: float | None,
+) -> Sensor:  # fmt: skip
+    """Draw a sensor as `tumble` would, or take that of another recording.
+
+    Raises
+    ------
+    UsageError
+        Where both are asked for.
+    """
+    from dataclasses import replace
+
+    import numpy as np
+
+    from flinders.simulate import Sensor
+    from flinders.simulate.truth import read
+
+    if sensor is not None:
+        drawn = [word for word, value in (("--soft-iron", soft_iron), ("--hard-iron", hard_iron)) if value is not None]
+        if drawn:
+            raise UsageError(f"--sensor has iron of its own: leave {' and '.join(drawn)} out")
+        known = read(sensor).as_sensor()
+        given: dict[str, Any] = {"noise": noise, "resolution": resolution, "limit": limit}
+        return replace(known, **{name: value for name, value in given.items() if value is not None})
+    return Sensor.random(
+        np.random.default_rng(seed).spawn(1)[0],
+        soft=SOFT if soft_iron is None else soft_iron,
+        hard=HARD if hard_iron is None else hard_iron,
+        noise=NOISE if noise is None else noise,
+        resolution=resolution,
+        limit=limit,
+    )
+
+
+def _check(output: str, truth: str | None, sensor: str | None, *others: str | None, force: bool, as_json: bool) -> None:
+    """Find what could not be written before anything is simulated.
+
+    Raises
+    ------
+    UsageError
+        Where two results would go to one place.
+    OutputError
+        Where a file is in the way, or could not be written.
+    """
+    from flinders.files import refuse_existing
+    from flinders.simulate.truth import beside
+
+    if output == "-" and as_json:
+        raise UsageError("--json and the recording would both go to standard output: name a file with -o")
+    if "-" in (truth, *others):
+        raise UsageError("standard output is for the recording: name a file for --truth and --polar")
+    if truth and not output:
+        raise UsageError("--truth goes with a recording: name a file for that with -o")
+    named = [output, truth or (beside(output) if output not in ("", "-") else None), *others]
+    files = [path for path in named if path and path != "-"]
+    places = [Path(path).resolve() for path in files]
+    for path, place in zip(files, places, strict=True):
+        if places.count(place) > 1:
+            raise UsageError(f"{path} is named for two files: give them two names")
+        _options.refuse_to_overwrite(path, [sensor] if sensor else [])
+        refuse_existing(path, force=force)
+
+
+def _write(simulated: Simulated, output: str, truth: str | None, *, force: bool, bare: bool) -> None:
+    """Write the recording, and its truth beside it; say what it is."""
+    from dataclasses import replace
+
+    from flinders.simulate.table import lines, write_csv
+    from flinders.simulate.truth import Truth, beside, write
+
+    samples = replace(simulated.samples, acceleration=None, rate=None) if bare else simulated.samples
+    where = truth or (beside(output) if output != "-" else None)
+    if output == "-":
+        sys.stdout.writelines(f"{line}\n" for line in lines(samples))
+    else:
+        write_csv(samples, output, force=force)
+    if where:
+        write(Truth.of(simulated), where, force=force)
+    say(_summary(simulated))
+    if output != "-":
+        say(f"the recording is in {output}")
+    say(f"the truth is in {where}" if where else "the truth is not kept: name a file with -o or --truth")
+
+
+def _summary(simulated: Simulated) -> str:
+    """Say in a line what was simulated."""
+    samples, sensor = simulated.samples, simulated.sensor
+    parts = [f"simulated: {counted(len(samples), 'reading')}, {simulated.motion}"]
+    if samples.time is not None and simulated.rate_hz:
+        parts[0] += f", {len(samples) / simulated.rate_hz:g} s"
+    offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes, and no clock
+    parts.append(f"offset {math.hypot(*offset):.3g} µT, {sensor.noise:g} µT of noise")
+    if strays := int(simulated.strays.sum()):
+        parts.append(counted(strays, "stray"))
+    return "; ".join([*parts, *simulated.disturbances])
+
+
+def _print_truth(simulated: Simulated, output: str, truth: str | None) -> None:
+    """Print what is true, and where it is."""
+    from flinders.simulate.truth import Truth, beside
+
+    print_json({"recording_file": output, "truth_file": truth or beside(output), **Truth.of(simulated).as_dict()})
+
+
+def _write_polar(found: _Swung, path: str, *, force: bool) -> None:
+    """Write a swing in polar coordinates."""
+    from flinders.files import replacing
+
+    columns: dict[str, Iterable[float]] = found.polar.as_dict()  # type: ignore[assignment]
+    with replacing(path, force=force) as file:
+        file.write(",".join(columns) + "\n")
+        file.writelines(
+            ",".join(f"{round(value, 4) + 0.0:.4f}" for value in row) + "\n"
+            for row in zip(*columns.values(), strict=True)
+        )
+    say(f"polar coordinates are in {path}")

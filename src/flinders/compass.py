@@ -1,0 +1,215 @@
+"""A recording as headings: calibration, accelerometer and declination put together, block by block.
+
+>>> from flinders import simulate
+>>> from flinders.angles import folded
+>>> from flinders.calibration import Calibration
+>>> tumble = simulate.tumble(seed=1)
+>>> samples = tumble.samples
+>>> level = Compass(Calibration.identity(field_strength=50.0, raw=samples.unit), formula="level", declination_deg=10.0)
+>>> headings = level.read(samples)
+>>> len(headings), round(float(folded(headings.true_deg[0] - headings.magnetic_deg[0])), 9)
+(3000, 10.0)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.angles import wrapped
+from flinders.attitude import FORMULAS, dip_deg, level_heading_deg, roll_pitch_deg
+from flinders.axes import Axes
+from flinders.errors import NoAccelerometer, UsageError
+from flinders.frames import Frames
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.calibration import Calibration
+    from flinders.samples import Samples
+
+LEVEL: Final = "level"
+"""The name of the heading from two axes."""
+
+SHAKEN: Final = 0.1
+"""Share of gravity by which the acceleration may differ from it before a reading counts as shaken."""
+
+AS_THEY_ARE: Final = Axes()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Headings:
+    """Headings of N readings, in degrees, NaN where there is none.
+
+    Attributes
+    ----------
+    magnetic_deg : (N,)
+        In [0, 360).
+    true_deg : (N,), optional
+        Where the declination is known.
+    roll_deg, pitch_deg : (N,), optional
+        Of a body with x forward, y right, z down; with an accelerometer.
+    dip_deg : (N,), optional
+        Of the field, as it is seen; with an accelerometer.
+    strength : (N,)
+        Length of the corrected reading, as a share of the calibration's field.
+    frames : Frames
+        What tells whether the accelerometer has the axes of the magnetometer; of a level sensor, whether z is down.
+    shaken : int
+        Readings whose acceleration was not that of gravity alone.
+    """
+
+    magnetic_deg: Floats
+    strength: Floats
+    true_deg: Floats | None = None
+    roll_deg: Floats | None = None
+    pitch_deg: Floats | None = None
+    dip_deg: Floats | None = None
+    frames: Frames = field(default_factory=Frames)
+    shaken: int = 0
+
+    def __len__(self) -> int:
+        return len(self.magnetic_deg)
+
+    def columns(self) -> dict[str, Floats]:
+        """What there is, by the name of its column in a table."""
+        named = {
+            "heading_deg": self.magnetic_deg,
+            "true_heading_deg": self.true_deg,
+            "roll_deg": self.roll_deg,
+            "pitch_deg": self.pitch_deg,
+            "dip_deg": self.dip_deg,
+            "strength": self.strength,
+        }
+        return {name: values for name, values in named.items() if values is not None}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compass:
+    """What is needed to turn readings into headings.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    formula : str
+        One of `flinders.attitude.FORMULAS`, or ``"level"``: two axes, for a sensor that is never tilted.
+    acceleration_axes : Axes
+        How the acceleration is turned into the calibration's axes, beyond what turns the field.
+    declination_deg : float, optional
+        Added to magnetic headings it gives true ones.
+    gravity : float, optional
+        Length of the acceleration at rest, in its own unit; by default the median of each block.
+
+    Raises
+    ------
+    UsageError
+        For a formula that is not known.
+    """
+
+    calibration: Calibration
+    formula: str = "exact"
+    acceleration_axes: Axes = AS_THEY_ARE
+    declination_deg: float | None = None
+    gravity: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a name that is none."""
+        if self.formula != LEVEL and self.formula not in FORMULAS:
+            raise UsageError(f"formula {self.formula!r} is not known: use one of {', '.join((*FORMULAS, LEVEL))}")
+
+    def read(self, samples: Samples) -> Headings:
+        """Turn readings, in the calibration's unit and axes, into headings.
+
+        Raises
+        ------
+        NoAccelerometer
+            Where there is none, unless the formula is ``level``.
+        """
+        corrected = self.calibration.apply(samples.field)
+        with np.errstate(over="ignore", invalid="ignore"):
+            strength = np.linalg.norm(corrected, axis=1) / self.calibration.field_strength
+        if self.formula == LEVEL:
+            magnetic = level_heading_deg(corrected)
+            frames = Frames.of(corrected, np.broadcast_to([0.0, 0.0, -1.0], corrected.shape), gravity=1.0)
+            return Headings(magnetic, strength, self._true(magnetic), frames=frames)
+        if samples.acceleration is None:
+            raise NoAccelerometer(
+                f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
+                "name its columns with --acceleration, or say --level if the sensor never tilts"
+            )
+        force = self.acceleration_axes.apply(samples.acceleration)
+        magnetic = FORMULAS[self.formula](corrected, force)
+        roll, pitch = roll_pitch_deg(force)
+        frames = Frames.of(corrected, force, gravity=self.gravity)
+        present = int(np.isfinite(force).all(axis=1).sum())
+        return Headings(
+            magnetic, strength, self._true(magnetic), roll, pitch, dip_deg(corrected, force), frames,
+            max(present - frames.readings, 0),
+        )  # fmt: skip
+
+    def _true(self, magnetic: Floats) -> Floats | None:
+        return None if self.declination_deg is None else wrapped(magnetic + self.declination_deg)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Voyage:
+    """What a stretch of headings was like, in sums that add.
+
+    Attributes
+    ----------
+    readings, without : int
+        All, and those without a heading.
+    shaken : int
+        Those whose acceleration was not that of gravity alone.
+    frames : Frames
+    tilts : (181,) int
+        Readings by the angle between z and down, in whole degrees.
+    """
+
+    readings: int = 0
+    without: int = 0
+    shaken: int = 0
+    frames: Frames = field(default_factory=Frames)
+    tilts: Floats = field(default_factory=lambda: np.zeros(181))
+
+    @classmethod
+    def of(cls, headings: Headings) -> Self:
+        """Sum up a block."""
+        without = int(np.isnan(headings.magnetic_deg).sum())
+        tilts = np.zeros(181)
+        if headings.roll_deg is not None and headings.pitch_deg is not None:
+            upright = np.cos(np.deg2rad(headings.roll_deg)) * np.cos(np.deg2rad(headings.pitch_deg))
+            angles = np.rad2deg(np.arccos(upright[np.isfinite(upright)].clip(-1.0, 1.0)))
+            tilts = np.bincount(np.round(angles).astype(int), minlength=181).astype(float)
+        return cls(len(headings), without, headings.shaken, headings.frames, tilts)
+
+    def __add__(self, other: Voyage) -> Voyage:
+        return Voyage(
+            self.readings + other.readings,
+            self.without + other.without,
+            self.shaken + other.shaken,
+            self.frames + other.frames,
+            self.tilts + other.tilts,
+        )
+
+    @property
+    def is_z_up(self) -> bool:
+        """The sensor was mounted with z up: it pointed up more often than down."""
+        return bool(self.tilts[:90].sum() < self.tilts[91:].sum())
+
+    @property
+    def tilt_deg(self) -> float:
+        """Tilt that 95 of 100 readings stay within, in whole degrees."""
+        tilts = self.tilts[::-1] if self.is_z_up else self.tilts
+        total = tilts.cumsum()
+        return float(np.searchsorted(total, 0.95 * total[-1])) if total[-1] else 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        told: dict[str, Any] = {"rows": self.readings, "without_heading": self.without}
+        if self.frames.readings:
+            dip, scatter = self.frames.dip_deg
+            told |= {"shaken": self.shaken, "tilt_deg": self.tilt_deg, "z_up": self.is_z_up}
+            told |= {"dip_seen_deg": dip, "dip_scatter_deg": scatter}
+        return told

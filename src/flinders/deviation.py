@@ -1,0 +1,375 @@
+"""The deviation of a compass on its ship: five coefficients from a swing, and the card made from them.
+
+``δ(ζ) = A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ``: magnetic less compass heading, east positive, over the *compass*
+heading ζ. A is a turned compass or a wrong reference, B and C are hard iron fore-and-aft and athwartships (and soft
+iron that the vertical field magnetises), D and E are soft iron.
+
+>>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])      # H.O. 226, figure 501
+>>> swing.coefficients_deg.round(4)
+array([ 1.    , 11.9397,  7.9598,  5.    ,  1.5   ])
+>>> eight_points([10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
+array([ 1. , 12. ,  8. ,  5. ,  1.5])
+>>> round(float(swing.at(45.0)), 1), round(float(swing.magnetic(45.0)), 1)
+(20.1, 65.1)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.angles import folded, wrapped
+from flinders.arrays import column, floats, matrix, refuse_gaps, vectors
+from flinders.errors import ArrayError, FitError, UsageError, counted
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+NAMES: Final = "ABCDE"
+LEAST: Final = 5
+"""Headings without which five coefficients are open."""
+ADVISED: Final = 8
+"""Headings that a swing should have."""
+LARGE_DEG: Final = 15.0
+"""Deviation beyond which the small-angle formula leaves more out than it is good for."""
+WIDEST_GAP_DEG: Final = 120.0
+"""Between headings that follow each other: a wider gap leaves the curve inside it open."""
+APART_DEG: Final = 1.0
+"""Headings closer than this are one."""
+PLACED_DEG: Final = 1.0
+"""How near to the cardinal and intercardinal points headings must be for the eight-point formulas."""
+CARD_STEP_DEG: Final = 15.0
+
+_POINTS: Final = np.arange(8) * 45.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deviation:
+    """A deviation curve, and the swing that it came from.
+
+    Attributes
+    ----------
+    coefficients_deg : (5,) degrees
+        A, B, C, D and E.
+    covariance : (5, 5) degrees², optional
+        Of the coefficients; None where neither the swing nor the user says how well a heading was read.
+    sigma_deg : float or None
+        Scatter of one observation about the curve, or what was given for it.
+    compass_deg, observed_deg : (N,) degrees
+        Headings by the compass, and the deviation seen there.
+    residual_deg : (N,) degrees
+        Observed less curve.
+    chi_square : float or None
+        Of the residuals against what was given as their 1 σ. Where it is larger than chance makes it, the covariance
+        is enlarged by its ratio to the degrees of freedom.
+    """
+
+    coefficients_deg: Floats
+    covariance: Floats | None
+    sigma_deg: float | None
+    compass_deg: Floats
+    observed_deg: Floats
+    residual_deg: Floats
+    chi_square: float | None = None
+
+    @property
+    def freedom(self) -> int:
+        """Headings more than there are coefficients."""
+        return len(self.compass_deg) - len(NAMES)
+
+    @property
+    def sigmas_deg(self) -> Floats | None:
+        """(5,) standard deviations of the coefficients, or None."""
+        return None if self.covariance is None else np.sqrt(np.diagonal(self.covariance).clip(min=0.0))
+
+    def at(self, compass_deg: ArrayLike) -> Floats:
+        """Deviation at compass headings: (...,) degrees to (...,) degrees."""
+        found: Floats = design(compass_deg) @ self.coefficients_deg
+        return found
+
+    def sigma_at(self, compass_deg: ArrayLike) -> Floats | None:
+        """1 σ of the curve at compass headings, or None where it is not known."""
+        if self.covariance is None:
+            return None
+        rows = design(compass_deg)
+        sigma: Floats = np.sqrt(np.sum(rows @ self.covariance * rows, axis=-1).clip(min=0.0))
+        return sigma
+
+    def magnetic(self, compass_deg: ArrayLike) -> Floats:
+        """Magnetic headings in [0, 360) for compass headings."""
+        return wrapped(floats(compass_deg, "compass_deg") + self.at(compass_deg))
+
+    def compass(self, magnetic_deg: ArrayLike) -> Floats:
+        """Compass headings in [0, 360) to steer for magnetic ones: the inverse of `magnetic`, to a millionth of 1°.
+
+        >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
+        >>> round(float(swing.compass(swing.magnetic(100.0))), 6)
+        100.0
+
+        Raises
+        ------
+        FitError
+            Where deviations are so large that two compass headings mean one magnetic heading.
+        """
+        wanted = floats(magnetic_deg, "magnetic_deg")
+        around = np.arange(0.0, 361.0)
+        if np.diff(around + self.at(around)).min() <= 0.0:
+            raise FitError("deviation changes faster than the heading: one magnetic heading has several by compass")
+        heading = wanted - self.at(wanted)
+        for _ in range(200):
+            step = folded(wanted - heading - self.at(heading))
+            heading = heading + step
+            if np.abs(step).max(initial=0.0) < 1e-9:
+                break
+        return wrapped(heading)
+
+    @property
+    def largest_deg(self) -> float:
+        """Largest deviation of the curve, whichever way, at whole degrees."""
+        return float(np.abs(self.at(np.arange(360.0))).max())
+
+    @property
+    def widest_gap_deg(self) -> float:
+        """Largest angle between neighbouring headings of the swing."""
+        around = np.sort(self.compass_deg)
+        return float(np.diff(np.append(around, around[0] + 360.0)).max())
+
+    @property
+    def eight(self) -> Floats | None:
+        """The eight-point coefficients, where the swing was made on just these points; else None."""
+        places = np.round(self.compass_deg / 45.0).astype(int) % 8
+        near = np.abs(folded(self.compass_deg - 45.0 * places)) <= PLACED_DEG
+        if len(places) != 8 or not near.all() or len(set(places.tolist())) != 8:
+            return None
+        return eight_points(self.observed_deg[np.argsort(places)])
+
+    def card(self, step_deg: float = CARD_STEP_DEG) -> tuple[Floats, Floats, Floats | None]:
+        """Headings by compass, deviations and their 1 σ, all round in steps.
+
+        Raises
+        ------
+        UsageError
+            Unless the step goes into 360 a whole number of times.
+        """
+        if not (
+            step_deg > 0.0 and 360.0 / step_deg < 4000.0 and abs(360.0 / step_deg - round(360.0 / step_deg)) < 1e-9
+        ):
+            raise UsageError(f"a step of {step_deg:g}° does not go round: need a part of 360°, such as 10, 15 or 45")
+        headings = np.arange(round(360.0 / step_deg)) * step_deg
+        return headings, self.at(headings), self.sigma_at(headings)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        headings, deviations, sigmas = self.card()
+        return {
+            "coefficients_deg": dict(zip(NAMES, self.coefficients_deg.tolist(), strict=True)),
+            "sigma_deg": None if self.sigmas_deg is None else dict(zip(NAMES, self.sigmas_deg.tolist(), strict=True)),
+            "covariance": None if self.covariance is None else self.covariance.tolist(),
+            "eight_points_deg": None if self.eight is None else dict(zip(NAMES, self.eight.tolist(), strict=True)),
+            "headings": len(self.compass_deg),
+            "freedom": self.freedom,
+            "observation_sigma_deg": self.sigma_deg,
+            "chi_square": self.chi_square,
+            "largest_deg": self.largest_deg,
+            "widest_gap_deg": self.widest_gap_deg,
+            "swing": {
+                "compass_deg": self.compass_deg.tolist(),
+                "deviation_deg": self.observed_deg.tolist(),
+                "residual_deg": self.residual_deg.tolist(),
+            },
+            "card": {
+                "compass_deg": headings.tolist(),
+                "deviation_deg": deviations.tolist(),
+                "sigma_deg": None if sigmas is None else sigmas.tolist(),
+            },
+        }
+
+
+def design(compass_deg: ArrayLike) -> Floats:
+    """(..., 5) rows 1, sin ζ, cos ζ, sin 2ζ, cos 2ζ."""
+    angle = np.deg2rad(floats(compass_deg, "compass_deg"))
+    return np.stack(
+        [np.ones_like(angle), np.sin(angle), np.cos(angle), np.sin(2.0 * angle), np.cos(2.0 * angle)], axis=-1
+    )
+
+
+def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLike | None = None) -> Deviation:
+    """Find A to E by least squares: minimise ``Σ (δᵢ − δ(ζᵢ))²/σᵢ²``.
+
+    Parameters
+    ----------
+    compass_deg : (N,) degrees
+        Headings by the compass; five different ones at the least, and better eight, all round.
+    deviation_deg : (N,) degrees
+        Magnetic less compass heading there; 350 counts as −10.
+    sigma_deg : float or (N,) degrees, optional
+        1 σ of each. By default all are equally good, and how good is taken from the residuals, which takes six.
+
+    Raises
+    ------
+    FitError
+        For fewer than five different headings.
+    ArrayError
+        For arrays of the wrong shape, with gaps, or a σ that is not positive.
+
+    Notes
+    -----
+    With headings all round in equal steps A is the mean, and B, C, D and E are twice the means of δ sin ζ … cos 2ζ.
+    """
+    headings = wrapped(_listed(compass_deg, "compass_deg"))
+    deviations = folded(column(_listed(deviation_deg, "deviation_deg"), len(headings), "deviation_deg"))
+    _refuse_few(headings)
+    sigma = _sigmas(1.0 if sigma_deg is None else sigma_deg, len(headings))
+    rows = design(headings)
+    left, values, right = np.linalg.svd(rows / sigma[:, np.newaxis], full_matrices=False)
+    coefficients: Floats = right.T @ ((left.T @ (deviations / sigma)) / values)
+    residual = deviations - rows @ coefficients
+    square, freedom = float(np.sum((residual / sigma) ** 2)), len(headings) - len(NAMES)
+    scale = square / freedom if freedom else None
+    if sigma_deg is not None:
+        scale = max(1.0, scale or 0.0)
+    if scale is None:
+        return Deviation(coefficients, None, None, headings, deviations, residual)
+    root = right.T / values
+    one = float((np.mean(sigma**2) * scale) ** 0.5)
+    return Deviation(
+        coefficients,
+        scale * (root @ root.T),
+        one,
+        headings,
+        deviations,
+        residual,
+        None if sigma_deg is None else square,
+    )
+
+
+def eight_points(deviation_deg: ArrayLike) -> Floats:
+    """A to E from the deviations on N, NE, E, SE, S, SW, W and NW by compass, as adjusters work them out by hand.
+
+    A = mean; B = (E − W)/2; C = (N − S)/2; D = ((NE + SW) − (SE + NW))/4; E = ((N + S) − (E + W))/4
+    (H.O. 226, Handbook of Magnetic Compass Adjustment). B and C use two of the headings; `fit` uses all.
+
+    Parameters
+    ----------
+    deviation_deg : (8,) degrees
+
+    Raises
+    ------
+    ArrayError
+        Unless there are eight.
+    """
+    values = column(deviation_deg, 8, "deviation_deg")
+    refuse_gaps(values, "deviation_deg")
+    n, ne, e, se, s, sw, w, nw = values
+    return np.array(
+        [values.mean(), (e - w) / 2.0, (n - s) / 2.0, ((ne + sw) - (se + nw)) / 4.0, ((n + s) - (e + w)) / 4.0]
+    )
+
+
+def eight_points_sigma(sigma_deg: float) -> Floats:
+    """(5,) 1 σ of `eight_points` for observations that are good to `sigma_deg` each.
+
+    >>> eight_points_sigma(1.0).round(3)
+    array([0.354, 0.707, 0.707, 0.5  , 0.5  ])
+    """
+    return sigma_deg * np.array([8.0**-0.5, 2.0**-0.5, 2.0**-0.5, 0.5, 0.5])
+
+
+def of_iron(soft: ArrayLike, hard: ArrayLike, *, horizontal: float, down: float) -> Floats:
+    """Coefficients that iron makes, to first order: what to expect before a swing.
+
+    A reading is h = (1 + K) field + b, held level with x forward, y right, z down, and the compass shows
+    atan2(−h_y, h_x). Then A = (K₂₁ − K₁₂)/2, B = (b_x + K₁₃ Z)/H, C = (b_y + K₂₃ Z)/H, D = (K₁₁ − K₂₂)/2 and
+    E = (K₂₁ + K₁₂)/2, in radians.
+
+    Parameters
+    ----------
+    soft : (3, 3)
+        K, dimensionless.
+    hard : (3,) µT
+        b.
+    horizontal, down : float, µT
+        H and Z at the site.
+
+    Returns
+    -------
+    (5,) degrees
+
+    Raises
+    ------
+    ArrayError
+        For a wrong shape, or numbers that are not finite.
+    UsageError
+        For a horizontal field that is not positive.
+    """
+    K, b = matrix(soft, "soft"), vectors(hard, "hard")
+    if not horizontal > 0.0:
+        raise UsageError(f"horizontal field is {horizontal:g}: need a positive number")
+    found = [
+        (K[1, 0] - K[0, 1]) / 2.0,
+        (b[0] + K[0, 2] * down) / horizontal,
+        (b[1] + K[1, 2] * down) / horizontal,
+        (K[0, 0] - K[1, 1]) / 2.0,
+        (K[1, 0] + K[0, 1]) / 2.0,
+    ]
+    coefficients: Floats = np.rad2deg(np.array(found))
+    return coefficients
+
+
+def largest_error_deg(disturbance: ArrayLike, horizontal: ArrayLike) -> Floats:
+    """How far a horizontal field that does not belong there can turn a compass: asin(Bₑ/H), in degrees.
+
+    NaN where it is stronger than the earth's own: then the compass need not go round at all.
+
+    >>> largest_error_deg([1.0, 5.0, 10.0], 25.0).round(2)
+    array([ 2.29, 11.54, 23.58])
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = floats(disturbance, "disturbance") / floats(horizontal, "horizontal")
+        angle: Floats = np.rad2deg(np.arcsin(share))
+    return angle
+
+
+def _listed(values: ArrayLike, name: str) -> Floats:
+    """Let through a list of finite numbers."""
+    array = floats(values, name)
+    if array.ndim != 1:
+        raise ArrayError(f"{name} has shape {array.shape}: need (N,), one value a heading")
+    refuse_gaps(array, name)
+    return array
+
+
+def _sigmas(sigma_deg: ArrayLike, count: int) -> Floats:
+    """Let through one positive number, or one for each heading."""
+    given = floats(sigma_deg, "sigma_deg")
+    sigma = np.full(count, float(given)) if given.ndim == 0 else column(given, count, "sigma_deg")
+    wrong = sigma[~(np.isfinite(sigma) & (sigma > 0.0))]
+    if len(wrong):
+        raise ArrayError(f"sigma_deg is {wrong[0]:g} somewhere: need positive numbers of degrees")
+    return sigma
+
+
+def _refuse_few(headings: Floats) -> None:
+    """Refuse a swing that leaves coefficients open.
+
+    Raises
+    ------
+    FitError
+        With the number of different headings.
+    """
+    kept: list[float] = []
+    for heading in headings.tolist():
+        if len(kept) < LEAST and all(abs(float(folded(heading - other))) >= APART_DEG for other in kept):
+            kept.append(heading)
+    different = len(kept)
+    if different < LEAST:
+        raise FitError(
+            f"{counted(different, 'different heading')}, five coefficients need at least {LEAST}: "
+            f"steady the vehicle on {ADVISED} headings all round, each 45° from the last",
+            found=different,
+            needed=LEAST,
+        )

@@ -1,0 +1,340 @@
+"""A calibration against the truth: what it really costs in degrees, beside what it claims.
+
+>>> from flinders import fitting, simulate
+>>> from flinders.judged import Judged
+>>> recording = simulate.tumble(seed=1)
+>>> found = Judged.from_fit(fitting.fit(recording.samples))
+>>> told = evaluate(found, simulate.truth.Truth.of(recording))
+>>> told.verdict, told.heading_error_deg.worst < 0.2
+('as claimed', True)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+
+from flinders.comparison import CHANCE, DIRECTIONS
+from flinders.errors import UnitError, UsageError
+from flinders.heading import HeadingError, direction_error_deg, level_error, level_gradients, level_turn
+from flinders.pooling import chance_of, chi_square_of
+from flinders.simulate.angle_error import best_rotation
+from flinders.units import label
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.axes import Axes
+    from flinders.calibration import Calibration
+    from flinders.judged import Judged
+    from flinders.simulate.truth import Truth
+
+Outcome = Literal["as claimed", "worse than claimed", "unclaimed"]
+
+TARGET_DEG: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """True errors of a calibration, and those that it claims.
+
+    Attributes
+    ----------
+    heading_error_deg : HeadingError
+        Of a level vehicle: rms over 72 headings and the worst, the mean taken off.
+    heading_mean_deg : float
+        That mean: it looks like a mounting that has turned.
+    claimed_heading_deg : HeadingError or None
+        1 σ that the calibration's covariance gives at the same dip; None where it states none.
+    direction_error_deg : (rms, worst)
+        Angle between the corrected and the true field over 400 directions, with any rotation left in.
+    freed_direction_error_deg : (rms, worst)
+        The same once the best common rotation is taken away: all that a magnetometer alone can answer for.
+    claimed_direction_deg : (rms, worst) or None
+        1 σ, which is one of the rotation-free error.
+    rotation_deg : float
+        Angle of that rotation.
+    offset_error : (3,) float, in `unit`
+        Offset less the true one.
+    offset_sigma : (3,) float or None, in `unit`
+        1 σ, as claimed.
+    matrix_error : float
+        What the correction leaves of the soft iron, rotation and scale taken away: Frobenius norm of P − 1, where
+        R P is the polar decomposition of matrix × true matrix and P is scaled to determinant 1.
+    scale_error : float or None
+        Corrected length over the true one, less one; None where no field strength was given, and nothing is claimed.
+    chi_square, freedom : float or None, int
+        Of the level heading errors against the covariance; they are circles and figures of eight around the
+        compass, with two numbers each.
+    p_value : float or None
+        How often chance alone makes them as large.
+    field_strength : float, in `unit`
+        The true one.
+    target_deg : float
+    unit : str
+    """
+
+    heading_error_deg: HeadingError
+    heading_mean_deg: float
+    claimed_heading_deg: HeadingError | None
+    direction_error_deg: tuple[float, float]
+    freed_direction_error_deg: tuple[float, float]
+    claimed_direction_deg: tuple[float, float] | None
+    rotation_deg: float
+    offset_error: Floats
+    offset_sigma: Floats | None
+    matrix_error: float
+    scale_error: float | None
+    chi_square: float | None
+    freedom: int
+    p_value: float | None
+    field_strength: float
+    target_deg: float
+    unit: str
+
+    @property
+    def heading_ratio(self) -> float | None:
+        """True heading error over the claimed one, rms: about 1 on average where the claims are true."""
+        return (
+            None
+            if self.claimed_heading_deg is None
+            else _ratio(self.heading_error_deg.rms, self.claimed_heading_deg.rms)
+        )
+
+    @property
+    def direction_ratio(self) -> float | None:
+        """True direction error without the rotation over the claimed one, rms."""
+        if self.claimed_direction_deg is None:
+            return None
+        return _ratio(self.freed_direction_error_deg[0], self.claimed_direction_deg[0])
+
+    @property
+    def offset_ratio(self) -> float | None:
+        """Length of the offset error over that of its claimed 1 σ."""
+        return (
+            None
+            if self.offset_sigma is None
+            else _ratio(math.hypot(*self.offset_error), math.hypot(*self.offset_sigma))
+        )
+
+    @property
+    def offset_share(self) -> float:
+        """Length of the offset error, as a fraction of the field."""
+        return math.hypot(*self.offset_error) / self.field_strength
+
+    @property
+    def verdict(self) -> Outcome:
+        """``worse than claimed`` where chance makes such errors less than once in a hundred times."""
+        if self.p_value is None:
+            return "unclaimed"
+        return "as claimed" if self.p_value >= CHANCE else "worse than claimed"
+
+    @property
+    def is_on_target(self) -> bool:
+        """No heading is off by more than the target."""
+        return self.heading_error_deg.worst <= self.target_deg
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: what ``--json`` prints."""
+        heading, claimed = self.heading_error_deg, self.claimed_heading_deg
+        return {
+            "verdict": self.verdict,
+            "on_target": self.is_on_target,
+            "heading_error_deg": {
+                "rms": heading.rms,
+                "worst": heading.worst,
+                "mean": self.heading_mean_deg,
+                "dip_deg": heading.dip_deg,
+                "target_deg": self.target_deg,
+            },
+            "claimed_heading_deg": None if claimed is None else {"rms": claimed.rms, "worst": claimed.worst},
+            "heading_ratio": self.heading_ratio,
+            "direction_error_deg": _pair(self.direction_error_deg),
+            "freed_direction_error_deg": _pair(self.freed_direction_error_deg),
+            "claimed_direction_deg": _pair(self.claimed_direction_deg),
+            "direction_ratio": self.direction_ratio,
+            "rotation_deg": self.rotation_deg,
+            "offset_error": self.offset_error.tolist(),
+            "offset_sigma": None if self.offset_sigma is None else self.offset_sigma.tolist(),
+            "offset_ratio": self.offset_ratio,
+            "offset_share": self.offset_share,
+            "matrix_error": self.matrix_error,
+            "scale_error": self.scale_error,
+            "chi_square": self.chi_square,
+            "freedom": self.freedom,
+            "p_value": self.p_value,
+            "unit": self.unit,
+        }
+
+    def __repr__(self) -> str:
+        heading = self.heading_error_deg
+        return (
+            f"Evaluation({self.verdict}, heading {heading.rms:.2g}° rms, {heading.worst:.2g}° worst, "
+            f"offset {math.hypot(*self.offset_error):.3g} {label(self.unit)})"
+        )
+
+
+def evaluate(
+    found: Judged, truth: Truth, *, dip_deg: float | None = None, target_deg: float = TARGET_DEG
+) -> Evaluation:
+    """Hold a calibration against what is true of its sensor.
+
+    Parameters
+    ----------
+    found : Judged
+        In the unit of the truth. Where its axes are mapped, the truth is mapped alike.
+    truth : Truth
+    dip_deg : float, optional
+        Inclination of the field for headings; that of the truth unless another is given.
+    target_deg : float
+        Worst heading error that is good enough.
+
+    Raises
+    ------
+    UnitError
+        Where one is in µT and the other in counts.
+    UsageError
+        For a target that is not positive, or a dip within a degree of the poles.
+    """
+    if not target_deg > 0.0:
+        raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+    if found.calibration.unit != truth.unit:
+        raise UnitError(
+            f"{found.name} is for readings in {label(found.calibration.unit)}, the truth is in {label(truth.unit)}: "
+            "calibrate with the unit of the recording (counts need --scale)"
+        )
+    dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
+    met = _Met(found.calibration, *mapped(truth, found.calibration.axes), truth.field.strength)
+    errors, mean = met.heading_errors(dip_deg)
+    seen = met.corrected(DIRECTIONS)
+    rotation = best_rotation(seen.T, DIRECTIONS.T)
+    claims = None if found.covariance is None else _Claims.of(found, found.covariance, dip_deg, errors)
+    return Evaluation(
+        heading_error_deg=HeadingError(*_rms_and_worst(np.rad2deg(errors)), float(dip_deg)),
+        heading_mean_deg=math.degrees(mean),
+        claimed_heading_deg=claims.heading if claims else None,
+        direction_error_deg=_angles_deg(seen),
+        freed_direction_error_deg=_angles_deg(rotation @ seen),
+        claimed_direction_deg=claims.direction_deg if claims else None,
+        rotation_deg=_angle_deg(rotation),
+        offset_error=np.asarray(found.calibration.offset - met.offset),
+        offset_sigma=claims.offset_sigma if claims else None,
+        matrix_error=met.matrix_error,
+        scale_error=met.scale_error if found.calibration.field_strength_known else None,
+        chi_square=claims.chi_square if claims else None,
+        freedom=claims.freedom if claims else 0,
+        p_value=chance_of(claims.chi_square, claims.freedom) if claims else None,
+        field_strength=truth.field.strength,
+        target_deg=float(target_deg),
+        unit=truth.unit,
+    )
+
+
+def mapped(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
+    """(3, 3) matrix and (3,) offset of the true sensor once its axes are turned: P A Pᵀ and P b.
+
+    >>> from flinders.axes import Axes
+    >>> from flinders.simulate import Sensor, truth, tumble
+    >>> plain = truth.Truth.of(tumble(n=10, sensor=Sensor(matrix=np.diag([1.0, 2.0, 3.0]), offset=[4, 5, 6])))
+    >>> matrix, offset = mapped(plain, Axes.of("-y,x,z"))
+    >>> np.diag(matrix).tolist(), offset.tolist()
+    ([2.0, 1.0, 3.0], [-5.0, 4.0, 6.0])
+    """
+    turn = axes.apply(np.eye(3)).T
+    sensor = truth.as_sensor()
+    return turn @ sensor.matrix @ turn.T, turn @ sensor.offset
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Met:
+    """A calibration that meets a sensor with the given matrix (3, 3) and offset (3,) in a field of some strength."""
+
+    calibration: Calibration
+    matrix: Floats
+    offset: Floats
+    field_strength: float
+
+    def corrected(self, directions: Floats) -> Floats:
+        """(3, K) what comes out for true unit directions (3, K)."""
+        raw = self.offset[:, np.newaxis] + self.field_strength * self.matrix @ directions
+        corrected: Floats = self.calibration.matrix @ (raw - self.calibration.offset[:, np.newaxis])
+        return corrected
+
+    def heading_errors(self, dip_deg: float) -> tuple[Floats, float]:
+        """(72,) errors over a level turn with their mean taken off, and the mean, in rad."""
+        heading, directions = level_turn(dip_deg)
+        seen = self.corrected(directions)
+        off = np.exp(1j * (np.arctan2(-seen[1], seen[0]) - heading))
+        mean = float(np.angle(off.mean()))
+        return np.angle(off * np.exp(-1j * mean)), mean
+
+    @property
+    def matrix_error(self) -> float:
+        """Frobenius norm of P − 1, with P of determinant 1."""
+        left = self.calibration.matrix @ self.matrix
+        values = np.linalg.svd(left, compute_uv=False)
+        return float(np.linalg.norm(values / np.cbrt(np.prod(values)) - 1.0))
+
+    @property
+    def scale_error(self) -> float:
+        """Corrected length over the calibration's field strength, by volume, less one."""
+        length = np.cbrt(abs(np.linalg.det(self.calibration.matrix @ self.matrix))) * self.field_strength
+        return float(length / self.calibration.field_strength - 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Claims:
+    """What a covariance says, and how the level heading errors bear it out."""
+
+    heading: HeadingError
+    direction_deg: tuple[float, float]
+    offset_sigma: Floats
+    chi_square: float
+    freedom: int
+
+    @classmethod
+    def of(cls, found: Judged, covariance: Floats, dip_deg: float, errors: Floats) -> _Claims:
+        """Take it out of a covariance (9, 9); errors (72,) in rad.
+
+        A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of
+        eight: the first two harmonics are all there is to first order, and are held against their covariance.
+        """
+        heading, _ = level_turn(dip_deg)
+        waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
+        gradient = waves @ level_gradients(found.ellipsoid, dip_deg=dip_deg)
+        chi_square, freedom = chi_square_of(waves @ errors, gradient @ covariance @ gradient.T)
+        return cls(
+            level_error(found.ellipsoid, covariance, dip_deg=dip_deg),
+            direction_error_deg(found.ellipsoid, covariance),
+            np.sqrt(np.diag(covariance)[:3]),
+            chi_square,
+            freedom,
+        )
+
+
+def _angles_deg(seen: Floats) -> tuple[float, float]:
+    """Angles between (3, 400) vectors and `DIRECTIONS` in degrees: rms and largest."""
+    across = np.linalg.norm(np.cross(seen, DIRECTIONS, axis=0), axis=0)
+    return _rms_and_worst(np.rad2deg(np.arctan2(across, np.sum(seen * DIRECTIONS, axis=0))))
+
+
+def _rms_and_worst(angles: Floats) -> tuple[float, float]:
+    return float(np.sqrt(np.mean(angles**2))), float(np.abs(angles).max())
+
+
+def _angle_deg(rotation: Floats) -> float:
+    """Angle of a rotation (3, 3), to the last digit also where it is small."""
+    twice_sine = math.hypot(
+        rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
+    )
+    return math.degrees(math.atan2(twice_sine, float(np.trace(rotation)) - 1.0))
+
+
+def _ratio(error: float, claimed: float) -> float | None:
+    return error / claimed if claimed > 0.0 else None
+
+
+def _pair(angles: tuple[float, float] | None) -> dict[str, float] | None:
+    return None if angles is None else {"rms": angles[0], "worst": angles[1]}

@@ -1,0 +1,215 @@
+"""Six typed numbers: a calibration from the extremes that a board shows, where there is no recording.
+
+Boards with a display and no port show the smallest and the largest reading of each axis and nothing else. That gives
+an offset and three scales. It gives no noise, no count of readings and no directions, and so no covariance and
+no heading error: none is claimed, and the verdict is never better than ``limited``. What can be said is how much
+heading would be off if the turn alone had made the half-ranges differ.
+
+>>> car = from_extremes([-157, 98, -123, 124, -109, 101], variant="largest")
+>>> car
+Extremes(limited, offset -29.5, 0.5, -4, scale 1, 1.03, 1.21)
+>>> car.findings[0].code, round(car.findings[0].number, 1)
+('typed-extremes', 3.6)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.arrays import floats
+from flinders.axes import Axes
+from flinders.calibration import Calibration
+from flinders.document import FindingRecord, Fitted, write
+from flinders.errors import UsageError, figures
+from flinders.estimators.estimate import FINEST
+from flinders.estimators.minmax import MinMax, spanned, strength_of
+from flinders.estimators.readings import LARGEST, SMALLEST
+from flinders.heading import level_error
+from flinders.quadric import Ellipsoid
+from flinders.result import VERDICTS, Finding
+from flinders.units import Unit, label
+from flinders.verdict import of_calibration
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+    from flinders.document import Document, Provenance
+    from flinders.estimators.minmax import Variant
+    from flinders.result import Verdict
+
+TYPED: Final = "typed-extremes"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extremes:
+    """A calibration from six numbers, of which nobody knows how far to trust it.
+
+    Attributes
+    ----------
+    calibration : Calibration
+    low, high : (3,) float
+        In mapped axes and the calibration's unit.
+    findings : tuple of Finding
+        Gravest first.
+    """
+
+    calibration: Calibration
+    low: Floats
+    high: Floats
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def verdict(self) -> Verdict:
+        """``limited``, whatever the numbers."""
+        severities = {finding.severity for finding in self.findings}
+        return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "limited")
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid that the calibration makes a sphere."""
+        return spanned(self.low, self.high)
+
+    @property
+    def scale(self) -> Floats:
+        """(3,) what each axis is multiplied by."""
+        return np.diag(self.calibration.matrix)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready, with the keys of a fit: what nobody knows is None."""
+        return {
+            "verdict": self.verdict,
+            "method": MinMax.name,
+            "calibration": self.calibration.as_dict(),
+            "heading_error_deg": None,
+            "noise": None,
+            "samples": 0,
+            "coverage": {},
+            "covariance": None,
+            "extremes": {"low": self.low.tolist(), "high": self.high.tolist(), "scale": self.scale.tolist()},
+            "findings": [finding.as_dict() for finding in self.findings],
+        }
+
+    def to_document(self, provenance: Provenance | None = None) -> Document:
+        """The calibration file, in which nothing is claimed."""
+        found = tuple(FindingRecord(**finding.as_dict()) for finding in self.findings)
+        record = Fitted(method=MinMax.name, samples=0, verdict=self.verdict, findings=found)
+        return self.calibration.to_document(fit=record, provenance=provenance)
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False, provenance: Provenance | None = None) -> None:
+        """Write the calibration file, whole or not at all.
+
+        Raises
+        ------
+        OutputExists
+            Where there is a file already, unless `force`.
+        OutputError
+            Where it cannot be written.
+        """
+        write(self.to_document(provenance), path, force=force)
+
+    def __repr__(self) -> str:
+        offset = ", ".join(f"{value:.6g}" for value in self.calibration.offset)
+        scale = ", ".join(f"{value:.3g}" for value in self.scale)
+        return f"Extremes({self.verdict}, offset {offset}, scale {scale})"
+
+
+def from_extremes(
+    numbers: ArrayLike,
+    *,
+    variant: Variant = "mean",
+    field_strength: float | None = None,
+    target_deg: float = 1.0,
+    dip_deg: float = 60.0,
+    unit: Unit | None = None,
+    axes: Axes | None = None,
+    sensor: str | None = None,
+) -> Extremes:
+    """Calibrate from the smallest and the largest reading of each axis, as `MinMax` does.
+
+    Parameters
+    ----------
+    numbers : (6,) array-like, in `unit`
+        Smallest and largest of x, of y and of z, as recorded: before the axes are mapped.
+    variant : str
+        See `MinMax`.
+    field_strength, target_deg, dip_deg, sensor
+        As for `flinders.fit`; the target is only what the finding is held against.
+    unit, axes : Unit, Axes, optional
+
+    Raises
+    ------
+    UsageError
+        Unless they are six, finite, the smaller of each axis first; or for a variant that is not there.
+    """
+    if not target_deg > 0.0:
+        raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+    MinMax(variant)
+    unit, axes = unit or Unit.of(), axes or Axes()
+    mapped = axes.apply(unit.scale * _pairs(numbers).T)
+    low, high = mapped.min(axis=0), mapped.max(axis=0)
+    ellipsoid = spanned(low, high)
+    calibration = Calibration.from_ellipsoid(
+        ellipsoid.centre,
+        ellipsoid.shape,
+        field_strength=strength_of(ellipsoid.shape.diagonal(), variant) if field_strength is None else field_strength,
+        raw=unit,
+        axes=axes,
+        sensor=sensor,
+    )
+    found = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
+    order = list(VERDICTS)
+    findings = [_typed(found, target_deg, dip_deg), *of_calibration(found)]
+    return replace(found, findings=tuple(sorted(findings, key=lambda finding: order.index(finding.severity))))
+
+
+def _pairs(numbers: ArrayLike) -> Floats:
+    """(3, 2) smallest and largest of each axis.
+
+    Raises
+    ------
+    UsageError
+        For anything else.
+    """
+    values = floats(numbers, "extremes")
+    if values.shape != (6,):
+        raise UsageError(f"extremes are {values.size} numbers: need six, smallest and largest of x, of y and of z")
+    pairs = values.reshape(3, 2)
+    for axis, (low, high) in zip("xyz", pairs.tolist(), strict=True):
+        if not low < high:
+            raise UsageError(f"{axis} goes from {low:g} to {high:g}: need the smaller first, and two different numbers")
+    half = np.diff(pairs / 2.0, axis=1)
+    if not (half.min() > max(SMALLEST, FINEST * half.max()) and np.abs(pairs).max() < LARGEST):
+        raise UsageError(f"half-ranges of {half.min():.3g} to {half.max():.3g}: no magnetometer reads such numbers")
+    return pairs
+
+
+def _typed(found: Extremes, target_deg: float, dip_deg: float) -> Finding:
+    """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends.
+
+    With the gains alike every half-range would be the largest, and the middle of an axis with a shorter one is off by
+    up to the difference: half of a range that is short by twice as much at one end.
+    """
+    half = found.ellipsoid.shape.diagonal()
+    short = half.max() - half
+    covariance = np.diag(np.append(short**2, np.zeros(6)))
+    sphere = Ellipsoid(found.ellipsoid.centre, half.max() * np.eye(3))
+    worst = level_error(sphere, covariance, dip_deg=dip_deg).worst if short.any() else 0.0
+    unit = label(found.calibration.unit)
+    turn = (
+        f"were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
+        f"{figures(float(short.max()))} {unit} and a level heading by {figures(worst)}°. "
+        if short.any()
+        else ""
+    )
+    return Finding(
+        TYPED, "limits", worst, target_deg,
+        "six typed numbers: nobody knows how many readings they are the extremes of, how noisy those were or how far "
+        f"the turn went, so no heading error can be claimed; {turn}"
+        "Check it on known bearings, and record the readings where that can be done",
+    )  # fmt: skip

@@ -1,0 +1,250 @@
+"""Whether an accelerometer and a magnetometer have the same axes, seen in the dip of the field.
+
+However a sensor is turned, field and vertical keep their angle: ``m · down = sin I``. If an axis of one of them is
+swapped or has the wrong sign, the angle wanders with the attitude, and of the 48 ways to swap axes and signs one brings
+it to rest. All of them are judged by the sums of the nine products m_i f_j and of their squares, which add.
+
+The opposite sign of all three axes leaves the angle at rest and turns the dip over: it is seen where the sign of the
+site's dip is known. Where both sensors are left-handed in the same way, neither angle nor dip shows it.
+
+>>> rng = np.random.default_rng(1)
+>>> turns = np.linalg.qr(rng.standard_normal((500, 3, 3)))[0]
+>>> turns *= np.linalg.det(turns)[:, np.newaxis, np.newaxis]                          # 500 attitudes, at a dip of 60°
+>>> field, force = turns @ [0.5, 0.0, 0.75**0.5], turns @ [0.0, 0.0, -9.81]
+>>> sound, mistaken = Frames.of(field, force), Frames.of(field, force[:, [1, 0, 2]] * [1, 1, -1])
+>>> [round(angle, 1) for angle in sound.dip_deg], str(mistaken.fitting()[0])
+([60.0, 0.0], 'y,x,-z')
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.arrays import table
+from flinders.axes import Axes
+from flinders.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+ENOUGH: Final = 100
+"""Readings at rest from which on axes are judged."""
+
+STILL: Final = 0.1
+"""An acceleration whose length differs from gravity's by no more than this share is taken to be gravity alone."""
+
+WANDERS: Final = 0.15
+"""Scatter of sin I from which on the axes are doubted: a full tumble with mistaken axes gives about 0.4 to 0.6."""
+
+CLEARER: Final = 3.0
+"""So many times less must it scatter with the axes that are right."""
+
+TIED: Final = 1.5
+"""Axes whose scatter is within this factor of the least cannot be told apart."""
+
+TELLING: Final = 0.2
+"""sin I beyond which its sign counts."""
+
+
+def _every_axes() -> tuple[Axes, ...]:
+    """All 48 ways to swap axes and signs, those that change least first; a rotation before its mirror image."""
+    ways = [Axes(order, signs) for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]  # type: ignore[arg-type]
+    return tuple(sorted(ways, key=lambda way: (way.is_mirror and str(way) != OPPOSITE, _moved(way))))
+
+
+def _moved(way: Axes) -> int:
+    """How many axes come from elsewhere, and how many signs change."""
+    return 2 * sum(index != place for place, index in enumerate(way.order)) + sum(sign < 0 for sign in way.signs)
+
+
+OPPOSITE: Final = "-x,-y,-z"
+"""What turns gravity into specific force."""
+
+EVERY: Final = _every_axes()
+
+
+class ForeignAxes(InputError):
+    """Accelerometer and magnetometer do not share their axes (`axes`: those that fit; `scatter_deg`, `fitting_deg`)."""
+
+    code = "foreign-axes"
+
+    def __init__(self, message: str, *, axes: Axes, scatter_deg: float, fitting_deg: float) -> None:
+        self.axes, self.scatter_deg, self.fitting_deg = axes, scatter_deg, fitting_deg
+        super().__init__(message)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """Sums of products of field and specific force, from which each way to swap axes is judged.
+
+    Attributes
+    ----------
+    readings : int
+        In which the acceleration was that of gravity.
+    total : (9,) float
+        Of u = m f, row by row, both of length one.
+    squares : (9, 9) float
+        Of u uᵀ.
+    """
+
+    readings: int = 0
+    total: Floats | None = None
+    squares: Floats | None = None
+
+    @classmethod
+    def of(cls, field: ArrayLike, specific_force: ArrayLike, *, gravity: float | None = None) -> Self:
+        """Add up readings.
+
+        Parameters
+        ----------
+        field : (N, 3)
+            Corrected.
+        specific_force : (N, 3)
+            In what are taken to be the same axes.
+        gravity : float, optional
+            Length of the specific force at rest, in its own unit; by default its median. Readings that are off by more
+            than a tenth are left out: the sensor was shaken.
+        """
+        m, f = table(field, finite=False), table(specific_force, "specific_force", finite=False)
+        length = np.linalg.norm(f, axis=1)
+        gravity = float(np.nanmedian(length)) if gravity is None and np.isfinite(length).any() else gravity
+        strength = np.linalg.norm(m, axis=1)
+        with np.errstate(invalid="ignore"):
+            still = (np.abs(length - (gravity or 0.0)) <= STILL * (gravity or 0.0)) & (length > 0.0) & (strength > 0.0)
+        m, f = m[still] / strength[still, np.newaxis], f[still] / length[still, np.newaxis]
+        products = (m[:, :, np.newaxis] * f[:, np.newaxis, :]).reshape(-1, 9)
+        return cls(len(products), products.sum(axis=0), products.T @ products)
+
+    def __add__(self, other: Frames) -> Frames:
+        if self.total is None or self.squares is None:
+            return other
+        if other.total is None or other.squares is None:
+            return self
+        return Frames(self.readings + other.readings, self.total + other.total, self.squares + other.squares)
+
+    def dip(self, axes: Axes = EVERY[0]) -> tuple[float, float]:
+        """Mean of sin I and its scatter, had the acceleration these axes; NaN without readings.
+
+        sin I = −m · P f is linear in the products m_i f_j.
+        """
+        if self.total is None or self.squares is None or self.readings == 0:
+            return float("nan"), float("nan")
+        row = -axes.apply(np.eye(3)).T.reshape(9)
+        mean = float(row @ self.total) / self.readings
+        variance = float(row @ self.squares @ row) / self.readings - mean**2
+        return mean, max(variance, 0.0) ** 0.5
+
+    @property
+    def dip_deg(self) -> tuple[float, float]:
+        """Mean dip and its scatter as the axes are, in degrees."""
+        mean, scatter = self.dip()
+        return float(np.rad2deg(np.arcsin(np.clip(mean, -1.0, 1.0)))), self._in_degrees(mean, scatter)
+
+    def _in_degrees(self, mean: float, scatter: float) -> float:
+        return float(np.rad2deg(scatter / max((1.0 - mean**2) ** 0.5, scatter, 1e-9)))
+
+    def fitting(self, sign: float = 0.0) -> tuple[Axes, ...]:
+        """The axes of the acceleration that fit the readings, those that change least first; alone where it is clear.
+
+        Parameters
+        ----------
+        sign : float
+            That of the site's dip; 0 where it is not known, and the axes are taken to be right-handed.
+        """
+        seen = [(axes, *self.dip(axes)) for axes in EVERY]
+        allowed = [found for found in seen if (found[1] * sign > 0.0 if sign else not found[0].is_mirror)]
+        if not allowed:
+            return ()
+        limit = max(TIED * min(scatter for _, _, scatter in allowed), WANDERS / CLEARER / TIED)
+        return tuple(axes for axes, _, scatter in allowed if scatter <= limit)
+
+    def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
+        """Refuse axes that do not fit each other, and name those that do.
+
+        Parameters
+        ----------
+        site_dip_deg : float, optional
+            Inclination at the site, where it is known: its sign tells specific force from gravity.
+        applied : Axes
+            How the acceleration was turned before; what is named is to take its place.
+
+        Raises
+        ------
+        ForeignAxes
+            Where readings are enough and the mistake is plain.
+        """
+        if self.readings < ENOUGH:
+            return
+        mean, scatter = self.dip()
+        site = 0.0 if site_dip_deg is None else float(np.sin(np.deg2rad(site_dip_deg)))
+        sign = float(np.sign(site)) if abs(site) > TELLING else 0.0
+        upended = mean * sign < 0.0 and abs(mean) > max(TELLING, scatter)
+        found = self.fitting(sign)
+        best = self.dip(found[0])[1] if found else scatter
+        wanders = scatter > WANDERS and best < scatter / CLEARER
+        if not (found and found[0] != EVERY[0] and (upended or wanders)):
+            return
+        seen = self._in_degrees(mean, scatter)
+        told = (
+            f"the dip of the field wanders by {seen:.0f}° (rms) with the attitude"
+            if wanders
+            else f"the field is seen to dip by {self.dip_deg[0]:.0f}°, where the site has {site_dip_deg:.0f}°"
+        )
+        raise ForeignAxes(
+            f"accelerometer and magnetometer do not share their axes: {told}; {_advice(found, applied)}",
+            axes=_after(found[0], applied),
+            scatter_deg=seen,
+            fitting_deg=self._in_degrees(self.dip(found[0])[0], best),
+        )
+
+
+def _advice(found: tuple[Axes, ...], applied: Axes) -> str:
+    """Say what is wrong with the axes, and with which option it comes right."""
+    ways = [str(_after(axes, applied)) for axes in found[:3]]
+    mistake = Axes.of(ways[0])
+    advice = f"{_named(mistake)}: give --acceleration-axes={ways[0]}"
+    if mistake == EVERY[0]:
+        advice = "as they were recorded they do: leave --acceleration-axes out"
+    elif mistake.is_mirror and ways[0] != OPPOSITE:
+        advice += (
+            "; one of the two is left-handed, and if that is the magnetometer, calibrate it again with --axes instead"
+        )
+    if len(found) > 1:
+        advice += (
+            f"; or {' or '.join(ways[1:])}{' and others' if len(found) > len(ways) else ''}, "
+            "which these attitudes do not tell apart: turn the sensor about more axes"
+        )
+    return advice
+
+
+def _named(axes: Axes) -> str:
+    """Say how the acceleration differs from the axes that it should have.
+
+    >>> _named(Axes.of("-x,-y,-z")), _named(Axes.of("y,x,-z"))
+    ('the acceleration has the opposite sign (gravity, not specific force)', \
+'its x and y are swapped, and its z has the wrong sign')
+    """
+    names = "xyz"
+    moved = [names[place] for place, index in enumerate(axes.order) if index != place]
+    wrong = sorted(names[index] for index, sign in zip(axes.order, axes.signs, strict=True) if sign < 0)
+    parts = []
+    if moved:
+        parts.append(f"its {' and '.join(moved)} are swapped" if len(moved) == 2 else "its x, y and z go round")
+    if len(wrong) == 3:
+        parts.insert(0, "the acceleration has the opposite sign (gravity, not specific force)")
+    elif wrong:
+        parts.append(f"its {' and '.join(wrong)} {'have' if len(wrong) > 1 else 'has'} the wrong sign")
+    return ", and ".join(parts)
+
+
+def _after(axes: Axes, applied: Axes) -> Axes:
+    """One mapping in place of two, of which `applied` was the first."""
+    order = tuple(applied.order[index] for index in axes.order)
+    signs = tuple(sign * applied.signs[index] for index, sign in zip(axes.order, axes.signs, strict=True))
+    return Axes(order, signs)  # type: ignore[arg-type]

@@ -1,0 +1,184 @@
+r"""Tables of a swing: one heading a line, by the compass and by what it is held against.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> file = Path(tempfile.mkdtemp()) / "swing.csv"
+>>> _ = file.write_text("compass,magnetic\n0,10.5\n45,65\n90,101.5\n")
+>>> table = read_swing(file)
+>>> table.columns["magnetic"], table.lines
+(array([ 10.5,  65. , 101.5]), (2, 3, 4))
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import UnreadableInput
+from flinders.readers._kinds import foreign_kind
+from flinders.readers._lines import encoding_of, shown
+from flinders.readers._numbers import number
+from flinders.readers._source import HEAD, find
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping, Sequence
+
+    from flinders.arrays import Floats
+
+NAMES: Final = {
+    "compass": r"compass|steered|read(ing)?|indicated|measured|sensor",
+    "magnetic": r"mag(netic)?|known|reference|heading|wanted",
+    "true": r"true|geographic|chart|gps|gnss",
+    "deviation": r"dev(iation)?|delta|error",
+    "sigma": r"sigma|std|uncertainty|scatter",
+}
+"""Columns, and the words that name them; the first word of a name that is known counts."""
+
+PAIRS: Final = (("compass", "magnetic"), ("compass", "deviation"), ("compass", "true"), ("magnetic", "deviation"))
+"""What is enough, the best first."""
+
+NEED: Final = (
+    "need two columns under a header, such as compass,magnetic or compass,deviation or compass,true, in degrees, "
+    "one heading a line"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwingTable:
+    """Columns of a swing.
+
+    Attributes
+    ----------
+    source : str
+        Name of the file.
+    columns : mapping of str to (N,) float, degrees
+        Two of ``compass``, ``magnetic``, ``true`` and ``deviation``, and ``sigma`` where it is there.
+    lines : tuple of int
+        Where they stand, counted from 1.
+    """
+
+    source: str
+    columns: Mapping[str, Floats]
+    lines: tuple[int, ...]
+
+
+def read_swing(path: str | os.PathLike[str]) -> SwingTable:
+    """Read a table of a swing: comma, semicolon, tab or spaces, with a header; E and W after a deviation are signs.
+
+    Without a header two columns are the heading by compass and the magnetic heading.
+
+    Raises
+    ------
+    UnreadableInput
+        For what is not there or no such table; names the line.
+    """
+    name, text = _text_of(path)
+    rows = [
+        (line, cells)
+        for line, content in enumerate(text.splitlines(), 1)
+        if (cells := _cells(content)) and not content.lstrip().startswith(("#", "%", "//"))
+    ]
+    if not rows:
+        raise UnreadableInput(f"{name} is empty: {NEED}")
+    known, body = _columns(name, rows)
+    numbers = [[_degrees(name, line, cells, place) for place in known.values()] for line, cells in body]
+    if not numbers:
+        raise UnreadableInput(f"{name} has a header and no headings below it: {NEED}")
+    columns = dict(zip(known, np.array(numbers).T, strict=True))
+    return SwingTable(name, columns, tuple(line for line, _ in body))
+
+
+def _text_of(path: str | os.PathLike[str]) -> tuple[str, str]:
+    """Name and content of a small text file, or of standard input.
+
+    Raises
+    ------
+    UnreadableInput
+        For a file that is not there, no text, or too large.
+    """
+    source = find(path, once=False)
+    head = source.head()
+    if kind := foreign_kind(head):
+        raise UnreadableInput(f"{source.name} is {kind.name}: {NEED}")
+    if len(head) >= HEAD:  # a swing has a few dozen lines
+        raise UnreadableInput(f"{source.name} is no table of a swing, but far longer: {NEED}")
+    try:
+        return source.name, head.decode(encoding_of(head)).removeprefix("\ufeff")
+    except UnicodeDecodeError:
+        raise UnreadableInput(f"{source.name} is no text: {NEED}") from None
+
+
+def _cells(line: str) -> list[str]:
+    """Cut a line: at tabs, semicolons or commas where there are any, else at spaces."""
+    for mark in ("\t", ";", ","):
+        if mark in line:
+            return [cell.strip().strip('"') for cell in line.split(mark)]
+    return line.split()
+
+
+def _columns(name: str, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, int], list[tuple[int, list[str]]]]:
+    """Which cell is what, and the lines below the header.
+
+    Raises
+    ------
+    UnreadableInput
+        Where that is not clear.
+    """
+    line, first = rows[0]
+    if all(_number(cell) is not None for cell in first):
+        if len(first) != 2:
+            raise UnreadableInput(f"{name} has {len(first)} columns and no header (line {line}): {NEED}")
+        return {"compass": 0, "magnetic": 1}, rows
+    known: dict[str, int] = {}
+    for place, cell in enumerate(first):
+        kind = _kind(cell)
+        if kind and kind not in known:
+            known[kind] = place
+    for pair in PAIRS:
+        if set(pair) <= known.keys():
+            kept: dict[str, int] = {kind: known[kind] for kind in (*pair, "sigma") if kind in known}
+            return kept, rows[1:]
+    raise UnreadableInput(f"columns of {name} are {', '.join(first)} (line {line}): {NEED}")
+
+
+def _kind(name: str) -> str:
+    """What a name says: that of its first word that is known."""
+    for word in re.findall(r"[a-z]+", name.casefold()):
+        for kind, pattern in NAMES.items():
+            if re.fullmatch(pattern, word):
+                return kind
+    return ""
+
+
+def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
+    """One number of a line.
+
+    Raises
+    ------
+    UnreadableInput
+        Naming the line.
+    """
+    value = _number(cells[place]) if place < len(cells) else None
+    if value is None or not np.isfinite(value):
+        raise UnreadableInput(
+            f"line {line} of {name} has no number of degrees in column {place + 1} ({shown(' '.join(cells))!r}): {NEED}"
+        )
+    return value
+
+
+def _number(cell: str) -> float | None:
+    """Degrees, with E or W, or nothing, after them.
+
+    >>> _number("10.5"), _number("8 W"), _number("3,5°E"), _number("north")
+    (10.5, -8.0, 3.5, None)
+    """
+    found = re.fullmatch(r"(.*?)\s*(?:°|deg)?\s*([EeWw]?)", cell.strip())
+    if found is None:
+        return None
+    value = number(found[1], ".")
+    value = number(found[1], ",") if value is None else value
+    return -value if value is not None and found[2] in {"W", "w"} else value

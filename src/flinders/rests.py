@@ -1,0 +1,207 @@
+"""Where a vehicle kept its heading, found in a stream of headings; and whether half a turn turned the compass by half.
+
+A swing is recorded by steadying the vehicle on one heading after another. The stretches between turns are found here,
+each with its mean heading.
+
+>>> rng = np.random.default_rng(1)
+>>> turn = np.linspace(0.0, 180.0, 300)
+>>> heading = np.concatenate([np.full(400, 10.0), 10.0 + turn, np.full(400, 190.0)]) + rng.normal(0.0, 0.5, 1100)
+>>> [(rest.start, rest.stop, round(rest.heading_deg)) for rest in rests(heading)]
+[(6, 402, 10), (696, 1092, 190)]
+>>> [half] = half_turns(rests(heading))
+>>> abs(half.off_deg) < 0.2
+True
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.angles import folded, mean_deg, wrapped
+from flinders.arrays import floats
+from flinders.errors import ArrayError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+WITHIN_DEG: Final = 3.0
+"""How far the mean of a moment may be from that of the rest it belongs to."""
+LEAST_READINGS: Final = 50
+"""Shortest rest, in readings."""
+MOMENTS: Final = 8
+"""Parts into which the shortest rest is cut: each is averaged, so that noise is no motion."""
+SLACK_DEG: Final = 30.0
+"""How far from 180° a turn may seem and still be meant as half a turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """A stretch of one heading.
+
+    Attributes
+    ----------
+    start, stop : int
+        First reading, and the one after the last.
+    heading_deg : float, degrees
+        Mean, in [0, 360).
+    spread_deg : float, degrees
+        Scatter of a reading.
+    sigma_deg : float, degrees
+        1 σ of the mean, from the scatter of the means of its eighths: noise that creeps is in it, iron is not.
+    """
+
+    start: int
+    stop: int
+    heading_deg: float
+    spread_deg: float
+    sigma_deg: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready, under the names of the attributes."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
+@dataclass(frozen=True, slots=True)
+class HalfTurn:
+    """Two rests, half a turn apart.
+
+    Attributes
+    ----------
+    first, second : Rest
+    off_deg : float, degrees
+        Change of the heading, less 180°, in (−180, 180]. A compass whose deviation is δ(ζ) is off by
+        δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ): hard iron shows, and what repeats every half turn does not.
+    sigma_deg : float, degrees
+        1 σ of that from the noise of the readings.
+    """
+
+    first: Rest
+    second: Rest
+    off_deg: float
+    sigma_deg: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "first_deg": self.first.heading_deg,
+            "second_deg": self.second.heading_deg,
+            "off_deg": self.off_deg,
+            "sigma_deg": self.sigma_deg,
+        }
+
+
+def rests(
+    heading_deg: ArrayLike, *, within_deg: float = WITHIN_DEG, least_readings: int = LEAST_READINGS
+) -> tuple[Rest, ...]:
+    """Find where a heading was kept.
+
+    Parameters
+    ----------
+    heading_deg : (N,) degrees
+        In the order of time; NaN where there is none.
+    within_deg : float, degrees
+        A moment, an eighth of the shortest rest, belongs to a rest if its mean is so near to that of the rest.
+    least_readings : int
+        In the shortest rest; eight at the least.
+
+    Returns
+    -------
+    tuple of Rest
+        In the order of time. Neighbours on the same heading, with a bump between them, are one. The first and the last
+        moment of each are left out: the turn begins and ends in them.
+
+    Raises
+    ------
+    ArrayError
+        For anything but a list of numbers.
+    """
+    headings = floats(heading_deg, "heading_deg")
+    if headings.ndim != 1:
+        raise ArrayError(f"heading_deg has shape {headings.shape}: need (N,), one heading a reading")
+    size = max(least_readings // MOMENTS, 1)
+    moments = np.exp(1j * np.deg2rad(headings[: len(headings) // size * size])).reshape(-1, size)
+    with np.errstate(invalid="ignore"):
+        mean = np.where(np.isfinite(moments).any(axis=1), np.nansum(moments, axis=1), np.nan)
+    runs = [run for run in _runs(mean, within_deg) if run[1] - run[0] >= MOMENTS]
+    joined: list[tuple[int, int]] = []
+    for run in runs:
+        near = joined and run[0] - joined[-1][1] <= MOMENTS
+        if near and abs(_apart(mean, joined[-1], run)) <= within_deg:
+            joined[-1] = (joined[-1][0], run[1])
+        else:
+            joined.append(run)
+    return tuple(_rest(headings, (start + 1) * size, (stop - 1) * size) for start, stop in joined)
+
+
+def half_turns(found: Sequence[Rest], *, slack_deg: float = SLACK_DEG) -> tuple[HalfTurn, ...]:
+    """Pair each rest with the next that is half a turn away, within `slack_deg`.
+
+    >>> north, south = Rest(0, 100, 1.0, 0.5, 0.1), Rest(200, 300, 178.0, 0.5, 0.1)
+    >>> [round(half.off_deg, 9) for half in half_turns([north, south])]
+    [-3.0]
+    """
+    halves = []
+    for place, first in enumerate(found):
+        for second in found[place + 1 :]:
+            off = float(folded(second.heading_deg - first.heading_deg - 180.0))
+            if abs(off) <= slack_deg:
+                halves.append(HalfTurn(first, second, off, float(np.hypot(first.sigma_deg, second.sigma_deg))))
+                break
+    return tuple(halves)
+
+
+def hard_iron(halves: Sequence[HalfTurn]) -> tuple[float, float] | None:
+    """B and C of the deviation in degrees, by least squares from half turns; None where they lie along one line.
+
+    >>> north_south = HalfTurn(Rest(0, 9, 0.0, 0.5, 0.1), Rest(9, 18, 184.0, 0.5, 0.1), 4.0, 0.1)
+    >>> east_west = HalfTurn(Rest(20, 29, 90.0, 0.5, 0.1), Rest(30, 39, 272.0, 0.5, 0.1), 2.0, 0.1)
+    >>> [round(part, 2) for part in hard_iron([north_south, east_west])]
+    [1.03, 1.97]
+    """
+    angles = np.deg2rad([[half.first.heading_deg, half.second.heading_deg] for half in halves]).reshape(-1, 2)
+    rows = np.stack([np.sin(angles), np.cos(angles)], axis=-1)
+    rows = rows[:, 0] - rows[:, 1]
+    if len(rows) < 2 or np.linalg.svd(rows, compute_uv=False)[-1] < 1.0:  # less than 30° between two lines
+        return None
+    b, c = np.linalg.lstsq(rows, np.array([half.off_deg for half in halves]))[0].tolist()
+    return b, c
+
+
+def _runs(mean: Floats, within_deg: float) -> list[tuple[int, int]]:
+    """Stretches of moments, first and one past the last, that stay near their own mean."""
+    runs, start, total = [], 0, 0.0 + 0.0j
+    for place, moment in enumerate(mean.tolist()):
+        near = start < place and abs(_angle(moment, total)) <= within_deg  # false for NaN
+        if not near:
+            runs.append((start, place))
+            start, total = place, 0.0 + 0.0j
+        total += moment
+    runs.append((start, len(mean)))
+    return runs
+
+
+def _apart(mean: Floats, one: tuple[int, int], other: tuple[int, int]) -> float:
+    return _angle(complex(np.nansum(mean[slice(*other)])), complex(np.nansum(mean[slice(*one)])))
+
+
+def _angle(one: complex, other: complex) -> float:
+    """Angle from `other` to `one` in degrees."""
+    return float(np.rad2deg(np.angle(one * other.conjugate())))
+
+
+def _rest(headings: Floats, start: int, stop: int) -> Rest:
+    """Mean, scatter and uncertainty of a stretch."""
+    inside = headings[start:stop]
+    inside = inside[np.isfinite(inside)]
+    middle = mean_deg(inside)
+    off = folded(inside - middle)
+    parts = [float(part.mean()) for part in np.array_split(off, MOMENTS) if len(part)]
+    sigma = float(np.std(parts, ddof=1) / len(parts) ** 0.5) if len(parts) > 1 else float("nan")
+    return Rest(start, stop, float(wrapped(middle)), float(off.std()), sigma)

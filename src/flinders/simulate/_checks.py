@@ -1,0 +1,59 @@
+"""What simulations ask of the numbers they are given."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.arrays import vectors
+from flinders.errors import ArrayError, UsageError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+
+def positive(value: float, name: str) -> float:
+    """Let through a positive number."""
+    if not (math.isfinite(value) and value > 0):
+        raise UsageError(f"{name} is {value:g}: need a positive number")
+    return value
+
+
+def not_negative(value: float, name: str, unit: str) -> float:
+    """Let through zero or a positive number."""
+    if not (math.isfinite(value) and value >= 0):
+        raise UsageError(f"{name} is {value:g} {unit}: need zero or more")
+    return value
+
+
+def share(value: float, name: str, of: str = "the readings") -> float:
+    """Let through a share of something."""
+    if not 0.0 <= value <= 1.0:
+        raise UsageError(f"{name} is {value:g}: need a share of {of}, 0 to 1")
+    return value
+
+
+def count(n: int, least: int = 1) -> int:
+    """Let through a number of readings."""
+    if n < least:
+        raise UsageError(f"n is {n}: need at least {'one reading' if least == 1 else f'{least} readings'}")
+    return n
+
+
+def triple(values: ArrayLike, name: str = "offset") -> Floats:
+    """Let through three finite numbers."""
+    array = vectors(values, name)
+    if array.shape != (3,):
+        raise ArrayError(f"{name} has shape {array.shape}: need (3,)")
+    return array
+
+
+def frozen(array: Floats) -> Floats:
+    """Copy an array and make the copy read-only."""
+    copy = np.array(array, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy

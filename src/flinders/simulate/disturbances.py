@@ -1,0 +1,230 @@
+"""What else moves a reading: motors, warmth, things that are shifted or carried past.
+
+Each disturbance is a small value that says what it does to readings taken at given times. `tumble` takes any number of
+them, adds what they do to the raw readings, and gives each a random stream of its own: none changes sensor, path
+or noise.
+
+>>> warm = ThermalDrift(per_kelvin=[0.1, 0.0, -0.2], kelvin=20.0, seconds=60.0)
+>>> effect = warm.on(np.array([0.0, 600.0]), np.random.default_rng(0))
+>>> effect.shift.round(1).tolist(), effect.temperature.round(1).tolist()
+([[0.0, 0.0, -0.0], [2.0, 0.0, -4.0]], [20.0, 40.0])
+
+A strength given as one number points in a direction that is drawn:
+
+>>> pulled = MotorCurrent(per_ampere=0.5).on(np.arange(100) / 50, np.random.default_rng(0))
+>>> strength = np.linalg.norm(pulled.shift, axis=1)
+>>> bool(np.allclose(strength, 0.5 * pulled.current, atol=0.1))
+True
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+import numpy as np
+
+from flinders.simulate._checks import not_negative, positive, share, triple
+from flinders.simulate.directions import uniform
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Effect:
+    """What a disturbance does to N readings.
+
+    Attributes
+    ----------
+    shift : (N, 3) float, µT
+        By how much the raw readings are off.
+    current : (N,) float, A, optional
+        What a meter of the motors' current says.
+    temperature : (N,) float, °C, optional
+        What the sensor's thermometer says.
+    strays : (N,) bool, optional
+        Readings that are of no use.
+    """
+
+    shift: Floats
+    current: Floats | None = None
+    temperature: Floats | None = None
+    strays: NDArray[np.bool_] | None = None
+
+
+class Disturbance(Protocol):
+    """Something that moves readings."""
+
+    kind: ClassVar[str]
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotorCurrent:
+    """Motors whose current makes a field: in the readings, ``per_ampere`` times what they draw.
+
+    The throttle is set anew every few seconds to anything between none and all.
+
+    Attributes
+    ----------
+    per_ampere : float or (3,) array-like, µT/A
+        In sensor axes; one number for a direction that is drawn.
+    amperes : float, A
+        The most that is drawn.
+    hold : float, s
+        How long a setting lasts.
+    noise : float, A
+        Of the meter, one σ.
+    """
+
+    kind: ClassVar[str] = "motor"
+
+    per_ampere: float | ArrayLike
+    amperes: float = 20.0
+    hold: float = 3.0
+    noise: float = 0.05
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+        direction = _vector(self.per_ampere, rng, "per_ampere")
+        since = time - time[0]
+        setting = (since / positive(self.hold, "hold")).astype(int)
+        throttle = rng.uniform(0.0, 1.0, int(setting[-1]) + 2)
+        throttle[0] = 0.0
+        eased = np.clip((since / self.hold - setting) / 0.15, 0.0, 1.0)  # motors take a moment to spin up
+        drawn = positive(self.amperes, "amperes") * (throttle[setting] * (1 - eased) + throttle[setting + 1] * eased)
+        noise = not_negative(self.noise, "noise", "A") * rng.standard_normal(len(time))
+        return Effect(np.outer(drawn, direction), current=drawn + noise)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ThermalDrift:
+    """An offset that moves with the temperature of the sensor, which warms up and settles.
+
+    Attributes
+    ----------
+    per_kelvin : float or (3,) array-like, µT/K
+        One number for a direction that is drawn.
+    kelvin : float, K
+        By how much it warms up in the end; negative where it cools.
+    seconds : float, s
+        Until 63 % of that.
+    start : float, °C
+        Where it begins; the sensor's offset is that of this temperature.
+    noise : float, K
+        Of the thermometer, one σ.
+    """
+
+    kind: ClassVar[str] = "drift"
+
+    per_kelvin: float | ArrayLike
+    kelvin: float = 15.0
+    seconds: float = 60.0
+    start: float = 20.0
+    noise: float = 0.02
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+        direction = _vector(self.per_kelvin, rng, "per_kelvin")
+        warmer = -self.kelvin * np.expm1(-(time - time[0]) / positive(self.seconds, "seconds"))
+        noise = not_negative(self.noise, "noise", "K") * rng.standard_normal(len(time))
+        return Effect(np.outer(warmer, direction), temperature=self.start + warmer + noise)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """Something of iron near the sensor that is moved once, and stays where it then is.
+
+    Attributes
+    ----------
+    by : float or (3,) array-like, µT
+        What it changes; one number for a direction that is drawn.
+    at : float
+        When, as a share of the recording.
+    """
+
+    kind: ClassVar[str] = "step"
+
+    by: float | ArrayLike
+    at: float = 0.5
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+        after = _progress(time) >= share(self.at, "at", "the recording")
+        return Effect(np.outer(after, _vector(self.by, rng, "by")))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassingMagnet:
+    """A magnet that is carried past: a field that swells, and is gone. Its readings are strays.
+
+    Attributes
+    ----------
+    peak : float or (3,) array-like, µT
+        At its closest; one number for a direction that is drawn.
+    at : float
+        When it is closest, as a share of the recording.
+    seconds : float, s
+        From when it is first felt until it is gone; the field follows a squared cosine.
+    """
+
+    kind: ClassVar[str] = "magnet"
+
+    peak: float | ArrayLike
+    at: float = 0.5
+    seconds: float = 3.0
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+        closest = time[0] + share(self.at, "at", "the recording") * (time[-1] - time[0])
+        phase = (time - closest) / positive(self.seconds, "seconds")
+        felt = np.abs(phase) < 0.5
+        swell = np.where(felt, np.cos(math.pi * phase) ** 2, 0.0)
+        return Effect(np.outer(swell, _vector(self.peak, rng, "peak")), strays=felt)
+
+
+def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDArray[np.bool_]]:
+    """(n, 3) stray fields in field strengths, zero but for a share of the readings, and (n,) which those are.
+
+    Each is half to three field strengths long, in any direction.
+
+    Raises
+    ------
+    UsageError
+        For a share that is none.
+
+    Examples
+    --------
+    >>> fields, strays = stray_fields(np.random.default_rng(0), 100, 0.03)
+    >>> int(strays.sum()), bool(np.linalg.norm(fields[strays], axis=1).min() >= 0.5)
+    (3, True)
+    """
+    struck = round(share(proportion, "outliers") * n)
+    rows = rng.choice(n, struck, replace=False)
+    fields, strays = np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
+    fields[rows] = uniform(rng, struck) * rng.uniform(0.5, 3.0, (struck, 1))
+    strays[rows] = True
+    return fields, strays
+
+
+def _vector(value: float | ArrayLike, rng: Generator, name: str) -> Floats:
+    """(3,) a vector as it is, or a length in a direction that is drawn; the same number of draws for both."""
+    direction = uniform(rng, 1)[0]
+    if np.ndim(value) == 0:
+        along: Floats = not_negative(float(value), name, "µT") * direction  # type: ignore[arg-type]  # ndim is 0
+        return along
+    return triple(value, name)
+
+
+def _progress(time: Floats) -> Floats:
+    """(N,) how much of the recording has passed, from 0 to 1."""
+    span = time[-1] - time[0]
+    progress: Floats = (time - time[0]) / span if span > 0 else np.zeros(len(time))
+    return progress

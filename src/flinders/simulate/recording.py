@@ -1,0 +1,304 @@
+"""A recording with its truth: a sensor, a motion, and what disturbs them, all from one seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import UsageError
+from flinders.samples import Samples
+from flinders.simulate._checks import count, frozen, not_negative, positive, share, triple
+from flinders.simulate.disturbances import Effect, stray_fields
+from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path
+from flinders.simulate.rotations import north_and_down, seen_from
+from flinders.simulate.sensor import Sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.random import Generator
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.simulate.disturbances import Disturbance
+
+ACCELERATION_NOISE: Final = 0.05
+"""m/s², one σ per axis."""
+
+RATE_NOISE: Final = 0.005
+"""rad/s, one σ per axis."""
+
+UNTIMED: Final = 1000
+"""Readings of a motion that has no duration."""
+
+PAUSES: Final = 3
+"""How often a body is held still, where some of the readings are taken so."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Imu:
+    """The gyro and the accelerometer beside a magnetometer, both in its axes.
+
+    Attributes
+    ----------
+    gyro_bias : (3,) float, rad/s
+        What the gyro reads at rest.
+    gyro_noise : float, rad/s
+        One σ per axis.
+    acceleration_noise : float, m/s²
+        One σ per axis.
+
+    Raises
+    ------
+    ArrayError, UsageError
+        For a bias that is not three finite numbers, or negative noise.
+    """
+
+    gyro_bias: Floats = field(default_factory=lambda: np.zeros(3))
+    gyro_noise: float = RATE_NOISE
+    acceleration_noise: float = ACCELERATION_NOISE
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        object.__setattr__(self, "gyro_bias", frozen(triple(self.gyro_bias, "gyro_bias")))
+        not_negative(self.gyro_noise, "gyro_noise", "rad/s")
+        not_negative(self.acceleration_noise, "acceleration_noise", "m/s²")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulated:
+    """A recording, and the truth behind it.
+
+    Attributes
+    ----------
+    samples : Samples
+        In µT; acceleration and rate where the motion has them.
+    sensor : Sensor
+    directions : (N, 3) float
+        True unit direction of the field in body axes.
+    field_strength : float, µT
+    strays : (N,) bool
+        Readings taken in a stray field: those of no use.
+    attitudes : (N, 3, 3) float, optional
+        True attitudes, from body axes into world axes, where the motion has them.
+    dip_deg : float
+        How far the field points down from the horizon.
+    motion : str
+        What it is called.
+    seed : int, optional
+        Where it was a number.
+    rate_hz : float, optional
+        Readings a second.
+    imu : Imu, optional
+        Where acceleration or rate are recorded.
+    shift : (N, 3) float, µT, optional
+        By how much disturbances moved the raw readings, stray fields left out.
+    disturbances : tuple of str
+        Their kinds.
+    """
+
+    samples: Samples
+    sensor: Sensor
+    directions: Floats
+    field_strength: float
+    strays: NDArray[np.bool_]
+    attitudes: Floats | None = None
+    dip_deg: float = 60.0
+    motion: str = ""
+    seed: int | None = None
+    rate_hz: float | None = None
+    imu: Imu | None = None
+    shift: Floats | None = None
+    disturbances: tuple[str, ...] = ()
+
+
+def tumble(
+    seed: int | Generator = 0,
+    *,
+    motion: str = "hand",
+    n: int | None = None,
+    rate_hz: float = RATE_HZ,
+    tilt_deg: float | None = None,
+    held: float = 0.0,
+    sensor: Sensor | None = None,
+    field_strength: float = 50.0,
+    dip_deg: float = 60.0,
+    noise: float | None = None,
+    outliers: float = 0.0,
+    disturbances: Sequence[Disturbance] = (),
+    imu: Imu | None = None,
+) -> Simulated:
+    """Record a sensor in motion.
+
+    Sensor, motion, stray fields, noise, pauses and each disturbance have a random stream of their own: with the same
+    seed, another noise, share of outliers or disturbance leaves the sensor and its path as they are.
+
+    Parameters
+    ----------
+    seed : int or Generator
+        The same seed gives the same recording.
+    motion : str
+        One of `MOTIONS`; see the head of this package.
+    n : int, optional
+        Readings; by default as many as the motion takes: a minute by hand is 3,000, and 1,000 have no order.
+    rate_hz : float
+        Readings a second.
+    tilt_deg : float, optional
+        How far the body is tilted at most, for ``tilted``, ``drive`` and ``flight``.
+    held : float
+        Share of the readings, 0 … 1, taken while the body is held still, in three pauses.
+    sensor : Sensor, optional
+        By default `Sensor.random`.
+    field_strength : float, µT
+    dip_deg : float
+        How far the field points down from the horizon; for the motions that are attitudes.
+    noise : float, µT, optional
+        In place of the sensor's own, which is 0.5 for a random one.
+    outliers : float
+        Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
+    disturbances : sequence of Disturbance
+        `MotorCurrent`, `ThermalDrift`, `Step`, `PassingMagnet`, or anything with their two names.
+    imu : Imu, optional
+        Another gyro and accelerometer than the usual ones.
+
+    Raises
+    ------
+    UsageError
+        For a motion that is not known, or a number out of its range.
+
+    Examples
+    --------
+    >>> level = tumble(seed=3, motion="level", n=200, sensor=Sensor(), dip_deg=70)
+    >>> float(np.ptp(level.samples.field[:, 2]))       # a level sensor never leaves its plane
+    0.0
+    >>> int(tumble(n=500, outliers=0.03).strays.sum())
+    15
+    """
+    if motion not in MOTIONS:
+        raise UsageError(f"motion {motion!r} is not known: use one of {', '.join(MOTIONS)}")
+    course = _course(motion, n, positive(rate_hz, "rate_hz"), dip_deg, tilt_deg)
+    of_sensor, of_motion, of_strays, of_noise = np.random.default_rng(seed).spawn(4)
+    of_pauses, *of_disturbances = of_noise.spawn(1 + len(disturbances))
+    sensor = Sensor.random(of_sensor) if sensor is None else sensor
+    sensor = sensor if noise is None else replace(sensor, noise=noise)
+    imu = Imu() if imu is None else imu
+    path = _paused(of_pauses, MOTIONS[motion].draw, of_motion, course, share(held, "held"))
+    stray, strays = stray_fields(of_strays, course.n, outliers)
+    time = np.arange(course.n) / course.rate_hz
+    effects = [one.on(time, rng) for one, rng in zip(disturbances, of_disturbances, strict=True)]
+    shift = sum((effect.shift for effect in effects[1:]), effects[0].shift) if effects else None
+    true = positive(field_strength, "field_strength") * (path.directions + stray)
+    samples = Samples.of(
+        sensor.read(true, of_noise, shift=shift),
+        unit="uT",
+        time=time,
+        acceleration=_felt(path, imu, of_noise),
+        rate=_turned(path, imu, of_noise),
+        temperature=_last(effects, "temperature"),
+        current=_total([effect.current for effect in effects]),
+        source=f"simulated {motion}",
+    )
+    for effect in effects:
+        strays = strays if effect.strays is None else strays | effect.strays
+    return Simulated(
+        samples,
+        sensor,
+        path.directions,
+        field_strength,
+        strays,
+        path.attitudes,
+        dip_deg=float(dip_deg),
+        motion=motion,
+        seed=seed if isinstance(seed, int) else None,
+        rate_hz=float(rate_hz),
+        imu=None if path.attitudes is None else imu,
+        shift=shift,
+        disturbances=tuple(one.kind for one in disturbances),
+    )
+
+
+def specific_force(
+    attitudes: Floats, rng: Generator, *, noise: float = ACCELERATION_NOISE, acceleration: Floats | None = None
+) -> Floats:
+    """(N, 3) what an accelerometer measures in m/s², with noise: level and at rest, −g on z.
+
+    Parameters
+    ----------
+    attitudes : (N, 3, 3) float
+    rng : Generator
+    noise : float, m/s²
+        One σ per axis.
+    acceleration : (N, 3) float, m/s², optional
+        What moves the body, in world axes; a body that turns on the spot has none.
+
+    Examples
+    --------
+    >>> specific_force(np.eye(3)[np.newaxis], np.random.default_rng(0)).round(1)
+    array([[ 0. ,  -0. ,  -9.8]])
+    """
+    felt = seen_from(attitudes, np.array([0.0, 0.0, -GRAVITY]))
+    if acceleration is not None:
+        felt = felt + np.einsum("nji,nj->ni", attitudes, acceleration)
+    return felt + rng.normal(0.0, noise, felt.shape)
+
+
+def _course(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg: float | None) -> Course:
+    """Say what is asked of a motion."""
+    kind = MOTIONS[motion]
+    usual = UNTIMED if kind.seconds is None else round(kind.seconds * rate_hz)
+    if tilt_deg is not None and kind.tilt_deg is None:
+        limited = [name for name, other in MOTIONS.items() if other.tilt_deg is not None]
+        raise UsageError(f"tilt goes with the motions {', '.join(limited)}: leave it out for {motion}")
+    if tilt_deg is not None and not 0.0 <= tilt_deg <= 90.0:
+        raise UsageError(f"tilt is {tilt_deg:g}°: need 0° to 90°")
+    if not -90.0 <= dip_deg <= 90.0:
+        raise UsageError(f"dip is {dip_deg:g}°: need −90° to 90°")
+    return Course(count(usual if n is None else n), rate_hz, north_and_down(dip_deg), tilt_deg)
+
+
+def _paused(
+    of_pauses: Generator, draw: Callable[[Generator, Course], Path], rng: Generator, course: Course, held: float
+) -> Path:
+    """Draw a path on which a share of the readings is taken while the body is held still."""
+    still = min(round(held * course.n), course.n - 1)
+    if still == 0:
+        return draw(rng, course)
+    path = draw(rng, replace(course, n=course.n - still))
+    pauses = of_pauses.integers(0, course.n - still, PAUSES)
+    rows = np.sort(np.concatenate([np.arange(course.n - still), np.resize(pauses, still)]))
+    moving = np.append(np.diff(rows) > 0, True)[:, np.newaxis]
+    return Path(
+        path.directions[rows],
+        None if path.attitudes is None else path.attitudes[rows],
+        None if path.rate is None else path.rate[rows] * moving,
+        None if path.acceleration is None else path.acceleration[rows] * moving,
+    )
+
+
+def _felt(path: Path, imu: Imu, rng: Generator) -> Floats | None:
+    """(N, 3) what the accelerometer reads, where there are attitudes."""
+    if path.attitudes is None:
+        return None
+    return specific_force(path.attitudes, rng, noise=imu.acceleration_noise, acceleration=path.acceleration)
+
+
+def _turned(path: Path, imu: Imu, rng: Generator) -> Floats | None:
+    """(N, 3) what the gyro reads, where there are rates."""
+    if path.rate is None:
+        return None
+    return path.rate + imu.gyro_bias + imu.gyro_noise * rng.standard_normal(path.rate.shape)
+
+
+def _last(effects: Sequence[Effect], name: str) -> Floats | None:
+    """The column of the last effect that has one: there is one thermometer."""
+    columns = [column for effect in effects if (column := getattr(effect, name)) is not None]
+    return columns[-1] if columns else None
+
+
+def _total(columns: Sequence[Floats | None]) -> Floats | None:
+    """The sum of the columns that there are: one meter for all motors."""
+    there = [column for column in columns if column is not None]
+    total: Floats | None = np.sum(there, axis=0) if there else None
+    return total

@@ -1,0 +1,71 @@
+"""Recordings as the text that a logger would write, with a header that `flinders.readers` understands.
+
+>>> from flinders.simulate.recording import tumble
+>>> header, *rows = lines(tumble(seed=1, motion="level", n=2).samples)
+>>> header
+'time_s,mag_x_uT,mag_y_uT,mag_z_uT,acc_x_mps2,acc_y_mps2,acc_z_mps2'
+>>> [row.split(",")[0] for row in rows]
+['0.0000', '0.0200']
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.files import replacing
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterator, Mapping
+
+    from flinders.arrays import Floats
+    from flinders.samples import Samples
+
+DIGITS: Final = 4
+"""Decimals of all numbers: a tenth of a nanotesla, 0.1 ms, 0.0001 rad/s."""
+
+
+def lines(samples: Samples) -> Iterator[str]:
+    """Yield header and rows, without line ends.
+
+    The same samples give the same text on all machines: numbers are written to four decimals.
+    """
+    columns = _columns(samples)
+    yield ",".join(columns)
+    for row in np.round(np.column_stack(list(columns.values())), DIGITS) + 0.0:
+        yield ",".join([f"{value:.{DIGITS}f}" for value in row])
+
+
+def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a recording, whole or not at all.
+
+    Raises
+    ------
+    OutputExists
+        Where there is a file already, unless `force`.
+    OutputError
+        Where it cannot be written; says why and what to do.
+    """
+    with replacing(path, force=force) as file:
+        file.writelines(f"{line}\n" for line in lines(samples))
+
+
+def _columns(samples: Samples) -> Mapping[str, Floats]:
+    """What there is, by the name of its column."""
+    columns: dict[str, Floats] = {}
+    if samples.time is not None:
+        columns["time_s"] = samples.time
+    for name, unit, table in (
+        ("mag", samples.unit.inside, samples.field),
+        ("acc", "mps2", samples.acceleration),
+        ("gyro", "radps", samples.rate),
+    ):
+        if table is not None:
+            columns |= {f"{name}_{axis}_{unit}": table[:, place] for place, axis in enumerate("xyz")}
+    if samples.temperature is not None:
+        columns["temperature_degC"] = samples.temperature
+    if samples.current is not None:
+        columns["current_A"] = samples.current
+    return columns

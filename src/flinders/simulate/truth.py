@@ -1,0 +1,269 @@
+"""What is true of a simulated recording, as a file beside it.
+
+>>> from flinders.simulate.recording import tumble
+>>> truth = Truth.of(tumble(seed=1, n=100))
+>>> truth.recording.motion, truth.recording.seed, truth.field.strength
+('hand', 1, 50.0)
+>>> loads(dumps(truth)) == truth
+True
+>>> loads('{"flinders": "truth", "schema": 1, "unit": "mT"}')
+Traceback (most recent call last):
+flinders.errors.UnreadableInput: truth: unit: invalid enum value 'mT'
+"""
+
+from __future__ import annotations
+
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta, Struct
+
+from flinders.document import Count, NotNegative, Positive, Triple, gaps, in_words, lay_out
+from flinders.errors import UnreadableInput, UsageError
+from flinders.files import reason, write_text
+from flinders.simulate.rotations import north_and_down
+from flinders.simulate.sensor import Sensor
+
+if TYPE_CHECKING:
+    from flinders.simulate.recording import Simulated
+
+SUFFIX: Final = ".truth.json"
+"""What the name of a recording ends with in place of its own ending."""
+
+LARGEST: Final = 2**20
+"""Bytes; a file has two thousand. More is another file, and is not read into memory."""
+
+
+class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The sensor: raw = matrix field + offset + noise, then rounded and limited.
+
+    Attributes
+    ----------
+    matrix : (3, 3)
+        Rows; dimensionless, need not be symmetric.
+    offset : (3,) in the unit of the file
+    noise : float
+        One σ per axis.
+    resolution, limit : float or None
+        Step of the converter; where each axis saturates.
+    """
+
+    matrix: tuple[Triple, Triple, Triple]
+    offset: Triple
+    noise: NotNegative
+    resolution: Positive | None = None
+    limit: Positive | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a matrix that is singular or mirrors; called when a file is read."""
+        determinant = float(np.linalg.det(np.array(self.matrix)))
+        if not determinant > 0.0:
+            raise ValueError(f"`matrix` has determinant {determinant:g}, need a positive one")
+
+
+class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The field at the site.
+
+    Attributes
+    ----------
+    strength : float
+    dip_deg : float
+        How far it points down from the horizon.
+    vector : (3,)
+        North, east, down.
+    """
+
+    strength: Positive
+    dip_deg: Annotated[float, Meta(ge=-90, le=90)]
+    vector: Triple
+
+    def __post_init__(self) -> None:
+        """Refuse a vector that contradicts strength and dip; called when a file is read."""
+        expected = self.strength * north_and_down(self.dip_deg)
+        if not np.allclose(self.vector, expected, rtol=0.0, atol=1e-6 * self.strength):
+            stated = ", ".join(f"{part:.6g}" for part in expected)
+            raise ValueError(f"`vector` is not that of strength and dip, which is {stated}")
+
+
+class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the recording was made.
+
+    Attributes
+    ----------
+    motion : str
+    seed : int or None
+    readings : int
+    rate_hz : float or None
+    strays : int
+        Readings that are of no use.
+    gyro_bias : (3,) rad/s or None
+        Where there is a gyro.
+    disturbances : of str
+        Their kinds.
+    """
+
+    motion: str
+    seed: int | None = None
+    readings: Count
+    rate_hz: Positive | None = None
+    strays: Count = 0
+    gyro_bias: Triple | None = None
+    disturbances: tuple[str, ...] = ()
+
+
+class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="truth"):
+    """What is true of a recording.
+
+    Attributes
+    ----------
+    schema : int
+        Version of this layout.
+    unit : str
+        Of all that is a field.
+    sensor : SensorRecord
+    field : FieldRecord
+    recording : RecordingRecord
+    version : str
+        Of the Flinders that made it: the same seed gives the same bytes in the same version.
+    """
+
+    schema: Literal[1] = 1
+    unit: Literal["uT", "counts"] = "uT"
+    sensor: SensorRecord
+    field: FieldRecord
+    recording: RecordingRecord
+    version: str
+
+    @classmethod
+    def of(cls, simulated: Simulated) -> Truth:
+        """Take it out of a simulated recording."""
+        sensor, field_strength = simulated.sensor, float(simulated.field_strength)
+        matrix = tuple(tuple(row) for row in sensor.matrix.tolist())
+        biased = simulated.imu is not None and simulated.samples.rate is not None
+        return cls(
+            unit="uT" if simulated.samples.unit.inside == "uT" else "counts",
+            sensor=SensorRecord(
+                matrix=matrix,  # type: ignore[arg-type]  # three rows of three
+                offset=_triple(sensor.offset),
+                noise=float(sensor.noise),
+                resolution=None if sensor.resolution is None else float(sensor.resolution),
+                limit=None if sensor.limit is None else float(sensor.limit),
+            ),
+            field=FieldRecord(
+                strength=field_strength,
+                dip_deg=simulated.dip_deg,
+                vector=_triple(field_strength * north_and_down(simulated.dip_deg)),
+            ),
+            recording=RecordingRecord(
+                motion=simulated.motion,
+                seed=simulated.seed,
+                readings=len(simulated.samples),
+                rate_hz=simulated.rate_hz,
+                strays=int(simulated.strays.sum()),
+                gyro_bias=_triple(simulated.imu.gyro_bias) if biased and simulated.imu else None,
+                disturbances=simulated.disturbances,
+            ),
+            version=version("flinders"),
+        )
+
+    def as_sensor(self) -> Sensor:
+        """The sensor, to record with it again."""
+        record = self.sensor
+        return Sensor(np.array(record.matrix), np.array(record.offset), record.noise, record.resolution, record.limit)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: what stands in the file."""
+        plain: dict[str, Any] = msgspec.to_builtins(self)
+        return plain
+
+
+def beside(recording: str | os.PathLike[str]) -> str:
+    """Where the truth of a recording stands unless someone says otherwise.
+
+    >>> beside("data/tumble.csv"), beside("tumble")
+    ('data/tumble.truth.json', 'tumble.truth.json')
+    """
+    path = Path(recording)
+    stem = path.stem if path.suffix else path.name
+    return str(path.with_name(stem + SUFFIX))
+
+
+def read(path: str | os.PathLike[str]) -> Truth:
+    """Read the truth of a recording.
+
+    Raises
+    ------
+    UnreadableInput
+        For a file that cannot be opened, or is none that this release understands.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            text = file.read(LARGEST + 1)
+    except (OSError, ValueError) as error:
+        raise UnreadableInput(f"{path}: cannot be read: {reason(error)}") from None
+    if len(text) > LARGEST:
+        raise UnreadableInput(f"{path}: more than {LARGEST // 2**20} MB is no truth of a recording: check the name")
+    return loads(text, source=os.fspath(path))
+
+
+def loads(text: str | bytes, *, source: str = "truth") -> Truth:
+    """Understand the text of such a file; `source` names it in messages.
+
+    Raises
+    ------
+    UnreadableInput
+        With the first thing that is wrong and where it stands.
+    """
+    try:
+        raw = text.encode() if isinstance(text, str) else text
+        content = msgspec.json.decode(raw.removeprefix(b"\xef\xbb\xbf"))  # a mark that some editors add
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UnreadableInput(
+            f"{source}: cannot be read as JSON ({in_words(error)}): need the truth that `flinders simulate` wrote"
+        ) from None
+    if not (isinstance(content, dict) and content.get("flinders") == "truth"):
+        raise UnreadableInput(f'{source}: is JSON, but not the truth of a recording: lacks "flinders": "truth"')
+    if content.get("schema") != 1:
+        raise UnreadableInput(f"{source}: schema is {content.get('schema')}, this Flinders reads 1")
+    try:
+        return msgspec.convert(content, Truth)
+    except msgspec.ValidationError as error:
+        raise UnreadableInput(f"{source}: {in_words(error)}") from None
+
+
+def dumps(truth: Truth) -> str:
+    """Lay it out as text; numbers are read back to the bit.
+
+    Raises
+    ------
+    UsageError
+        For numbers that are not finite.
+    """
+    content = truth.as_dict()
+    for place in gaps(content):
+        raise UsageError(f"truth: {place} is not finite: only finite numbers are written")
+    return lay_out(content) + "\n"
+
+
+def write(truth: Truth, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write it, whole or not at all.
+
+    Raises
+    ------
+    UsageError
+        For numbers that are not finite; nothing is written.
+    OutputExists
+        Where there is a file already, unless `force`.
+    OutputError
+        Where it cannot be written; says why and what to do.
+    """
+    write_text(dumps(truth), path, force=force)
+
+
+def _triple(values: np.ndarray[Any, Any]) -> Triple:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,233 @@
+"""A two-axis compass, swung: read at equally spaced headings while it stays level.
+
+It has two scales, two offsets and the angle by which its axes are not square. Ten degrees a step are the 36 points of
+the spreadsheets that two-axis compasses are calibrated with.
+
+>>> compass = TwoAxis(scale=(1.1, 0.9), offset=(10.0, -5.0), skew_deg=4.0)
+>>> swung = swing(compass)
+>>> swung.samples.field[[0, 9, 18, 27], :2].round(2).tolist()      # north, east, south, west
+[[37.5, -6.57], [10.0, -27.44], [-17.5, -3.43], [10.0, 17.44]]
+>>> horizontal = swung.field_strength * np.cos(np.radians(swung.dip_deg))
+>>> TwoAxis.from_ellipse(compass.offset, horizontal * compass.matrix, horizontal)
+TwoAxis(scale=(1.1, 0.9), offset=(10, -5), skew_deg=4, noise=0)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.arrays import Floats, floats
+from flinders.arrays import matrix as square
+from flinders.errors import ArrayError, UsageError
+from flinders.samples import Samples
+from flinders.simulate._checks import count, not_negative, positive
+from flinders.simulate.recording import Simulated
+from flinders.simulate.rotations import north_and_down, posed, seen_from
+from flinders.simulate.sensor import Sensor
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+    from numpy.typing import ArrayLike
+
+POINTS: Final = 36
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class TwoAxis:
+    """A compass with two axes, which are level, x ahead and y to the right.
+
+    At the heading ψ, in a field that is H strong across the ground, it reads
+
+        x = offset₁ + scale₁ H cos ψ
+        y = offset₂ − scale₂ H sin(ψ + skew)
+
+    Attributes
+    ----------
+    scale : pair of float
+        Of each axis.
+    offset : pair of float, µT
+        What each axis reads in no field.
+    skew_deg : float, degrees
+        By how much the y axis is turned out of square, clockwise seen from above.
+    noise : float, µT
+        One σ per axis, white.
+
+    Raises
+    ------
+    ArrayError, UsageError
+        For scales that are not positive, a skew that makes the axes parallel, or negative noise.
+    """
+
+    scale: tuple[float, float] = (1.0, 1.0)
+    offset: tuple[float, float] = (0.0, 0.0)
+    skew_deg: float = 0.0
+    noise: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        object.__setattr__(self, "scale", _pair(self.scale, "scale"))
+        object.__setattr__(self, "offset", _pair(self.offset, "offset"))
+        if not min(self.scale) > 0.0:
+            raise UsageError(f"scale is {self.scale[0]:g}, {self.scale[1]:g}: need two positive numbers")
+        if not abs(self.skew_deg) < 90.0:
+            raise UsageError(f"skew is {self.skew_deg:g}°: need less than 90° either way")
+        not_negative(self.noise, "noise", "µT")
+
+    @classmethod
+    def from_ellipse(cls, centre: ArrayLike, shape: ArrayLike, horizontal: float, *, noise: float = 0.0) -> Self:
+        """Take scales and skew out of the ellipse that the readings lie on.
+
+        Parameters
+        ----------
+        centre : (2,) array-like, µT
+        shape : (2, 2) array-like, µT
+            Maps unit vectors to readings about the centre; which rotation it has on the right does not matter.
+        horizontal : float, µT
+            Strength of the field across the ground.
+        noise : float, µT
+
+        Raises
+        ------
+        ArrayError, UsageError
+            As the class, and for a field that is not positive.
+        """
+        first, second = square(shape, "shape", 2)
+        x, y = math.hypot(*first), math.hypot(*second)
+        skew = -math.asin(np.clip(first @ second / (x * y), -1.0, 1.0))
+        horizontal = positive(horizontal, "horizontal")
+        return cls((x / horizontal, y / horizontal), _pair(centre, "centre"), math.degrees(skew), noise)
+
+    @property
+    def matrix(self) -> Floats:
+        """(2, 2) what the readings are of a field ahead and to the right."""
+        skew = math.radians(self.skew_deg)
+        return np.array([[self.scale[0], 0.0], [-self.scale[1] * math.sin(skew), self.scale[1] * math.cos(skew)]])
+
+    def sensor(self, vertical: float) -> Sensor:
+        """The same as a sensor with three axes, whose third reads nothing in the vertical field (µT) at the site."""
+        matrix = np.eye(3)
+        matrix[:2, :2] = self.matrix
+        return Sensor(matrix, np.array([*self.offset, -vertical]), self.noise)
+
+    def __repr__(self) -> str:
+        scale, offset = (", ".join(f"{part:.6g}" for part in pair) for pair in (self.scale, self.offset))
+        return f"TwoAxis(scale=({scale}), offset=({offset}), skew_deg={self.skew_deg:.6g}, noise={self.noise:.6g})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polar:
+    """A swing in polar coordinates, before and after correction: what is drawn around a compass rose.
+
+    Attributes
+    ----------
+    heading_deg : (N,) float
+        True headings.
+    raw_radius, corrected_radius : (N,) float, µT
+        Length of the readings across the ground.
+    raw_heading_deg, corrected_heading_deg : (N,) float
+        What the compass shows, 0 to 360.
+    raw_error_deg, corrected_error_deg : (N,) float
+        By how much that is off, −180 to 180, the mean taken off: how it is mounted, a swing cannot tell.
+    """
+
+    heading_deg: Floats
+    raw_radius: Floats
+    raw_heading_deg: Floats
+    raw_error_deg: Floats
+    corrected_radius: Floats
+    corrected_heading_deg: Floats
+    corrected_error_deg: Floats
+
+    @classmethod
+    def of(cls, swung: Simulated, matrix: ArrayLike, offset: ArrayLike) -> Self:
+        """Hold the readings of a swing, raw and corrected by ``matrix @ (raw - offset)``, against its headings."""
+        headings = headings_deg(len(swung.samples))
+        raw = swung.samples.field
+        corrected = (raw - floats(offset, "offset")) @ square(matrix).T
+        return cls(headings, *_polar(raw, headings), *_polar(corrected, headings))
+
+    def as_dict(self) -> dict[str, Floats]:
+        """Columns by name."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def headings_deg(points: int = POINTS) -> Floats:
+    """(points,) headings equally spaced around the compass, the first north.
+
+    >>> headings_deg(4).tolist()
+    [0.0, 90.0, 180.0, 270.0]
+    """
+    headings: Floats = np.arange(count(points, 3)) * (360.0 / points)
+    return headings
+
+
+def swing(
+    compass: TwoAxis | None = None,
+    *,
+    seed: int | Generator = 0,
+    points: int = POINTS,
+    field_strength: float = 50.0,
+    dip_deg: float = 60.0,
+) -> Simulated:
+    """Swing a compass: one reading at each of `headings_deg`, the body level.
+
+    Parameters
+    ----------
+    compass : TwoAxis, optional
+        By default a perfect one.
+    seed : int or Generator
+        For the noise.
+    points : int
+        At least three.
+    field_strength : float, µT
+    dip_deg : float
+        The field across the ground is ``field_strength`` times its cosine.
+
+    Raises
+    ------
+    UsageError
+        For a number out of its range.
+    """
+    compass = TwoAxis() if compass is None else compass
+    if not abs(dip_deg) <= 89.0:
+        raise UsageError(f"dip is {dip_deg:g}°: need −89° to 89°, as nothing points north where the field is vertical")
+    rng = np.random.default_rng(seed)
+    attitudes = posed(np.radians(headings_deg(points)), 0.0, 0.0)
+    world = north_and_down(dip_deg)
+    directions = seen_from(attitudes, world)
+    sensor = compass.sensor(positive(field_strength, "field_strength") * world[2])
+    raw = sensor.read(field_strength * directions, rng)
+    raw[:, 2] = 0.0
+    samples = Samples.of(raw, unit="uT", source="simulated swing of a two-axis compass")
+    return Simulated(
+        samples,
+        sensor,
+        directions,
+        field_strength,
+        np.zeros(points, dtype=np.bool_),
+        attitudes,
+        dip_deg=float(dip_deg),
+        motion="two-axis",
+        seed=seed if isinstance(seed, int) else None,
+    )
+
+
+def _polar(readings: Floats, headings: Floats) -> tuple[Floats, Floats, Floats]:
+    """(N,) radius, heading and its error of (N, 3) readings, in degrees."""
+    shown = np.arctan2(-readings[:, 1], readings[:, 0])
+    off = np.exp(1j * (shown - np.radians(headings)))
+    mean = np.mean(off)
+    errors = np.degrees(np.angle(off * (np.conj(mean) / abs(mean) if abs(mean) > 0.0 else 1.0)))
+    return np.hypot(readings[:, 0], readings[:, 1]), np.degrees(shown) % 360.0, errors
+
+
+def _pair(values: ArrayLike, name: str) -> tuple[float, float]:
+    """Let through two finite numbers."""
+    array = floats(values, name)
+    if array.shape != (2,) or not np.all(np.isfinite(array)):
+        raise ArrayError(f"{name} is {np.array2string(array)}: need two finite numbers, for x and y")
+    return float(array[0]), float(array[1])

@@ -1,0 +1,108 @@
+"""What `flinders heading` and `flinders swing` print, to the letter; docs/cli.md shows these files."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.angles import folded
+from flinders.cli import main
+from flinders.deviation import fit
+from flinders.report.curve import drawing
+from flinders.report.swing import card
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    Golden = Callable[[str, str], None]
+
+HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,-1.2\n180,-5.5\n225,-8\n270,-12.5\n315,-6.8\n"
+"""Figure 501 of the Handbook of Magnetic Compass Adjustment."""
+
+
+@pytest.fixture(autouse=True)
+def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+
+
+def session(*lines: str, code: int = 0) -> str:
+    """What a terminal shows for some command lines; the last ends with `code`."""
+    shown = ""
+    for line in lines:
+        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
+        shown += f"$ {line}\n{ended.output}"
+    assert ended.exit_code == code, shown
+    return shown
+
+
+def record(tmp_path: Path, *, gravity: bool = False) -> None:
+    """A calibration, and a log of the same sensor with an accelerometer, x forward, y right, z down."""
+    tumble = simulate.tumble(seed=2)
+    rows = (",".join(f"{value:.3f}" for value in row) for row in tumble.samples.field)
+    (tmp_path / "tumble.csv").write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+    CliRunner().invoke(main, ["calibrate", "tumble.csv", "-o", "calibration.json"])
+    rng = np.random.default_rng(7)
+    steps = np.arange(900)
+    heading, roll, pitch = 0.4 * steps, 20.0 * np.sin(0.05 * steps), 15.0 * np.cos(0.031 * steps)
+    log = ["t_s,mag_x_uT,mag_y_uT,mag_z_uT,acc_x,acc_y,acc_z"]
+    for step, angles in enumerate(zip(np.deg2rad(heading), np.deg2rad(roll), np.deg2rad(pitch), strict=True)):
+        (ch, cr, cp), (sh, sr, sp) = np.cos(angles), np.sin(angles)
+        body = (
+            np.array([[1, 0, 0], [0, cr, sr], [0, -sr, cr]])
+            @ np.array([[cp, 0, -sp], [0, 1, 0], [sp, 0, cp]])
+            @ np.array([[ch, sh, 0], [-sh, ch, 0], [0, 0, 1]])
+        )
+        raw = tumble.sensor.read(50.0 * (body @ [0.5, 0.0, 0.75**0.5])[np.newaxis], rng)
+        force = (body @ [0.0, 0.0, -9.81] + rng.normal(0.0, 0.02, 3)) * (-1.0 if gravity else 1.0)
+        log.append(",".join(f"{value:.3f}" for value in (0.1 * step, *np.ravel(raw), *force)))
+    (tmp_path / "log.csv").write_text("\n".join([*log, ""]), encoding="utf-8")
+
+
+@pytest.mark.parametrize("command", ["heading", "swing"])
+def test_help(command: str, golden: Golden) -> None:
+    golden(f"cli/flinders-{command}-help.txt", session(f"flinders {command} --help"))
+
+
+def test_headings_of_a_log(tmp_path: Path, golden: Golden) -> None:
+    record(tmp_path)
+    line = "flinders heading calibration.json log.csv --at 43.77,11.26,50 --date 2026-06-01 -o headings.csv"
+    shown = session(line)
+    first = (tmp_path / "headings.csv").read_text(encoding="utf-8").splitlines()[:4]
+    rounded = [
+        first[0],
+        *(",".join(re.sub(r"(\.\d\d)\d+", r"\1", cell) for cell in row.split(",")) for row in first[1:]),
+    ]
+    golden("cli/heading.txt", shown)
+    golden("cli/headings.csv", "\n".join([*rounded, ""]))
+
+
+def test_an_accelerometer_with_the_wrong_sign(tmp_path: Path, golden: Golden) -> None:
+    record(tmp_path, gravity=True)
+    golden(
+        "cli/heading-sign.txt", session("flinders heading calibration.json log.csv --dip 63 -o headings.csv", code=5)
+    )
+
+
+def test_the_swing_of_ho226(tmp_path: Path, golden: Golden) -> None:
+    (tmp_path / "swing.csv").write_text(HO226, encoding="utf-8")
+    golden("cli/swing.txt", session("flinders swing swing.csv --svg curve.svg"))
+    golden("cli/swing.svg", (tmp_path / "curve.svg").read_text(encoding="utf-8"))
+
+
+def test_a_swing_of_five_headings(tmp_path: Path, golden: Golden) -> None:
+    (tmp_path / "swing.csv").write_text("compass magnetic\n0 1\n70 74\n140 141\n220 217\n290 287\n", encoding="utf-8")
+    golden("cli/swing-five.txt", session("flinders swing swing.csv --step 45", code=3))
+
+
+def test_a_card(golden: Golden) -> None:
+    around = np.arange(0.0, 360.0, 30.0)
+    found = fit(around, folded(2.0 * np.sin(np.deg2rad(around)) - 1.0), sigma_deg=0.5)
+    golden("cli/card.csv", card(found, 45.0))
+    assert drawing(found).endswith("</svg>\n")

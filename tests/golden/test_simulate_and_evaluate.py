@@ -1,0 +1,95 @@
+"""What `flinders simulate` writes and `flinders evaluate` prints, to the letter."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from click.testing import CliRunner
+
+from flinders.cli import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Golden = Callable[[str, str], None]
+
+
+@pytest.fixture(autouse=True)
+def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+
+
+def session(*lines: tuple[str, int]) -> str:
+    """What a terminal shows for some command lines, each with the code it ends with."""
+    shown = ""
+    for line, code in lines:
+        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
+        shown += f"$ {line}\n{ended.output}"
+        assert ended.exit_code == code, shown
+    return shown
+
+
+def rounded(value: object) -> object:
+    """Round to four digits, on which all machines agree."""
+    if isinstance(value, dict):
+        return {key: rounded(member) for key, member in value.items()}
+    if isinstance(value, list):
+        return [rounded(member) for member in value]
+    return float(f"{value:.4g}") if isinstance(value, float) and math.isfinite(value) else value
+
+
+@pytest.mark.parametrize("command", ["simulate", "simulate three-axis", "simulate two-axis", "evaluate"])
+def test_help(command: str, golden: Golden) -> None:
+    golden(f"cli/flinders-{command.replace(' ', '-')}-help.txt", session((f"flinders {command} --help", 0)))
+
+
+def test_a_calibration_that_knows_its_errors(golden: Golden) -> None:
+    lines = (
+        ("flinders simulate three-axis -o tumble.csv --seed 7", 0),
+        ("flinders calibrate tumble.csv -o calibration.json --json", 0),
+        ("flinders evaluate calibration.json tumble.truth.json", 0),
+    )
+    shown = session(*lines)
+    shown = re.sub(
+        r"(?ms)^\$ flinders calibrate.*?(?=^\$)", "$ flinders calibrate tumble.csv -o calibration.json\n…\n", shown
+    )
+    golden("cli/evaluate.txt", shown)
+
+
+def test_one_that_does_not(golden: Golden) -> None:
+    """The field of the motors passes for iron, and no method knows of it."""
+    session(("flinders simulate three-axis -o drive.csv --motion drive --motor 0.3 --seed 7", 0))
+    session(("flinders calibrate drive.csv -o calibration.json", 3))
+    golden("cli/evaluate-worse.txt", session(("flinders evaluate calibration.json drive.truth.json", 4)))
+
+
+def test_a_recovery_of_a_two_axis_compass(golden: Golden) -> None:
+    golden("cli/two-axis.txt", session(("flinders simulate two-axis -o swing.csv --polar rose.csv", 0)))
+    golden("cli/two-axis-rose.csv", Path("rose.csv").read_text(encoding="utf-8"))
+    golden("cli/two-axis-swing.csv", Path("swing.csv").read_text(encoding="utf-8"))
+
+
+def test_a_recording_with_everything_and_its_truth(golden: Golden) -> None:
+    words = (
+        "simulate three-axis -o rough.csv --motion flight --readings 60 --rate 10 --tilt 20 --noise 0.3 "
+        "--resolution 0.15 --limit 90 --outliers 0.1 --held 0.2 --motor 0.2 --drift 0.1 --step 3 --magnet 100 "
+        "--gyro-bias 0.01,0,-0.02 --soft-iron 0.1 --hard-iron 40 --field-strength 48 --dip 65 --seed 3"
+    )
+    assert CliRunner().invoke(main, words.split()).exit_code == 0
+    golden("cli/rough.csv", Path("rough.csv").read_text(encoding="utf-8"))
+    found = json.loads(Path("rough.truth.json").read_text(encoding="utf-8"))
+    golden("cli/rough.truth.json", json.dumps({**rounded(found), "version": "1.2.3"}, indent=1) + "\n")  # type: ignore[dict-item]
+
+
+def test_an_evaluation_as_json(golden: Golden) -> None:
+    session(("flinders simulate three-axis -o tumble.csv --seed 7", 0), ("flinders calibrate tumble.csv -o c.json", 0))
+    ended = CliRunner().invoke(main, ["evaluate", "c.json", "tumble.truth.json", "--json"])
+    assert ended.exit_code == 0
+    keys = list(json.loads(ended.stdout))
+    golden("cli/evaluate-keys.json", json.dumps(keys, indent=1) + "\n")

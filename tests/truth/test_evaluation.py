@@ -1,0 +1,118 @@
+"""The true error of a calibration: what is put in comes out, in degrees and µT."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders import fitting, simulate
+from flinders.axes import Axes
+from flinders.calibration import Calibration
+from flinders.errors import UnitError, UsageError
+from flinders.evaluation import evaluate
+from flinders.judged import Judged
+from flinders.samples import Samples
+from flinders.simulate import Sensor, tumble
+from flinders.simulate.truth import Truth
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+MICROTESLA = Unit.of("uT")
+RECORDING = tumble(seed=3, motion="uniform", n=400)
+TRUTH = Truth.of(RECORDING)
+
+
+def calibration(matrix: Floats, offset: Floats, **options: object) -> Judged:
+    return Judged(Calibration(matrix, offset, 50.0, raw=MICROTESLA, **options))  # type: ignore[arg-type]
+
+
+def test_the_truth_itself_has_no_error_and_claims_nothing() -> None:
+    matrix, offset = RECORDING.sensor.correction
+    told = evaluate(calibration(matrix, offset, field_strength_known=True), TRUTH)
+    npt.assert_allclose(
+        [told.heading_error_deg.worst, *told.direction_error_deg, told.matrix_error, told.rotation_deg], 0.0, atol=1e-7
+    )
+    npt.assert_allclose(told.offset_error, 0.0)
+    assert told.scale_error == pytest.approx(0.0, abs=1e-12)
+    assert (told.verdict, told.p_value, told.heading_ratio, told.offset_ratio) == ("unclaimed", None, None, None)
+
+
+def test_an_offset_error_is_found_and_costs_what_geometry_says() -> None:
+    """δ across a horizontal field of 25 µT is δ/25 at its worst, rms over √2."""
+    perfect = Truth.of(tumble(n=10, sensor=Sensor()))
+    told = evaluate(calibration(np.eye(3), np.array([0.5, 0.0, 0.0])), perfect)
+    npt.assert_allclose(told.offset_error, [0.5, 0.0, 0.0])
+    assert told.heading_error_deg.worst == pytest.approx(np.degrees(0.5 / 25), rel=1e-3)
+    assert told.heading_error_deg.rms == pytest.approx(np.degrees(0.5 / 25) / np.sqrt(2), rel=1e-3)
+    assert told.direction_error_deg[0] == pytest.approx(np.degrees(np.sqrt(2 / 3) * 0.5 / 50), rel=1e-3)
+
+
+def test_a_rotation_is_told_apart_from_soft_iron() -> None:
+    turn = simulate.turns([[0.0, 0.0, np.radians(3.0)]])[0]
+    told = evaluate(calibration(turn, np.zeros(3), rotation="composed"), Truth.of(tumble(n=10, sensor=Sensor())))
+    assert told.rotation_deg == pytest.approx(3.0)
+    assert told.heading_mean_deg == pytest.approx(-3.0)
+    assert told.matrix_error == pytest.approx(0.0, abs=1e-12)
+    assert told.heading_error_deg.worst == pytest.approx(0.0, abs=1e-7)
+    assert told.freed_direction_error_deg[1] == pytest.approx(0.0, abs=1e-6)
+    assert told.direction_error_deg[1] == pytest.approx(3.0, rel=1e-3)
+
+
+def test_soft_iron_and_scale_are_told_apart() -> None:
+    bent = Truth.of(tumble(n=10, sensor=Sensor(matrix=1.1 * np.diag([1.02, 1 / 1.02, 1.0]))))
+    told = evaluate(calibration(np.eye(3), np.zeros(3), field_strength_known=True), bent)
+    assert told.scale_error == pytest.approx(0.1)
+    assert told.matrix_error == pytest.approx(np.hypot(0.02, 1 - 1 / 1.02))
+
+
+@pytest.mark.parametrize("motion", ["uniform", "tilted", "level"])
+def test_fits_are_as_wrong_as_they_claim(motion: str) -> None:
+    """Over 30 seeds the ratio of true to claimed error has a root mean square of one, and p is small as rarely as it
+    should be."""
+    tellings = []
+    for seed in range(30):
+        recording = tumble(seed, motion=motion, n=300)
+        tellings.append(evaluate(Judged.from_fit(fitting.fit(recording.samples)), Truth.of(recording)))
+    ratios = np.array([told.heading_ratio for told in tellings], dtype=float)
+    assert 0.75 < np.sqrt(np.mean(ratios**2)) < 1.25
+    assert sum(told.verdict == "worse than claimed" for told in tellings) <= 2
+
+
+def test_one_that_claims_too_much_is_found_out() -> None:
+    found = Judged.from_fit(fitting.fit(RECORDING.samples))
+    moved = replace(
+        found, calibration=replace(found.calibration, offset=found.calibration.offset + np.array([3.0, 0.0, 0.0]))
+    )
+    told = evaluate(moved, TRUTH)
+    assert (told.verdict, told.is_on_target) == ("worse than claimed", False)
+    assert told.heading_ratio is not None
+    assert told.heading_ratio > 10
+
+
+def test_mapped_axes_are_held_against_the_mapped_truth() -> None:
+    """As if the axes had been recorded so: a sensor turned over is as good as before."""
+    plain = evaluate(Judged.from_fit(fitting.fit(RECORDING.samples)), TRUTH, dip_deg=60)
+    samples = Samples.of(RECORDING.samples.field, unit="uT", axes="x,-y,-z")
+    over = evaluate(Judged.from_fit(fitting.fit(samples)), TRUTH, dip_deg=-60)
+    npt.assert_allclose(over.offset_error, np.array([1, -1, -1]) * plain.offset_error, atol=1e-6)
+    assert over.freed_direction_error_deg[0] == pytest.approx(plain.freed_direction_error_deg[0], rel=1e-3)
+    assert over.heading_error_deg.rms == pytest.approx(plain.heading_error_deg.rms, rel=1e-3)
+
+
+def test_axes_of_a_mirrored_log_can_be_put_right() -> None:
+    mirrored = Calibration(np.eye(3), np.zeros(3), 50.0, raw=MICROTESLA, axes=Axes.of("x,y,-z"))
+    assert evaluate(Judged(mirrored), Truth.of(tumble(n=10, sensor=Sensor()))).heading_error_deg.worst < 1e-7
+
+
+def test_another_unit_and_an_impossible_target_are_refused() -> None:
+    counts = Judged(Calibration(np.eye(3), np.zeros(3), 50.0), name="calibration.json")
+    with pytest.raises(UnitError, match=r"calibration\.json is for readings in counts, the truth is in µT"):
+        evaluate(counts, TRUTH)
+    with pytest.raises(UsageError, match="target is 0°"):
+        evaluate(calibration(np.eye(3), np.zeros(3)), TRUTH, target_deg=0.0)

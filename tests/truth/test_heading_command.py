@@ -1,0 +1,516 @@
+"""`flinders heading` and `flinders swing` as a user meets them: known headings in, the same out; mistakes are named."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.angles import folded
+from flinders.attitude import magnetic_heading_deg
+from flinders.calibration import Calibration
+from flinders.cli import main
+from flinders.fitting import fit
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+
+PROGRAM = [sys.executable, "-c", "from flinders.cli import main; main(prog_name='flinders')"]
+FIELD = 50.0 * np.array([0.5, 0.0, 0.75**0.5])
+MATRIX = np.array([[1.04, 0.02, -0.01], [0.02, 0.95, 0.03], [-0.01, 0.03, 1.01]])
+OFFSET = np.array([20.0, -15.0, 8.0])
+ZURICH = ("--at", "47.37,8.54,400", "--date", "2026-06-01")
+HEADER = "t_s,mx_uT,my_uT,mz_uT,ax,ay,az"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How the program ended, and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:  # noqa: ANN401 - whatever was printed
+        return json.loads(self.out)
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        rows = list(csv.reader(io.StringIO(self.out)))
+        return dict(zip(rows[0], np.array(rows[1:], float).T, strict=True))
+
+
+def flinders_(*words: str, stdin: str = "") -> Ended:
+    result = CliRunner().invoke(main, list(words), input=stdin)
+    return Ended(result.exit_code, result.stdout, result.stderr)
+
+
+def turned(heading: Floats, roll: Floats | float = 0.0, pitch: Floats | float = 0.0) -> Floats:
+    """(N, 3, 3) from north, east, down to the body."""
+    h, r, p = np.deg2rad(np.broadcast_arrays(heading, roll, pitch))
+    zero, one = np.zeros_like(h), np.ones_like(h)
+    about_x = np.array([[one, zero, zero], [zero, np.cos(r), np.sin(r)], [zero, -np.sin(r), np.cos(r)]])
+    about_y = np.array([[np.cos(p), zero, -np.sin(p)], [zero, one, zero], [np.sin(p), zero, np.cos(p)]])
+    about_z = np.array([[np.cos(h), np.sin(h), zero], [-np.sin(h), np.cos(h), zero], [zero, zero, one]])
+    body: Floats = np.einsum("ijn,jkn,kln->nil", about_x, about_y, about_z)
+    return body
+
+
+def log_of(body: Floats, *, start: float = 0.0, noise: float = 0.0) -> Floats:
+    """Time, raw field in µT and specific force of these attitudes, ten readings a second."""
+    rng = np.random.default_rng(3)
+    raw = np.linalg.solve(MATRIX, (body @ FIELD).T).T + OFFSET + noise * rng.standard_normal((len(body), 3))
+    force = body @ np.array([0.0, 0.0, -9.81]) + 0.05 * noise * rng.standard_normal((len(body), 3))
+    return np.column_stack([start + 0.1 * np.arange(len(body)), raw, force])
+
+
+def write(name: str, log: Floats, header: str = HEADER) -> str:
+    rows = [",".join(f"{value:.6f}" for value in row) for row in log]
+    with open(name, "w", encoding="utf-8") as file:  # noqa: PTH123
+        file.write("\n".join([header, *rows, ""]))
+    return name
+
+
+def tumbling(count: int = 600) -> tuple[Floats, Floats]:
+    """Headings and attitudes all round."""
+    rng = np.random.default_rng(8)
+    heading = rng.uniform(0.0, 360.0, count)
+    return heading, turned(heading, rng.uniform(-180.0, 180.0, count), rng.uniform(-80.0, 80.0, count))
+
+
+def swinging(stops: Floats, *, noise: float = 0.2) -> Floats:
+    """A log that rests ten seconds on each heading."""
+    headings: list[float] = []
+    for before, after in zip(stops, [*stops[1:], stops[-1]], strict=True):
+        headings += [before] * 100 + np.linspace(before, after, max(int(abs(after - before) / 3.0), 1)).tolist()
+    sway = np.arange(len(headings)) * 0.1
+    return log_of(turned(np.array(headings), 5.0 * np.sin(sway), 4.0 * np.cos(0.7 * sway)), noise=noise)
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with calibration.json, exact and without a covariance, and log.csv of all attitudes."""
+    monkeypatch.chdir(tmp_path)
+    Calibration(MATRIX, OFFSET, 50.0, True, raw=Unit.of("uT")).save("calibration.json")
+    write("log.csv", log_of(tumbling()[1]))
+    return tmp_path
+
+
+# heading
+
+
+def test_headings_are_those_that_the_vehicle_had(home: Path) -> None:
+    ended = flinders_("heading", "calibration.json", "log.csv")
+    assert ended.code == 0, ended.err
+    columns = ended.columns
+    assert list(columns) == ["line", "time_s", "heading_deg", "roll_deg", "pitch_deg", "dip_deg", "strength"]
+    npt.assert_allclose(folded(columns["heading_deg"] - tumbling()[0]), 0.0, atol=2e-3)
+    npt.assert_allclose(columns["dip_deg"], 60.0, atol=2e-3)
+    npt.assert_allclose(columns["strength"], 1.0, atol=1e-4)
+    npt.assert_allclose(columns["line"], np.arange(600) + 2)
+    npt.assert_allclose(columns["time_s"], 0.1 * np.arange(600), atol=1e-6)
+    assert "600 readings" in ended.err
+
+
+def test_true_headings_are_the_declination_further_on(home: Path) -> None:
+    ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json", *ZURICH)
+    told = ended.json
+    assert told["site"]["model"] == "WMM-2025"
+    columns = Ended(0, (home / "out.csv").read_text(encoding="utf-8"), "").columns
+    npt.assert_allclose(
+        folded(columns["true_heading_deg"] - columns["heading_deg"]), told["declination_deg"], atol=1.1e-3
+    )
+    assert 3.0 < told["declination_deg"] < 4.0
+    assert (columns["true_heading_deg"] < 360.0).all()
+    assert told["rows"] == 600
+    assert told["dip_seen_deg"] == pytest.approx(60.0, abs=1e-3)
+    assert "declination 3." in ended.err
+
+
+def test_a_heading_just_below_north_is_not_360(home: Path) -> None:
+    write("log.csv", log_of(turned(np.full(120, 359.99999))))
+    ended = flinders_("heading", "calibration.json", "log.csv", "--declination", "-0.0")
+    assert set(ended.columns["heading_deg"]) == set(ended.columns["true_heading_deg"]) == {0.0}
+    assert "360.000" not in ended.out
+
+
+def test_the_day_comes_from_a_clock_that_counts_from_1970(home: Path) -> None:
+    write("log.csv", log_of(tumbling()[1], start=1_600_000_000.0), HEADER.replace("t_s", "timestamp_s"))
+    ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json", "--at", "47.37,8.54")
+    assert ended.json["site"]["model"] == "WMM-2020"
+    assert ended.json["site"]["year"] == pytest.approx(2020.70, abs=0.01)
+    assert "1600000059.9" in (home / "out.csv").read_text(encoding="utf-8")
+
+
+def test_today_is_a_day(home: Path) -> None:
+    ended = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--at", "47,8", "--date", "today")
+    assert ended.code in {0, 2}  # 2 from the year 2030 on
+    assert "WM" in ended.err or "World Magnetic Models" in ended.err
+
+
+def test_a_level_sensor_needs_two_axes_and_no_accelerometer(home: Path) -> None:
+    heading = np.arange(0.0, 360.0, 2.0)
+    write("level.csv", log_of(turned(heading))[:, :4], "t_s,mx_uT,my_uT,mz_uT")
+    ended = flinders_("heading", "calibration.json", "level.csv", "--level")
+    assert list(ended.columns) == ["line", "time_s", "heading_deg", "strength"]
+    npt.assert_allclose(folded(ended.columns["heading_deg"] - heading), 0.0, atol=2e-3)
+    assert "each degree of tilt turns a level heading by up to 1.7°" in ended.err
+    assert "z is up" not in ended.err
+
+
+def test_a_level_sensor_that_is_upside_down_is_noticed(home: Path) -> None:
+    log = log_of(turned(np.arange(0.0, 360.0, 2.0), 180.0))[:, :4]
+    ended = flinders_("heading", "calibration.json", write("over.csv", log, "t_s,mx_uT,my_uT,mz_uT"), "--level")
+    assert "z is up and level headings run backwards" in " ".join(ended.err.split())
+
+
+def test_legacy_formulas_go_by_their_names(home: Path) -> None:
+    exact, named, wrong = (
+        flinders_("heading", "calibration.json", "log.csv", "--formula", name).columns["heading_deg"]
+        for name in ("exact", "an4248", "an3192")
+    )
+    npt.assert_allclose(folded(named - exact), 0.0, atol=1.1e-3)
+    assert np.nanmax(np.abs(folded(wrong - exact))) > 20.0
+    assert "an3192 is wrong" in flinders_("heading", "calibration.json", "log.csv", "--formula", "an3192").err
+
+
+def test_the_heading_error_of_the_calibration_is_stated(home: Path) -> None:
+    found = fit(simulate.tumble(seed=1).samples, dip_deg=60.0)
+    found.save("calibration.json", force=True)
+    body = tumbling()[1]
+    raw = found.calibration.unapply(body @ FIELD)
+    write("log.csv", np.column_stack([np.arange(600.0), raw, body @ np.array([0.0, 0.0, -1.0])]))
+    told = flinders_("heading", "calibration.json", "log.csv", "-o", "out.csv", "--json", "--dip", "60").json
+    assert told["heading_error_deg"]["worst"] == pytest.approx(found.heading_error_deg.worst, rel=1e-6)
+    assert told["tilted_heading_error_deg"]["worst"] >= 0.9 * told["heading_error_deg"]["worst"]
+    assert "good to  0.0" in flinders_("heading", "calibration.json", "log.csv").err
+
+
+def test_a_calibration_without_uncertainty_says_so(home: Path) -> None:
+    assert "the calibration states no uncertainty" in flinders_("heading", "calibration.json", "log.csv").err
+
+
+def test_gaps_are_counted_and_leave_the_rest_in_place(home: Path) -> None:
+    lines = (home / "log.csv").read_text(encoding="utf-8").splitlines()
+    lines[5] = "0.4,nan,1,2,3,4,5"
+    lines[7] = "broken"
+    lines[9] = ",".join([*lines[9].split(",")[:4], "", "", ""])
+    (home / "log.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    ended = flinders_("heading", "calibration.json", "log.csv")
+    columns = ended.columns
+    assert columns["line"][:8].tolist() == [2, 3, 4, 5, 7, 9, 10, 11]
+    assert np.isnan(columns["heading_deg"][6])
+    assert np.isnan(columns["heading_deg"]).sum() == 1
+    assert "1 not finite row (line 6" in ended.err
+    assert "1 unreadable row (line 8" in ended.err
+    assert "1 reading without a heading" in ended.err
+
+
+def test_columns_of_the_accelerometer_can_be_named(home: Path) -> None:
+    log = log_of(tumbling()[1])
+    write("odd.csv", log, "t_s,mx_uT,my_uT,mz_uT,one,two,three")
+    refused = flinders_("heading", "calibration.json", "odd.csv")
+    assert refused.code == 5
+    assert "name its columns with --acceleration, or say --level" in refused.err
+    for columns in ("one,two,three", "5,6,7"):
+        ended = flinders_("heading", "calibration.json", "odd.csv", "--acceleration", columns)
+        npt.assert_allclose(folded(ended.columns["heading_deg"] - tumbling()[0]), 0.0, atol=2e-3)
+    write("bare.txt", log[:, 1:], "")
+    ended = flinders_("heading", "calibration.json", "bare.txt", "--columns", "1,2,3", "--acceleration", "4,5,6")
+    npt.assert_allclose(folded(ended.columns["heading_deg"] - tumbling()[0]), 0.0, atol=2e-3)
+
+
+def test_a_stream_is_answered_line_by_line(home: Path) -> None:
+    with subprocess.Popen(
+        [*PROGRAM, "heading", "calibration.json", "-"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as running:
+        assert running.stdin is not None
+        assert running.stdout is not None
+        lines = (home / "log.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+        running.stdin.writelines(lines[:31])
+        running.stdin.flush()
+        got = [running.stdout.readline() for _ in range(31)]
+        assert got[0].startswith("line,time_s,heading_deg")
+        assert got[30].startswith("31,")
+        running.stdin.write(lines[31])
+        running.stdin.flush()
+        assert running.stdout.readline().startswith("32,")
+        running.stdin.close()
+        assert running.wait(10) == 0
+
+
+@pytest.mark.parametrize(
+    ("columns", "named"),
+    [
+        ("-ax,-ay,-az", "opposite sign (gravity, not specific force): give --acceleration-axes=-x,-y,-z"),
+        ("ay,ax,-az", "its x and y are swapped, and its z has the wrong sign: give --acceleration-axes=y,x,-z"),
+        ("-ax,-ay,az", "its x and y have the wrong sign: give --acceleration-axes=-x,-y,z"),
+        ("ax,ay,-az", "one of the two is left-handed"),
+        ("ay,az,ax", "its x, y and z go round: give --acceleration-axes=z,x,y"),
+    ],
+)
+def test_a_mistaken_axis_is_named_and_its_remedy_works(home: Path, columns: str, named: str) -> None:
+    log = log_of(tumbling()[1], noise=0.2)
+    places = [log[:, 4 + "xyz".index(name[-1])] * (-1.0 if name[0] == "-" else 1.0) for name in columns.split(",")]
+    write("odd.csv", np.column_stack([log[:, :4], *places]))
+    ended = flinders_("heading", "calibration.json", "odd.csv", "-o", "out.csv", *ZURICH)
+    assert ended.code == 5
+    assert named in " ".join(ended.err.split())
+    assert not (home / "out.csv").exists()
+    remedy = next(word for word in ended.err.replace(";", " ").split() if word.startswith("--acceleration-axes="))
+    again = flinders_("heading", "calibration.json", "odd.csv", *ZURICH, remedy)
+    assert again.code == 0
+    assert np.abs(folded(again.columns["heading_deg"] - tumbling()[0])).mean() < 3.0
+
+
+def test_without_a_site_a_dip_upwards_is_mentioned(home: Path) -> None:
+    log = log_of(tumbling()[1])
+    log[:, 4:] *= -1.0
+    write("odd.csv", log)
+    ended = flinders_("heading", "calibration.json", "odd.csv")
+    assert ended.code == 0
+    assert "the field is seen to point up by 60°" in " ".join(ended.err.split())
+    assert flinders_("heading", "calibration.json", "odd.csv", "--dip", "-60").code == 0
+    assert flinders_("heading", "calibration.json", "odd.csv", "--dip", "60").code == 5
+
+
+ODD: dict[str, tuple[str, int, str]] = {
+    "no such recording": ("calibration.json nix.csv", 5, "does not exist"),
+    "the wrong way round": ("log.csv calibration.json", 2, "it comes first: flinders heading calibration.json log.csv"),
+    "two calibrations": ("calibration.json calibration.json", 2, "is a calibration too"),
+    "a calibration through a pipe": ("- log.csv", 2, "must be a file"),
+    "no place": ("calibration.json log.csv --at home --date 2026", 2, "such as 47.62,-122.35"),
+    "no day": ("calibration.json log.csv --at 47,8", 2, "--date 2026-11-21"),
+    "a day without a model": ("calibration.json log.csv --at 47,8 --date 2031-01-01", 2, "2010 to 2030"),
+    "a day without a place": ("calibration.json log.csv --date 2026-01-01", 2, "--at LAT,LON too"),
+    "place and declination": (
+        "calibration.json log.csv --at 47,8 --date 2026 --declination 3", 2, "leave one of them out",
+    ),
+    "level with a formula": ("calibration.json log.csv --level --formula an3192", 2, "leave one of them out"),
+    "level with an accelerometer": ("calibration.json log.csv --level --acceleration ax,ay,az", 2, "leave one of them"),
+    "columns that there are not": ("calibration.json log.csv --acceleration bx,by,bz", 2, "no column 'bx'"),
+    "the magnetometer twice": ("calibration.json log.csv --acceleration mx_uT,ay,az", 2, "read as the magnetometer"),
+    "axes that are none": ("calibration.json log.csv --acceleration-axes x,x,z", 2, "x, y and z once each"),
+    "a formula that is none": ("calibration.json log.csv --formula best", 2, "an4248"),
+    "two results to one place": ("calibration.json log.csv --json", 2, "name a file with -o"),
+    "over the recording": ("calibration.json log.csv -o log.csv --force", 2, "would be written over"),
+    "over a file": ("calibration.json log.csv -o there.csv", 6, "overwrite it with --force"),
+    "into nowhere": ("calibration.json log.csv -o nix/out.csv", 6, "no such folder"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_what_cannot_be_done_is_said(home: Path, name: str) -> None:
+    words, code, said = ODD[name]
+    (home / "there.csv").write_text("kept", encoding="utf-8")
+    ended = flinders_("heading", *words.split())
+    assert ended.code == code
+    assert not ended.out or "--json" in words
+    assert said in " ".join(ended.err.split())
+    assert ended.err.splitlines()[-1].startswith("error: ")
+    assert (home / "there.csv").read_text(encoding="utf-8") == "kept"
+
+
+def test_another_sensor_is_refused_and_an_odd_field_is_mentioned(home: Path) -> None:
+    log = log_of(tumbling()[1])
+    log[:, 1:4] *= 20.0
+    assert flinders_("heading", "calibration.json", write("far.csv", log)).code == 5
+    log = log_of(tumbling()[1])
+    log[:, 1:4] += 12.0
+    assert "do not suit the calibration" in flinders_("heading", "calibration.json", write("odd.csv", log)).err
+
+
+# swing
+
+
+HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,1.2W\n180,5.5 W\n225,-8\n270,-12.5\n315,-6.8\n"
+
+
+def test_the_example_of_ho226_from_a_table(home: Path) -> None:
+    told = flinders_("swing", "-", "--json", stdin=HO226).json["deviation"]
+    assert [f"{told['coefficients_deg'][name]:.4f}" for name in "ABCDE"] == [
+        "1.0000", "11.9397", "7.9598", "5.0000", "1.5000",
+    ]  # fmt: skip
+    assert told["eight_points_deg"] == {"A": 1.0, "B": 12.0, "C": 8.0, "D": 5.0, "E": 1.5}
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "compass;magnetic\n0;1\n90;93\n180;182\n270;268\n45;47\n",
+        "0 1\n90 93\n180 182\n270 268\n45 47\n",
+        "known heading,compass reading\n1,0\n93,90\n182,180\n268,270\n47,45\n",
+        "magnetic\tdeviation\n1\t1\n93\t3\n182\t2\n268\t-2\n47\t2\n",
+        "Kompass;Compass reading;magnetic °\n0;0;1,0\n90;90;93,0\n180;180;182\n270;270;268\n45;45;47\n",
+        "# a swing\ncompass,dev (deg),sigma\n0,1,0.5\n90,3,0.5\n180,2,0.5\n270,-2,0.5\n45,2,0.5\n",
+    ],
+)
+def test_tables_are_read_as_they_are_written(home: Path, table: str) -> None:
+    ended = flinders_("swing", "-", "--json", stdin=table)
+    found = ended.json["deviation"]["swing"]
+    npt.assert_allclose(found["compass_deg"], [0.0, 90.0, 180.0, 270.0, 45.0], atol=1e-9)
+    npt.assert_allclose(found["deviation_deg"], [1.0, 3.0, 2.0, -2.0, 2.0], atol=1e-9)
+    assert ended.code == (0 if "sigma" in table else 3)
+
+
+def test_true_headings_become_magnetic_ones(home: Path) -> None:
+    table = "compass,true\n" + "".join(f"{angle},{angle + 3.5}\n" for angle in range(0, 360, 45))
+    ended = flinders_("swing", "-", "--json", *ZURICH, stdin=table)
+    declination = ended.json["site"]["declination_deg"]
+    assert ended.json["deviation"]["coefficients_deg"]["A"] == pytest.approx(3.5 - declination)
+    assert "say where with --at" in flinders_("swing", "-", stdin=table).err
+    assert "no true headings" in " ".join(flinders_("swing", "-", *ZURICH, stdin=HO226).err.split())
+
+
+def test_card_and_curve_are_written(home: Path) -> None:
+    (home / "swing.csv").write_text(HO226, encoding="utf-8")
+    ended = flinders_("swing", "swing.csv", "-o", "card.csv", "--svg", "curve.svg", "--step", "10")
+    assert ended.code == 0
+    card = Ended(0, (home / "card.csv").read_text(encoding="utf-8"), "").columns
+    assert list(card) == ["compass_deg", "deviation_deg", "sigma_deg", "magnetic_deg"]
+    assert len(card["compass_deg"]) == 36
+    npt.assert_allclose(folded(card["compass_deg"] + card["deviation_deg"] - card["magnetic_deg"]), 0.0, atol=2e-3)
+    assert (home / "curve.svg").read_text(encoding="utf-8").count("<circle") == 8
+    again = flinders_("swing", "swing.csv", "-o", "card.csv")
+    assert again.code == 6
+    printed = flinders_("swing", "swing.csv", "-o", "-")
+    assert printed.out.startswith("compass_deg,")
+    assert "least squares" in printed.err
+
+
+def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> None:
+    stops = np.arange(0.0, 360.0, 45.0)
+    write("log.csv", swinging(stops))
+    known = ",".join(f"{stop:g}" for stop in stops)
+    clean = flinders_("swing", "calibration.json", "log.csv", "--headings", known, "--json")
+    assert clean.code == 0, clean.err
+    assert max(map(abs, clean.json["deviation"]["coefficients_deg"].values())) < 0.2
+    assert clean.json["half_turns_pass"] is True
+    assert len(clean.json["half_turns"]) == 4
+
+    log = swinging(stops)
+    log[:, 1:4] += np.linalg.solve(MATRIX, [1.0, -0.5, 0.0])
+    iron = flinders_("swing", "calibration.json", write("iron.csv", log), "--headings", known, "--json")
+    assert iron.code == 3
+    found = iron.json["deviation"]["coefficients_deg"]
+    assert (found["B"], found["C"]) == (pytest.approx(2.29, abs=0.2), pytest.approx(-1.15, abs=0.2))
+    alone = flinders_("swing", "calibration.json", "iron.csv")
+    assert alone.code == 4
+    assert "FAILS" in alone.out
+    assert "hard iron is left (B +2." in " ".join(alone.out.split())
+    assert flinders_("swing", "calibration.json", "iron.csv", "--target", "6").code == 0
+    json_told = flinders_("swing", "calibration.json", "iron.csv", "--json").json
+    assert json_told["hard_iron_deg"]["B"] == pytest.approx(2.29, abs=0.2)
+
+
+def test_known_headings_may_be_true_ones(home: Path) -> None:
+    stops = np.arange(0.0, 360.0, 60.0)
+    write("log.csv", swinging(stops))
+    known = ",".join(f"{stop:g}" for stop in stops)
+    told = flinders_("swing", "calibration.json", "log.csv", "--headings", known, "--json", *ZURICH).json
+    assert told["deviation"]["coefficients_deg"]["A"] == pytest.approx(-told["site"]["declination_deg"], abs=0.2)
+
+
+SWINGS: dict[str, tuple[str, str, int, str]] = {
+    "an empty table": ("-", "", 5, "nothing was piped in"),
+    "a header alone": ("-", "compass,magnetic\n", 5, "no headings below it"),
+    "other columns": ("-", "speed,depth\n1,2\n", 5, "columns of standard input are speed, depth"),
+    "no text": ("noise.bin", "", 5, "need two columns under a header"),
+    "words": ("-", "compass,magnetic\n0,north\n", 5, "line 2 of standard input has no number"),
+    "three columns": ("-", "1 2 3\n", 5, "3 columns and no header"),
+    "four headings": ("-", "0 1\n90 92\n180 180\n270 268\n", 4, "4 different headings, five coefficients need"),
+    "a step that does not go round": ("- --step 7", HO226, 2, "does not go round"),
+    "headings for a table": ("- --headings 0,90", HO226, 2, "--headings is for a recording"),
+    "three files": ("a b c", "", 2, "3 files were given"),
+    "no file": ("", "", 2, "Missing argument"),
+    "a calibration alone": ("calibration.json", "", 2, "give the recording of a swing after it"),
+    "headings that are none": ("calibration.json log.csv --headings N,E", "", 2, "need degrees"),
+    "too many headings": ("calibration.json log.csv --headings 1,2,3,4,5,6", "", 4, "0 rests: name one for each"),
+    "no half turn": ("calibration.json log.csv", "", 4, "no turn by 180°"),
+    "a place without headings": ("calibration.json log.csv --at 47,8 --date 2026", "", 2, "give --headings too"),
+    "a card without headings": ("calibration.json turn.csv -o card.csv", "", 2, "without known headings"),
+    "two results to one place": ("- --json -o -", HO226, 2, "would go to standard output"),
+    "card and curve in one": ("- --svg x -o x", HO226, 2, "give them two names"),
+    "over the table": ("swing.csv -o swing.csv --force", "", 2, "would be written over"),
+    "sigma of nothing": ("- --sigma 0", HO226, 2, "above 0"),
+}
+
+
+@pytest.mark.parametrize("name", SWINGS)
+def test_what_is_no_swing_is_said(home: Path, name: str) -> None:
+    words, table, code, said = SWINGS[name]
+    (home / "swing.csv").write_text(HO226, encoding="utf-8")
+    write("turn.csv", swinging(np.array([0.0, 180.0])))
+    (home / "noise.bin").write_bytes(bytes(range(256)) * 4)
+    ended = flinders_("swing", *words.split(), stdin=table)
+    assert ended.code == code
+    assert not ended.out or "--json" in words
+    assert said in " ".join(ended.err.split())
+    assert not (home / "card.csv").exists()
+
+
+# real recordings
+
+
+def test_an_accelerometer_that_reads_gravity_is_found_out(home: Path, recordings: Callable[[str], Path]) -> None:
+    """The sign of this board's accelerometer is that of gravity; the site is in Germany."""
+    sphere = str(recordings("sunsided_hmc5883l/full-sphere.csv"))
+    assert flinders_("calibrate", sphere, "--unit", "G", "-o", "board.json").code in {0, 3}
+    refused = flinders_("heading", "board.json", sphere, "-o", "out.csv", "--dip", "67")
+    assert refused.code == 5
+    assert "give --acceleration-axes=-x,-y,-z" in refused.err
+    ended = flinders_(
+        "heading", "board.json", sphere, "-o", "out.csv", "--dip", "67", "--acceleration-axes=-x,-y,-z", "--json"
+    )
+    assert ended.code == 0
+    assert ended.json["dip_seen_deg"] == pytest.approx(66.0, abs=2.0)
+    assert ended.json["dip_scatter_deg"] < 4.0
+
+
+def test_a_swapped_accelerometer_of_a_real_board_is_named(home: Path, recordings: Callable[[str], Path]) -> None:
+    path = str(recordings("ckexplorer_acc_mag/acc_mag_log.csv"))
+    assert flinders_("calibrate", path, "--unit", "G", "-o", "board.json").code in {0, 3}
+    assert flinders_("heading", "board.json", path, "-o", "out.csv").code == 0
+    refused = flinders_("heading", "board.json", path, "-o", "odd.csv", "--acceleration", "ay,ax,az", "--dip", "-18")
+    assert refused.code == 5
+    assert "its x and y are swapped: give --acceleration-axes=y,x,z" in refused.err
+
+
+def test_a_magnetometer_that_is_turned_over_in_its_chip_is_found_out(
+    home: Path, recordings: Callable[[str], Path]
+) -> None:
+    """The maker's own calibration, which is in the file, turns the sign of x over: one of the two is left-handed."""
+    path = str(recordings("timspi_imu_gnss/imu_gnss_data.csv"))
+    assert flinders_("calibrate", path, "-o", "board.json").code in {0, 3}
+    refused = flinders_("heading", "board.json", path, "-o", "out.csv")
+    assert refused.code == 5
+    assert "its y and z have the wrong sign: give --acceleration-axes=x,-y,-z" in refused.err
+    ended = flinders_("heading", "board.json", path, "-o", "out.csv", "--acceleration-axes=x,-y,-z", "--json")
+    assert ended.code == 0
+    assert ended.json["dip_scatter_deg"] < 8.0
+    assert ended.json["dip_seen_deg"] < -40.0
+    refused = flinders_("heading", "board.json", path, "-o", "other.csv", "--dip", "50")
+    assert "its x has the wrong sign: give --acceleration-axes=-x,y,z; one of the two is left-handed" in refused.err
+
+
+def test_the_command_gives_what_the_library_gives(home: Path) -> None:
+    log = log_of(tumbling()[1])
+    calibration = Calibration.load("calibration.json")
+    found = magnetic_heading_deg(calibration.apply(log[:, 1:4]), log[:, 4:])
+    ended = flinders_("heading", "calibration.json", "log.csv")
+    npt.assert_allclose(folded(ended.columns["heading_deg"] - found), 0.0, atol=2e-3)

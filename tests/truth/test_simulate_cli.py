@@ -1,0 +1,310 @@
+"""`flinders simulate` and `flinders evaluate` as a user meets them."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from click.testing import CliRunner
+
+import flinders
+from flinders.cli import main
+from flinders.cli.simulate import MOTIONS
+from flinders.simulate import MOTIONS as KNOWN
+from flinders.simulate import truth, tumble
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How the program ended, and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:  # noqa: ANN401 - whatever was printed
+        return json.loads(self.out)
+
+
+def flinders_(*words: str, stdin: str = "") -> Ended:
+    result = CliRunner().invoke(main, list(words), input=stdin)
+    return Ended(result.exit_code, result.stdout, result.stderr)
+
+
+def names() -> list[str]:
+    return sorted(path.name for path in Path().iterdir())
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def calibrated() -> None:
+    """``tumble.csv``, its truth, and its ``calibration.json``."""
+    assert flinders_("simulate", "three-axis", "-o", "tumble.csv", "--readings", "800").code == 0
+    assert flinders_("calibrate", "tumble.csv", "-o", "calibration.json").code == 0
+
+
+# simulate
+
+
+@pytest.mark.parametrize("words", ["simulate", "simulate three-axis", "simulate two-axis", "evaluate"])
+def test_help_has_an_example_and_loads_nothing_heavy(words: str) -> None:
+    code = (
+        "import sys, flinders.cli as cli\n"
+        f"cli.main({[*words.split(), '--help']!r}, 'flinders', standalone_mode=False)\n"
+        "print('loaded', *sorted(m for m in sys.modules if '.' not in m))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    assert re.search(rf"Example:\n  +flinders {words.split(maxsplit=1)[0]}", shown)
+    assert not set(shown.rpartition("loaded ")[2].split()) & {"numpy", "rich", "msgspec"}
+
+
+def test_the_help_knows_all_motions() -> None:
+    assert sorted(MOTIONS) == sorted(KNOWN)
+    shown = flinders_("simulate", "three-axis", "--help").out
+    assert all(re.search(rf"^ +{name} +\w", shown, re.MULTILINE) for name in KNOWN)
+
+
+def test_a_seed_means_the_same_as_in_python() -> None:
+    assert flinders_("simulate", "three-axis", "-o", "tumble.csv", "--seed", "5", "--motion", "drive").code == 0
+    expected = tumble(5, motion="drive")
+    npt.assert_allclose(flinders.read("tumble.csv").field, expected.samples.field, atol=5.1e-5)
+    assert truth.read("tumble.truth.json") == truth.Truth.of(expected)
+
+
+def test_all_options_arrive() -> None:
+    words = (
+        "--motion flight --readings 60 --rate 10 --tilt 20 --noise 0 --resolution 0.5 --limit 90 --outliers 0.1 "
+        "--held 0.2 --motor 0.2 --drift 0.1 --step 3 --magnet 100 --gyro-bias 0.01,0,-0.02 --soft-iron 0 "
+        "--hard-iron 0 --field-strength 48 --dip -65 --seed 3"
+    )
+    found = flinders_("simulate", "three-axis", "-o", "all.csv", "--json", *words.split()).json
+    assert found["sensor"]["matrix"] == np.eye(3).tolist()
+    assert found["sensor"]["offset"] == [0.0, 0.0, 0.0]
+    assert (found["sensor"]["noise"], found["sensor"]["resolution"], found["sensor"]["limit"]) == (0.0, 0.5, 90.0)
+    assert (found["field"]["strength"], found["field"]["dip_deg"]) == (48.0, -65.0)
+    assert found["recording"]["disturbances"] == ["motor", "drift", "step", "magnet"]
+    assert found["recording"]["gyro_bias"] == [0.01, 0.0, -0.02]
+    assert (found["recording"]["readings"], found["recording"]["rate_hz"]) == (60, 10.0)
+    assert (found["recording_file"], found["truth_file"]) == ("all.csv", "all.truth.json")
+    samples = flinders.read("all.csv")
+    assert samples.time is not None
+    assert samples.time[1] == pytest.approx(0.1)
+    assert samples.current is not None
+    assert samples.temperature is not None
+
+
+def test_the_magnetometer_can_stand_alone() -> None:
+    assert flinders_("simulate", "three-axis", "-o", "alone.csv", "--magnetometer-only").code == 0
+    assert Path("alone.csv").read_text(encoding="utf-8").partition("\n")[0] == "time_s,mag_x_uT,mag_y_uT,mag_z_uT"
+
+
+def test_to_standard_output_goes_the_recording_and_nothing_else() -> None:
+    ended = flinders_("simulate", "three-axis", "--readings", "500")
+    assert ended.out.startswith("time_s,")
+    assert len(ended.out.splitlines()) == 501
+    assert "the truth is not kept" in ended.err
+    assert names() == []
+    assert flinders_("calibrate", "-", "-o", "c.json", stdin=ended.out).code == 0
+
+
+def test_the_truth_can_be_kept_elsewhere() -> None:
+    assert flinders_("simulate", "three-axis", "--readings", "9", "--truth", "t.json").code == 0
+    assert names() == ["t.json"]
+    assert flinders_("simulate", "three-axis", "--readings", "9", "-o", "a.csv", "--truth", "u.json").code == 0
+    assert names() == ["a.csv", "t.json", "u.json"]
+
+
+def test_the_sensor_of_another_recording_is_recorded_again() -> None:
+    flinders_("simulate", "three-axis", "-o", "one.csv", "--readings", "9", "--noise", "0.2")
+    again = ["simulate", "three-axis", "-o", "two.csv", "--readings", "9", "--seed", "2", "--sensor", "one.truth.json"]
+    assert flinders_(*again).code == 0
+    assert truth.read("two.truth.json").sensor == truth.read("one.truth.json").sensor
+    refused = flinders_(*again, "--force", "--soft-iron", "0.1")
+    assert (refused.code, refused.err) == (2, "error: --sensor has iron of its own: leave --soft-iron out\n")
+
+
+@pytest.mark.parametrize("there", ["a.csv", "a.truth.json"])
+@pytest.mark.parametrize("kind", ["three-axis", "two-axis"])
+def test_nothing_is_overwritten_without_force_and_nothing_is_left_half_done(there: str, kind: str) -> None:
+    Path(there).write_text("mine", encoding="utf-8")
+    refused = flinders_("simulate", kind, "-o", "a.csv")
+    assert refused.code == 6
+    assert f"{there} exists" in refused.err
+    assert names() == [there]
+    assert Path(there).read_text(encoding="utf-8") == "mine"
+    assert flinders_("simulate", kind, "-o", "a.csv", "--force").code == 0
+    assert names() == ["a.csv", "a.truth.json"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("three-axis -o a.csv --motion dance", "'dance' is not one of 'hand'"),
+        ("three-axis -o a.csv --soft-iron 0.5", "'0.5': need a share from 0 to 0.45"),
+        ("three-axis -o a.csv --noise -1", "'-1': need 0 or a number above it"),
+        ("three-axis -o a.csv --outliers 3", "'3': need a share of the readings, 0 to 1"),
+        ("three-axis -o a.csv --gyro-bias 1,2", "'1,2': need three numbers"),
+        ("three-axis -o a.csv --tilt 10", "tilt goes with the motions tilted, drive, flight"),
+        ("three-axis -o a.csv --truth a.csv", "a.csv is named for two files"),
+        ("three-axis -o a.csv --truth -", "standard output is for the recording"),
+        ("three-axis --json", "--json and the recording would both go to standard output"),
+        ("two-axis --truth t.json", "--truth goes with a recording"),
+        ("two-axis --scale 1,0", "need two positive numbers"),
+        ("two-axis --scale 1,nan", "need two numbers"),
+        ("two-axis --points 5", "5 is not in the range x>=6"),
+        ("two-axis --polar -", "standard output is for the recording"),
+        ("tumble.csv", "No such command 'tumble.csv'"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_written(words: str, message: str) -> None:
+    ended = flinders_("simulate", *words.split())
+    assert ended.code == 2
+    assert message in ended.err
+    assert ended.err.count("\n") == 1
+    assert names() == []
+
+
+def test_a_missing_folder_and_a_missing_sensor_have_codes_of_their_own() -> None:
+    assert flinders_("simulate", "three-axis", "-o", "none/a.csv").code == 6
+    assert flinders_("simulate", "three-axis", "-o", "a.csv", "--sensor", "none.json").code == 5
+    assert names() == []
+
+
+def test_the_sensor_that_is_read_is_not_written_over() -> None:
+    flinders_("simulate", "three-axis", "-o", "a.csv", "--readings", "9")
+    before = Path("a.truth.json").read_bytes()
+    ended = flinders_("simulate", "three-axis", "-o", "a.csv", "--sensor", "a.truth.json", "--force", "--seed", "3")
+    assert ended.code == 2
+    assert Path("a.truth.json").read_bytes() == before
+
+
+# two axes
+
+
+def test_a_compass_is_recovered_within_its_noise() -> None:
+    found = flinders_("simulate", "two-axis", "--seed", "4", "--json").json
+    recovery = found["recovery"]
+    assert [recovery[name]["true"] for name in ("scale_x", "offset_y", "skew_deg")] == [1.1, -5.0, 4.0]
+    for name, tolerance in {
+        "scale_x": 0.01,
+        "scale_y": 0.01,
+        "offset_x": 0.3,
+        "offset_y": 0.3,
+        "skew_deg": 1.0,
+    }.items():
+        assert recovery[name]["found"] == pytest.approx(recovery[name]["true"], abs=tolerance)
+    assert found["polar"]["heading_deg"] == [10.0 * step for step in range(36)]
+    assert max(map(abs, found["polar"]["corrected_error_deg"])) < max(map(abs, found["polar"]["raw_error_deg"])) / 8
+
+
+def test_without_noise_the_recovery_is_exact() -> None:
+    words = "simulate two-axis --noise 0 --scale 1.3,0.7 --offset=-20,40 --skew -9 --dip 30 --json"
+    for name, pair in flinders_(*words.split()).json["recovery"].items():
+        if not name.startswith("scale"):
+            assert pair["found"] == pytest.approx(pair["true"], abs=1e-6), name
+    recovery = flinders_(*words.split()).json["recovery"]
+    assert recovery["scale_x"]["found"] / recovery["scale_y"]["found"] == pytest.approx(1.3 / 0.7)
+
+
+def test_a_hopeless_swing_is_shown_written_and_refused() -> None:
+    ended = flinders_("simulate", "two-axis", "-o", "swing.csv", "--noise", "8")
+    assert (ended.code, names()) == (4, ["swing.csv", "swing.truth.json"])
+    assert "skew" in ended.out
+    assert "refused: this would be no calibration to use" in ended.err
+    assert flinders_("simulate", "two-axis", "--noise", "8", "--json").json["verdict"] == "refused"
+
+
+def test_a_swing_is_calibrated_and_evaluated_like_any_other() -> None:
+    assert flinders_("simulate", "two-axis", "-o", "swing.csv", "--polar", "rose.csv").code == 0
+    rose = np.loadtxt("rose.csv", delimiter=",", skiprows=1)
+    assert rose.shape == (36, 7)
+    assert flinders_("calibrate", "swing.csv", "--method", "level", "-o", "c.json").code == 3
+    told = flinders_("evaluate", "c.json", "swing.truth.json", "--json", "--target", "3")
+    assert told.code == 0
+    assert told.json["heading_error_deg"]["worst"] < 3
+
+
+# evaluate
+
+
+@pytest.mark.usefixtures("calibrated")
+def test_a_good_calibration_is_as_claimed() -> None:
+    told = flinders_("evaluate", "calibration.json", "tumble.truth.json")
+    assert told.code == 0
+    assert "AS CLAIMED" in told.out
+    assert all(len(line) <= 80 for line in told.out.splitlines())
+    found = flinders_("evaluate", "calibration.json", "tumble.truth.json", "--json").json
+    assert found["verdict"] == "as claimed"
+    assert found["on_target"] is True
+    assert found["scale_error"] is None
+
+
+@pytest.mark.usefixtures("calibrated")
+def test_the_exit_code_tells_the_target_from_the_claim() -> None:
+    assert flinders_("evaluate", "calibration.json", "tumble.truth.json", "--target", "0.001").code == 3
+    content = json.loads(Path("calibration.json").read_text(encoding="utf-8"))
+    content["calibration"]["offset"][0] += 0.3
+    Path("off.json").write_text(json.dumps(content), encoding="utf-8")
+    told = flinders_("evaluate", "off.json", "tumble.truth.json")
+    assert (told.code, "WORSE THAN CLAIMED" in told.out, "within the target" in told.out) == (3, True, True)
+    assert flinders_("evaluate", "off.json", "tumble.truth.json", "--target", "0.2").code == 4
+    content["fit"] = None
+    Path("mute.json").write_text(json.dumps(content), encoding="utf-8")
+    told = flinders_("evaluate", "mute.json", "tumble.truth.json", "--json")
+    assert (told.code, told.json["verdict"], told.json["heading_ratio"]) == (0, "unclaimed", None)
+    assert "mute.json states no uncertainty" in told.err
+
+
+@pytest.mark.usefixtures("calibrated")
+def test_a_given_field_strength_is_judged_too() -> None:
+    words = ["calibrate", "tumble.csv", "-o", "known.json", "--field-strength", "55"]
+    assert flinders_(*words).code == 0
+    assert flinders_("evaluate", "known.json", "tumble.truth.json", "--json").json["scale_error"] == pytest.approx(
+        0.0, abs=0.11
+    )
+
+
+REFUSALS = [
+    ("tumble.truth.json calibration.json", 2, "the calibration comes first: flinders evaluate calibration.json"),
+    ("calibration.json calibration.json", 5, "calibration.json: is JSON, but not the truth of a recording"),
+    ("tumble.csv tumble.truth.json", 5, "tumble.csv: cannot be read as JSON"),
+    ("calibration.json tumble.csv", 5, "tumble.csv: cannot be read as JSON"),
+    ("calibration.json none.json", 5, "none.json: cannot be read: no such file"),
+    ("calibration.json -", 2, "the truth must be a file"),
+    ("- tumble.truth.json", 2, "the calibration must be a file"),
+    ("calibration.json tumble.truth.json --dip 90", 2, "need degrees from -89 to 89"),
+    ("counts.json tumble.truth.json", 2, "counts.json is for readings in counts, the truth is in µT"),
+]
+
+
+@pytest.mark.usefixtures("calibrated")
+@pytest.mark.parametrize(("words", "code", "message"), REFUSALS)
+def test_what_is_no_pair_is_refused(words: str, code: int, message: str) -> None:
+    content = json.loads(Path("calibration.json").read_text(encoding="utf-8"))
+    content["calibration"]["unit"] = content["raw"]["unit"] = "counts"
+    Path("counts.json").write_text(json.dumps(content), encoding="utf-8")
+    ended = flinders_("evaluate", *words.split())
+    assert ended.code == code
+    assert message in ended.err
+    as_json = flinders_("evaluate", *words.split(), "--json").json
+    assert as_json["error"]["exit_code"] == code
+
+
+def test_the_demo_writes_its_truth_too() -> None:
+    assert flinders_("demo", "--csv", "demo.csv", "--json").code == 0
+    assert truth.read("demo.truth.json") == truth.Truth.of(tumble(1))
+    assert flinders_("demo", "--csv", "demo.csv").code == 6

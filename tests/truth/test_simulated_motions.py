@@ -1,0 +1,395 @@
+"""Motions and disturbances of simulated recordings do what they say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.coverage import Coverage
+from flinders.errors import ArrayError, OutputExists, UnreadableInput, UsageError
+from flinders.simulate import (
+    MOTIONS,
+    Disturbance,
+    Imu,
+    MotorCurrent,
+    PassingMagnet,
+    Sensor,
+    Simulated,
+    Step,
+    ThermalDrift,
+    TwoAxis,
+    swing,
+    truth,
+    tumble,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+
+TIMED = [name for name, motion in MOTIONS.items() if motion.seconds is not None]
+DOWN = np.array([0.0, 0.0, 1.0])
+
+
+def tilts_deg(recording: Simulated) -> Floats:
+    assert recording.attitudes is not None
+    tilts: Floats = np.degrees(np.arccos(np.clip(recording.attitudes[:, 2, 2], -1.0, 1.0)))
+    return tilts
+
+
+def headings_seen(recording: Simulated) -> int:
+    """Of twelve sectors, how many."""
+    assert recording.attitudes is not None
+    headings = np.degrees(np.arctan2(recording.attitudes[:, 1, 0], recording.attitudes[:, 0, 0])) % 360
+    return int(np.count_nonzero(np.histogram(headings, bins=12, range=(0, 360))[0]))
+
+
+# motions
+
+
+@pytest.mark.parametrize("motion", TIMED)
+def test_the_field_turns_against_the_gyro(motion: str) -> None:
+    """Each attitude is the one before, turned by the rate for one step: dh/dt = −ω × h."""
+    recording = tumble(5, motion=motion, n=400, imu=Imu(gyro_noise=0.0))
+    assert recording.attitudes is not None
+    assert recording.samples.rate is not None
+    steps = simulate.turns(recording.samples.rate[:-1] / 50.0)
+    npt.assert_allclose(recording.attitudes[:-1] @ steps, recording.attitudes[1:], atol=1e-9)
+
+
+@pytest.mark.parametrize("motion", TIMED)
+def test_no_motion_is_faster_than_a_body_can_be(motion: str) -> None:
+    recording = tumble(6, motion=motion)
+    assert recording.samples.rate is not None
+    assert np.abs(recording.samples.rate).max() < 9.0
+    assert len(recording.samples) == MOTIONS[motion].seconds * 50  # type: ignore[operator]
+
+
+def test_figures_of_eight_see_nearly_all_directions() -> None:
+    assert all(Coverage.of(tumble(seed, motion="eight").directions).fraction > 0.85 for seed in range(5))
+
+
+@pytest.mark.parametrize(("motion", "limit"), [("drive", 6.0), ("flight", 35.0), ("tilted", 35.0)])
+def test_vehicles_see_all_headings_and_stay_within_their_tilt(motion: str, limit: float) -> None:
+    for seed in range(3):
+        recording = tumble(seed, motion=motion)
+        assert headings_seen(recording) == 12
+        assert 0.6 * limit < tilts_deg(recording).max() < limit
+    assert 1.0 < tilts_deg(tumble(1, motion=motion, tilt_deg=2.0)).max() < 2.0
+
+
+def test_a_floor_is_level() -> None:
+    assert tilts_deg(tumble(1, motion="drive", tilt_deg=0.0)).max() == 0.0
+
+
+def test_a_bend_is_felt_sideways_and_gravity_is_there() -> None:
+    """On a level floor v·ω to the right, and −g on z."""
+    recording = tumble(2, motion="drive", tilt_deg=0.0, imu=Imu(gyro_noise=0.0, acceleration_noise=0.0))
+    assert recording.samples.acceleration is not None
+    assert recording.samples.rate is not None
+    ahead, right, down = recording.samples.acceleration.T
+    npt.assert_allclose(ahead, 0.0, atol=1e-9)
+    npt.assert_allclose(right[1:], 8.0 * recording.samples.rate[:-1, 2], atol=1e-9)
+    npt.assert_allclose(down, -9.81)
+
+
+def test_a_coordinated_turn_is_not_felt_sideways() -> None:
+    recording = tumble(2, motion="flight", imu=Imu(acceleration_noise=0.0))
+    assert recording.samples.acceleration is not None
+    assert np.abs(recording.samples.acceleration[:, 1]).max() < 0.5
+    assert np.abs(recording.samples.acceleration[:, 2]).max() > 10.0
+
+
+@pytest.mark.parametrize(("plane", "axis"), [("xy", 2), ("yz", 0), ("zx", 1)])
+def test_a_sweep_keeps_the_third_axis_down(plane: str, axis: int) -> None:
+    recording = tumble(3, motion=f"sweep-{plane}", sensor=Sensor(), dip_deg=50.0)
+    npt.assert_allclose(recording.directions[:, axis], np.sin(np.radians(50.0)), atol=1e-12)
+    level = np.delete(recording.directions, axis, axis=1)
+    sectors = np.histogram(np.arctan2(*level.T), bins=36, range=(-np.pi, np.pi))[0]
+    assert sectors.min() > 0
+
+
+def test_sweeps_go_through_the_planes_one_by_one() -> None:
+    recording = tumble(3, motion="sweeps", sensor=Sensor(), dip_deg=50.0)
+    held = np.isclose(recording.directions, np.sin(np.radians(50.0)), atol=1e-9)
+    first = [int(np.flatnonzero(held[:, axis])[0]) for axis in (2, 0, 1)]
+    assert first == sorted(first)
+    assert np.mean(held.any(axis=1)) == pytest.approx(0.9, abs=0.01)
+
+
+def test_an_unknown_plane_is_refused() -> None:
+    with pytest.raises(UsageError, match="planes 'xy,xx': need one or more of xy, yz, zx"):
+        simulate.planar_sweeps(np.random.default_rng(0), planes=["xy", "xx"])
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_one_reading_is_a_recording(motion: str) -> None:
+    everything: list[Disturbance] = [MotorCurrent(1.0), ThermalDrift(1.0), Step(1.0), PassingMagnet(1.0)]
+    assert len(tumble(1, motion=motion, n=1, held=0.9, outliers=1.0, disturbances=everything).samples) == 1
+
+
+def test_a_held_body_rests_in_clumps_and_its_gyro_says_so() -> None:
+    recording = tumble(4, held=0.3, imu=Imu(gyro_noise=0.0))
+    still = np.all(np.diff(recording.directions, axis=0) == 0.0, axis=1)
+    assert still.sum() == 900
+    assert recording.samples.rate is not None
+    npt.assert_array_equal(np.all(recording.samples.rate[:-1] == 0.0, axis=1), still)
+    assert np.count_nonzero(np.diff(still.astype(int)) == 1) <= 3
+    assert len(recording.samples) == 3000
+
+
+# sensors beside the magnetometer
+
+
+def test_the_gyro_has_the_bias_and_the_noise_that_were_asked_for() -> None:
+    bias = np.array([0.02, -0.01, 0.005])
+    quiet = tumble(7, imu=Imu(gyro_noise=0.0, acceleration_noise=0.0))
+    noisy = tumble(7, imu=Imu(gyro_bias=bias, gyro_noise=0.03, acceleration_noise=0.2))
+    assert quiet.samples.rate is not None
+    assert quiet.samples.acceleration is not None
+    assert noisy.samples.rate is not None
+    assert noisy.samples.acceleration is not None
+    off = noisy.samples.rate - quiet.samples.rate
+    npt.assert_allclose(off.mean(axis=0), bias, atol=0.003)
+    npt.assert_allclose(off.std(axis=0), 0.03, rtol=0.05)
+    npt.assert_allclose((noisy.samples.acceleration - quiet.samples.acceleration).std(axis=0), 0.2, rtol=0.05)
+    npt.assert_allclose(np.linalg.norm(quiet.samples.acceleration, axis=1), 9.81)
+
+
+# disturbances
+
+
+def moved(*disturbances: Any, **options: Any) -> tuple[Simulated, Floats]:
+    """A recording, and by how much its readings are off those without the disturbances."""
+    disturbed = tumble(8, disturbances=disturbances, **options)
+    return disturbed, disturbed.samples.field - tumble(8, **options).samples.field
+
+
+def test_the_field_of_a_motor_is_in_proportion_to_its_current() -> None:
+    recording, off = moved(MotorCurrent([0.2, -0.1, 0.4], amperes=10.0, noise=0.0))
+    assert recording.samples.current is not None
+    npt.assert_allclose(off, np.outer(recording.samples.current, [0.2, -0.1, 0.4]), atol=1e-9)
+    assert recording.samples.current.min() >= 0.0
+    assert 5.0 < recording.samples.current.max() <= 10.0
+
+
+def test_the_offset_drifts_with_the_temperature() -> None:
+    recording, off = moved(ThermalDrift([0.0, 0.1, 0.0], kelvin=20.0, seconds=10.0, noise=0.0))
+    assert recording.samples.temperature is not None
+    npt.assert_allclose(off[:, 1], 0.1 * (recording.samples.temperature - 20.0), atol=1e-9)
+    assert recording.samples.temperature[-1] == pytest.approx(40.0, abs=0.1)
+    assert recording.samples.temperature[500] - 20.0 == pytest.approx(20.0 * (1 - np.exp(-1)), rel=1e-6)
+
+
+def test_a_step_comes_once_and_stays() -> None:
+    _, off = moved(Step([1.0, 2.0, 3.0], at=0.25))
+    npt.assert_allclose(off[:740], 0.0, atol=1e-12)
+    npt.assert_allclose(off[760:], np.broadcast_to([1.0, 2.0, 3.0], (2240, 3)), atol=1e-9)
+
+
+def test_a_passing_magnet_is_gone_after_a_while_and_its_readings_are_strays() -> None:
+    recording, off = moved(PassingMagnet(200.0, at=0.5, seconds=4.0))
+    length = np.linalg.norm(off, axis=1)
+    assert length.max() == pytest.approx(200.0, rel=1e-3)
+    assert np.count_nonzero(recording.strays) == pytest.approx(200, abs=2)
+    npt.assert_allclose(length[~recording.strays], 0.0, atol=1e-12)
+
+
+def test_disturbances_add_and_leave_sensor_path_and_noise_alone() -> None:
+    both, off = moved(Step(5.0), MotorCurrent(0.3))
+    plain = tumble(8)
+    assert both.shift is not None
+    npt.assert_allclose(off, both.shift, atol=1e-9)
+    npt.assert_array_equal(both.directions, plain.directions)
+    npt.assert_array_equal(both.sensor.matrix, plain.sensor.matrix)
+    assert both.samples.rate is not None
+    assert plain.samples.rate is not None
+    npt.assert_array_equal(both.samples.rate, plain.samples.rate)
+
+
+def test_a_disturbance_draws_the_same_whatever_comes_after_it() -> None:
+    alone, _ = moved(MotorCurrent(0.3))
+    first, _ = moved(MotorCurrent(0.3), ThermalDrift(1.0))
+    npt.assert_array_equal(alone.samples.current, first.samples.current)
+
+
+def test_currents_of_several_motors_add_in_one_meter() -> None:
+    one, _ = moved(MotorCurrent(0.3, noise=0.0))
+    two, _ = moved(MotorCurrent(0.3, noise=0.0), MotorCurrent(0.1, noise=0.0))
+    assert one.samples.current is not None
+    assert two.samples.current is not None
+    assert np.all(two.samples.current >= one.samples.current)
+
+
+def test_saturation_comes_after_all_that_moves_the_reading() -> None:
+    recording, _ = moved(Step(500.0), sensor=Sensor(limit=100.0, resolution=0.5))
+    assert np.abs(recording.samples.field).max() == 100.0
+    assert np.all(recording.samples.field[:, 0] % 0.5 == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"held": 1.2}, r"held is 1\.2: need a share of the readings, 0 to 1"),
+        ({"rate_hz": 0.0}, "rate_hz is 0"),
+        ({"tilt_deg": 10.0}, "tilt goes with the motions tilted, drive, flight: leave it out for hand"),
+        ({"motion": "drive", "tilt_deg": 100.0}, "tilt is 100°"),
+        ({"dip_deg": 91.0}, "dip is 91°"),
+        ({"disturbances": [Step(-1.0)]}, "by is -1 µT"),
+        ({"disturbances": [Step([1.0, 2.0])]}, "by has shape"),
+        ({"disturbances": [Step(1.0, at=2.0)]}, "at is 2: need a share of the recording"),
+        ({"disturbances": [MotorCurrent(1.0, hold=0.0)]}, "hold is 0"),
+    ],
+)
+def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises((UsageError, ArrayError), match=message):
+        tumble(**options)
+
+
+@pytest.mark.parametrize("imu", [{"gyro_bias": [1.0]}, {"gyro_noise": -1.0}, {"acceleration_noise": float("nan")}])
+def test_an_impossible_imu_is_refused(imu: dict[str, Any]) -> None:
+    with pytest.raises((UsageError, ArrayError)):
+        Imu(**imu)
+
+
+# files
+
+
+def test_what_is_written_is_read_again_with_all_its_columns(tmp_path: Path) -> None:
+    recording = tumble(9, motion="flight", n=300, disturbances=[MotorCurrent(0.3), ThermalDrift(0.1)])
+    simulate.write_csv(recording.samples, tmp_path / "flight.csv")
+    again = flinders.read(tmp_path / "flight.csv")
+    assert again.unit.name == "uT"
+    for name in ("field", "time", "acceleration", "rate", "temperature", "current"):
+        npt.assert_allclose(getattr(again, name), getattr(recording.samples, name), atol=5.1e-5, err_msg=name)
+    with pytest.raises(OutputExists):
+        simulate.write_csv(recording.samples, tmp_path / "flight.csv")
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("one.csv", "other.csv"):
+        simulate.write_csv(tumble(10, motion="drive", n=200, disturbances=[Step(3.0)]).samples, tmp_path / name)
+    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "other.csv").read_bytes()
+
+
+def test_the_truth_is_read_back_to_the_bit_and_its_sensor_records_again(tmp_path: Path) -> None:
+    recording = tumble(11, sensor=Sensor.random(np.random.default_rng(1), resolution=0.3, limit=500.0))
+    truth.write(truth.Truth.of(recording), tmp_path / "truth.json")
+    sensor = truth.read(tmp_path / "truth.json").as_sensor()
+    npt.assert_array_equal(sensor.matrix, recording.sensor.matrix)
+    npt.assert_array_equal(sensor.offset, recording.sensor.offset)
+    again = tumble(11, sensor=sensor)
+    npt.assert_array_equal(again.samples.field, recording.samples.field)
+    with pytest.raises(OutputExists):
+        truth.write(truth.Truth.of(recording), tmp_path / "truth.json")
+
+
+def broken(**changes: Any) -> str:
+    """The text of a truth with some members replaced, by dotted names."""
+    content = truth.Truth.of(tumble(n=2)).as_dict()
+    for name, value in changes.items():
+        *path, last = name.split("__")
+        part = content
+        for step in path:
+            part = part[step]
+        part[last] = value
+    return json.dumps(content)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "cannot be read as JSON"),
+        ("{", "cannot be read as JSON"),
+        ("[]", "is JSON, but not the truth of a recording"),
+        (broken(flinders="calibration"), "is JSON, but not the truth of a recording"),
+        (broken(schema=2), "schema is 2, this Flinders reads 1"),
+        (broken(more=1), "object contains unknown field more"),
+        (broken(sensor__noise=float("nan")), "cannot be read as JSON"),
+        (broken(sensor__noise=-1.0), "sensor.noise: expected float >= 0"),
+        (broken(sensor__matrix=np.diag([1.0, 1.0, -1.0]).tolist()), "determinant -1, need a positive one"),
+        (broken(sensor__offset=[1.0, 2.0]), "sensor.offset: expected array of length 3, got 2"),
+        (broken(field__strength=0.0), "field.strength: expected float > 0"),
+        (broken(field__dip_deg=10.0), "vector is not that of strength and dip"),
+        (broken(field__vector=[1e400, 0, 0]), "cannot be read as JSON"),
+    ],
+)
+def test_a_file_that_is_no_truth_is_refused_with_what_is_wrong(text: str, message: str) -> None:
+    with pytest.raises(UnreadableInput, match=f"tumble.truth.json: .*{message}"):
+        truth.loads(text, source="tumble.truth.json")
+
+
+def test_a_truth_that_is_not_there_or_too_large_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableInput, match="no such file"):
+        truth.read(tmp_path / "none.json")
+    (tmp_path / "large.json").write_bytes(b" " * (truth.LARGEST + 1))
+    with pytest.raises(UnreadableInput, match="more than 1 MB"):
+        truth.read(tmp_path / "large.json")
+
+
+def test_numbers_that_are_not_finite_are_not_written() -> None:
+    endless = replace(tumble(n=2), rate_hz=float("inf"))
+    with pytest.raises(UsageError, match=r"truth: recording\.rate_hz is not finite"):
+        truth.dumps(truth.Truth.of(endless))
+
+
+# two axes
+
+
+def test_a_swing_reads_what_the_formula_says() -> None:
+    """x = o₁ + s₁ H cos ψ, y = o₂ − s₂ H sin(ψ + skew), every ten degrees from north on."""
+    swung = swing(TwoAxis(scale=(1.2, 0.8), offset=(7.0, -3.0), skew_deg=6.0))
+    heading = np.radians(np.arange(36) * 10.0)
+    npt.assert_allclose(swung.samples.field[:, 0], 7 + 1.2 * 25 * np.cos(heading), atol=1e-9)
+    npt.assert_allclose(swung.samples.field[:, 1], -3 - 0.8 * 25 * np.sin(heading + np.radians(6)), atol=1e-9)
+    npt.assert_array_equal(swung.samples.field[:, 2], 0.0)
+
+
+def test_its_noise_is_that_of_two_axes_and_seeded() -> None:
+    compass = TwoAxis(noise=0.5)
+    off = swing(compass, seed=1, points=5000).samples.field - swing(points=5000).samples.field
+    npt.assert_allclose(off.std(axis=0), [0.5, 0.5, 0.0], rtol=0.05)
+    npt.assert_array_equal(swing(compass, seed=2).samples.field, swing(compass, seed=2).samples.field)
+
+
+@pytest.mark.parametrize("skew_deg", [-30.0, -4.0, 0.0, 4.0, 30.0])
+def test_a_level_fit_recovers_the_compass(skew_deg: float) -> None:
+    compass = TwoAxis(scale=(1.1, 0.9), offset=(10.0, -5.0), skew_deg=skew_deg)
+    swung = swing(compass)
+    found = flinders.fit(swung.samples, method="level", field_strength=50.0).calibration
+    shape = 25.0 * np.linalg.inv(found.matrix)[:2, :2]
+    again = TwoAxis.from_ellipse(found.offset[:2], shape, 25.0)
+    npt.assert_allclose(again.offset, compass.offset, atol=1e-6)
+    assert again.skew_deg == pytest.approx(skew_deg, abs=1e-6)
+    assert again.scale[1] / again.scale[0] == pytest.approx(0.9 / 1.1)
+    rose = simulate.two_axis.Polar.of(swung, found.matrix, found.offset)
+    assert np.abs(rose.corrected_error_deg).max() < 1e-6
+    assert np.ptp(rose.corrected_radius) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"scale": (1.0, 0.0)}, "scale is 1, 0: need two positive numbers"),
+        ({"offset": (1.0, 2.0, 3.0)}, "offset is"),
+        ({"skew_deg": 90.0}, "skew is 90°"),
+        ({"noise": -1.0}, "noise is -1 µT"),
+    ],
+)
+def test_an_impossible_compass_is_refused(options: dict[str, Any], message: str) -> None:
+    with pytest.raises((UsageError, ArrayError), match=message):
+        TwoAxis(**options)
+
+
+@pytest.mark.parametrize("options", [{"points": 2}, {"dip_deg": 90.0}, {"field_strength": -1.0}])
+def test_an_impossible_swing_is_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(UsageError):
+        swing(**options)
