@@ -18,7 +18,7 @@ from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.coverage import Coverage
 from flinders.errors import FitError, UsageError
-from flinders.estimators import METHODS, Auto, Level, Readings, drift_of, with_bias
+from flinders.estimators import METHODS, Auto, Level, Readings, drift_of, with_bias, within_range
 from flinders.heading import alignment_error_deg, level_error
 from flinders.repeats import Part, compared
 from flinders.result import Fit, Refused
@@ -96,6 +96,7 @@ def fit(
         recording = cast("Recording", source)
         _refuse_to_relabel(recording, unit, axes)
         unit, axes = recording.unit, recording.axes
+    readings = within_range(readings)
     estimate = estimator.estimate(readings)
     calibration = Calibration.from_ellipsoid(
         estimate.ellipsoid.centre,
@@ -185,6 +186,13 @@ def _independent(estimate: Estimate, count: float) -> float:
     return np.inf if estimate.correlation is None else estimate.correlation.effective(count)
 
 
+def _distortion(estimate: Estimate) -> float:
+    """What belongs to the direction; a ring of them takes nearly all of it off, and the rest tells little."""
+    if estimate.correlation is None or estimate.method == Level.name:
+        return 0.0
+    return estimate.correlation.direction
+
+
 def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     """Heading error (rms) that the bias of a method makes."""
     if not estimate.bias.any():
@@ -234,7 +242,7 @@ def _judged(
         samples=estimate.used or len(summary),
         coverage=coverage,
         heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
-        distortion=0.0 if estimate.correlation is None else estimate.correlation.direction,
+        distortion=_distortion(estimate),
         target_deg=target_deg,
         dip_deg=dip_deg,
         held=estimate.held,

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from flinders.samples import Samples, Skipped
 
 
+RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
+"""Readings at the very end of an axis that make a rail: so many of all, so many, so far apart along the other axes."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Lows:
     """The smallest value of each axis, and the readings that have exactly that value.
@@ -142,6 +146,26 @@ class Clock:
         return self.seconds / max(self.steps, 1)
 
 
+@dataclass(frozen=True, slots=True)
+class Rail:
+    """An end of an axis at which the sensor was at its limit.
+
+    Attributes
+    ----------
+    axis : int
+    end : str
+        ``lowest`` or ``highest``.
+    value : float
+    share : float
+        Of the readings, how many have exactly that value.
+    """
+
+    axis: int
+    end: str
+    value: float
+    share: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Health:
     """Counts over a recording.
@@ -213,6 +237,22 @@ class Health:
     def extent(self) -> Floats:
         """(3,) range of each axis."""
         return -self.highs.values - self.lows.values
+
+    @property
+    def rails(self) -> tuple[Rail, ...]:
+        """Where the sensor was at its limit: many readings share the end of an axis, far apart along the others."""
+        found = []
+        for end, sign, ends in (("lowest", 1.0, self.lows), ("highest", -1.0, self.highs)):
+            for axis in range(3):
+                share = float(ends.counts[axis]) / max(self.rows, 1)
+                if ends.counts[axis] >= RAIL_COUNT and share > RAIL_SHARE and self._is_wide(ends, axis):
+                    found.append(Rail(axis, end, sign * float(ends.values[axis]), share))
+        return tuple(found)
+
+    def _is_wide(self, ends: Lows, axis: int) -> bool:
+        """Whether readings at the end of an axis that does change lie far apart along the other two, as at a rail."""
+        others, extent = [other for other in range(3) if other != axis], self.extent
+        return bool(extent[axis] > 0.0 and np.all(ends.beside[axis, others] > RAIL_WIDTH * extent[others]))
 
 
 def _repeats(readings: Floats) -> int:

@@ -78,7 +78,7 @@ class Stray:
     Attributes
     ----------
     first, last : int
-        Rows, counted from 1.
+        Usable readings, counted from 1 over all recordings.
     rows : int
         Strays among them.
     start, end : float, s
@@ -102,7 +102,9 @@ class Stray:
     def __str__(self) -> str:
         rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
         if np.isnan(self.start):
-            return f"row {self.first}: {rows}" if self.first == self.last else f"rows {self.first}–{self.last}: {rows}"
+            if self.first == self.last:
+                return f"reading {self.first}"
+            return f"readings {self.first}–{self.last}: {rows}"
         return f"{self.start:.1f} s: {rows}" if self.rows == 1 else f"{self.start:.1f}–{self.end:.1f} s: {rows}"
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from flinders.errors import counted, figures
 from flinders.guidance import guide
+from flinders.health import RAIL_SHARE
 from flinders.result import ONE_PLANE, TILTS, VERDICTS, Finding
 from flinders.terms.support import flatness_limit, is_flat
 from flinders.units import COUNTS, MICROTESLA, label
@@ -19,11 +20,10 @@ from flinders.units import COUNTS, MICROTESLA, label
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.arrays import Floats
     from flinders.calibration import Calibration
     from flinders.coverage import Coverage
     from flinders.guidance import Guidance
-    from flinders.health import Health, Lows
+    from flinders.health import Health
     from flinders.moments import Moments
     from flinders.quadric import Ellipsoid
     from flinders.repeats import Repeats
@@ -86,7 +86,6 @@ STRUCTURE: Final = 0.005
 FEW: Final = 20
 CORRELATED: Final = 0.5
 STRAYS: Final = 0.1
-RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25
 REPEATS: Final = 0.1
 SKIPPED: Final = 0.1
 LONG_STEP: Final = 20.0
@@ -145,8 +144,8 @@ def _level(fit: Fit) -> Iterator[Finding]:
     if fit.method == LEVEL:
         yield Finding(
             "level-plane", "limits", fit.attitude_limit_deg, UPSIDE_DOWN,
-            f"a level turn, corrected in x and y only: {attitudes(fit)}. For all attitudes also turn the sensor onto "
-            "its sides and upside down",
+            f"a level turn, corrected in x and y only, for places where the field dips as here: {attitudes(fit)}. "
+            "For all attitudes also turn the sensor onto its sides and upside down",
         )  # fmt: skip
 
 
@@ -305,7 +304,7 @@ def _strays(fit: Fit, health: Health) -> Iterator[Finding]:
     """What a robust fit left out: the strays, and the readings around their runs."""
     if not fit.strays:
         return
-    rejected = health.rows - fit.samples
+    rejected = sum(stray.rows for stray in fit.strays)
     share = rejected / health.rows
     worst = sorted(fit.strays, key=lambda stray: -stray.rows)[:3]
     runs = "; ".join(str(stray) for stray in worst) + ("; …" if len(fit.strays) > len(worst) else "")
@@ -321,16 +320,12 @@ def _strays(fit: Fit, health: Health) -> Iterator[Finding]:
 
 def _recording(health: Health) -> Iterator[Finding]:
     """What the recording says about itself."""
-    for name, end, ends in (("lowest", "low", health.lows), ("highest", "high", health.highs)):
-        for axis, letter in enumerate("xyz"):
-            share = float(ends.counts[axis]) / max(health.rows, 1)
-            if ends.counts[axis] >= RAIL_COUNT and share > RAIL_SHARE and _is_wide(ends, health.extent, axis):
-                value = float(ends.values[axis]) * (1 if end == "low" else -1)
-                yield Finding(
-                    "saturated", "limits", share, RAIL_SHARE,
-                    f"{share:.1%} of the readings sit at the {name} value of {letter} ({value:g}): "
-                    "choose a larger range, or move the sensor away from magnets",
-                )  # fmt: skip
+    for rail in health.rails:
+        yield Finding(
+            "saturated", "limits", rail.share, RAIL_SHARE,
+            f"{rail.share:.1%} of the readings sit at the {rail.end} value of {'xyz'[rail.axis]} ({rail.value:g}) and "
+            "are left out: choose a larger range, or move the sensor away from magnets",
+        )  # fmt: skip
     repeats = health.repeats / max(health.rows, 1)
     if repeats > REPEATS:
         yield Finding(
@@ -346,12 +341,6 @@ def _recording(health: Health) -> Iterator[Finding]:
             "skipped-rows", "limits" if skipped > few else "note", skipped, few,
             f"left out: {'; '.join(map(str, health.skipped))}{check}",
         )  # fmt: skip
-
-
-def _is_wide(ends: Lows, extent: Floats, axis: int) -> bool:
-    """Whether readings at the end of an axis that does change lie far apart along the other two, as at a rail."""
-    others = [other for other in range(3) if other != axis]
-    return bool(extent[axis] > 0.0 and np.all(ends.beside[axis, others] > RAIL_WIDTH * extent[others]))
 
 
 def _time(health: Health) -> Iterator[Finding]:

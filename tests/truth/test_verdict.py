@@ -336,7 +336,7 @@ def test_findings_count_what_there_is_one_of() -> None:
     field = plain().field.copy()
     field[300] += [0.0, 320.0, 0.0]
     told = " ".join(finding.advice for finding in (*judged(field).findings, *back_in_time().findings))
-    assert re.search(r"\d readings? \(0\.\d%\), up to 3\d\d counts off the rest, left out \(row 301: a reading", told)
+    assert re.search(r"\d readings? \(0\.\d%\), up to 3\d\d counts off the rest, left out \(reading 301", told)
     assert "time steps back once" in told
 
 
@@ -411,7 +411,7 @@ def test_the_page_of_plain_words(recording: Callable[[], Fit]) -> None:
 
 def test_the_page_of_plain_words_names_what_was_left_out() -> None:
     """Fifty readings that were moved, and half a second after them."""
-    assert "rows 1–75: 75 readings" in " ".join(page(a_few_strays(), READ).split())
+    assert "readings 1–75: 75 readings" in " ".join(page(a_few_strays(), READ).split())
     assert "Left out: 3 not finite rows (line 1, 2, 3)." in page(gaps(), READ)
     text = page(TooFewSamples(found=1, needed=10, method="sphere", skipped=["2 unreadable rows (line 3, 4)"]), READ)
     assert "- The number of usable readings is 1, and at least 10 are needed." in text
@@ -443,7 +443,11 @@ def test_advice_names_the_side_that_was_never_seen() -> None:
 
 def test_what_limits_a_level_turn_is_told_with_angles() -> None:
     advice = only(level(), "level-plane").advice
-    assert re.match(r"a level turn, corrected in x and y only: good to 0\.\d+° held level; tilted, ", advice)
+    assert re.match(
+        r"a level turn, corrected in x and y only, for places where the field dips as here: "
+        r"good to 0\.\d+° held level; tilted, ",
+        advice,
+    )
     assert re.search(r"\d+° at 10°, \d+° upside down\. For all attitudes also turn the sensor onto its sides", advice)
 
 

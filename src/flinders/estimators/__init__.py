@@ -41,6 +41,7 @@ from flinders.estimators.level import Level
 from flinders.estimators.li import Li
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.minmax import MinMax
+from flinders.estimators.rails import within_range
 from flinders.estimators.readings import Readings
 from flinders.estimators.robust import Robust
 from flinders.estimators.sphere import Sphere
@@ -72,4 +73,5 @@ __all__ = [
     "fit_error",
     "strays_of",
     "with_bias",
+    "within_range",
 ]

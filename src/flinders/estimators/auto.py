@@ -107,11 +107,10 @@ class Auto:
         if not any(is_level(one, THICK) for one in covariances):
             return found
         turned = level.estimate(readings)
-        if any(is_level(one, found.noise) for one in covariances):
-            return turned
+        is_turn = any(is_level(one, found.noise) for one in covariances)
         nearly = found.unseen > 0 or any(is_level(one, found.noise, within=NEARLY_FLAT_NOISE) for one in covariances)
-        much = 1.0 if nearly else MUCH_BETTER
-        return turned if much * self._claimed(turned) < self._claimed(found) else found
+        much = 1.0 if nearly else np.inf if turned.strays else MUCH_BETTER  # what leaves the plane are no strays
+        return turned if is_turn or much * self._claimed(turned) < self._claimed(found) else found
 
     def _claimed(self, found: Estimate) -> float:
         """Worst level heading error that an estimate claims, in degrees."""

@@ -45,8 +45,7 @@ class Constrained:
     Minimises ``Σ q(x)²``, ``q(x) = xᵀQx + l·x + d``, with ``tr Q = 3`` and one of
 
     ========================  ===================================================  ========  ===========  ======
-    ``radii``                 Q                                                    unknowns  ellipsoid_   magcal
-                                                                                             fit
+    ``radii``                 Q                                                    unknowns  MATLAB       magcal
     ========================  ===================================================  ========  ===========  ======
     ``"free"``                symmetric: the same as `Algebraic`                   10        ``''``       sym
     ``"aligned"``             diagonal: the same as `AxisAligned`                  7         ``'0'``      diag

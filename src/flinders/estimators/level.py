@@ -32,6 +32,8 @@ THINNEST: Final = 1e-12
 POINTS: Final = 7
 RIDGE: Final = np.diag([1e-3] * 2 + [1e-9] * 3)
 LONGEST_AXIS: Final = 5.0
+STRAIGHT: Final = 1e-6
+"""Variance across over that along, of an arc of two degrees: less is a line."""
 
 UPRIGHT: Final = np.cos(np.deg2rad(30.0))
 """The axis of a level turn is the sensor's z, to this angle; about another one x and y do not make a heading."""
@@ -87,7 +89,7 @@ class Level:
         """
         prior.check(self.prior)
         if self.prior is None:
-            raise UsageError("level needs a prior for what lies across the plane: leave prior=None out")
+            raise UsageError("level needs a prior for what lies across the plane: leave prior=None or --prior none out")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to x and y.
@@ -149,7 +151,7 @@ def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
     Raises
     ------
     NotAnEllipsoid
-        If half of the readings are in one place.
+        If half of the readings are in one place, or all on a line.
     """
     some = readings if len(readings) <= SCORED else readings[rng.choice(len(readings), SCORED, replace=False)]
     origin = np.median(some, axis=0)
@@ -159,7 +161,10 @@ def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
     points = (some[:, :2] - origin[:2]) / scale
     chosen = points[np.argsort(rng.random((DRAWS, len(points))), axis=1)[:, :POINTS]]
     centres, inverses = _closed(_conics(chosen))
-    if not len(centres):  # a short arc
+    if not len(centres):  # a short arc, or a line
+        across, along = np.linalg.eigvalsh(np.cov(points.T))
+        if across <= STRAIGHT * along:
+            raise NotAnEllipsoid((0.0, 0.0, 0.0), Level.name)
         return Ellipsoid(origin, scale * np.eye(3))
     y = np.matmul(inverses, (points - centres[:, np.newaxis]).transpose(0, 2, 1))
     lengths = np.maximum(np.linalg.norm(y, axis=1), THINNEST)

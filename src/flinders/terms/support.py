@@ -123,7 +123,7 @@ class Support:
             noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(heard, heard), vectors)
             told = values > max(ROUNDING * float(values[-1]), np.finfo(float).tiny)
             share = np.ones(len(values))
-            share[told] = np.clip(noise[told] / values[told], 0.0, 1.0)
+            share[told] = np.clip(noise[told], 0.0, values[told]) / values[told]
         return cls(scale, values, vectors, share)
 
     @property
