@@ -71,7 +71,8 @@ class Lows:
     @property
     def beside(self) -> Floats:
         """(3, 3) how far each axis ranges among the readings at the end of axis i."""
-        return self.most - self.least
+        with np.errstate(over="ignore"):
+            return self.most - self.least
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +237,8 @@ class Health:
     @property
     def extent(self) -> Floats:
         """(3,) range of each axis."""
-        return -self.highs.values - self.lows.values
+        with np.errstate(over="ignore"):  # of numbers that no sensor reads
+            return -self.highs.values - self.lows.values
 
     @property
     def rails(self) -> tuple[Rail, ...]:
