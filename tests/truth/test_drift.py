@@ -102,7 +102,7 @@ def test_a_field_that_grows_is_told_from_an_offset_that_moves(growth: float) -> 
         assert math.hypot(*found.offset) < 0.15
 
 
-@pytest.mark.parametrize(("size", "severity"), [(0.6, "note"), (1.0, "limits"), (3.0, "limits")])
+@pytest.mark.parametrize(("size", "severity"), [(0.6, "note"), (1.0, "limits"), (3.0, "refuses")])
 def test_the_verdict_tells_it_by_the_heading_that_it_costs(size: float, severity: str) -> None:
     """Across the field of a level vehicle it costs 2.1° a microtesla; the target is 1°, or 2° for the smallest."""
     for seed in range(5):
