@@ -144,7 +144,7 @@ def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
         field[row] = SENSOR.offset + np.array([200.0, 0.0, 0.0])
     fit = flinders.fit(field)
     assert [(stray.first, stray.last, stray.rows) for stray in fit.strays] == [(1, 1, 1), (100, 100, 1), (600, 600, 1)]
-    assert [str(stray) for stray in fit.strays][1] == "row 100: a reading"
+    assert [str(stray) for stray in fit.strays][1] == "reading 100"
     assert all(np.isnan(stray.start) for stray in fit.strays)
     assert fit.samples == 597
 
