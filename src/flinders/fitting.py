@@ -90,7 +90,7 @@ def fit(
         raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    estimator = _estimator(method, options, dip_deg)
+    estimator = _estimator(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
     readings = Readings.of(source)
     if hasattr(source, "blocks"):
         recording = cast("Recording", source)
@@ -121,8 +121,8 @@ def fit(
     return fitted
 
 
-def _estimator(method: str, options: dict[str, Any], dip_deg: float) -> Estimator:
-    """Look a method up and give it its options, the dip if it asks for it.
+def _estimator(method: str, options: dict[str, Any], site: dict[str, Any]) -> Estimator:
+    """Look a method up and give it its options, and of what is known of the site that which it asks for.
 
     Raises
     ------
@@ -132,12 +132,12 @@ def _estimator(method: str, options: dict[str, Any], dip_deg: float) -> Estimato
     if method not in METHODS:
         raise UsageError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
     known = [option.name for option in dataclasses.fields(cast("Any", METHODS[method]))]
-    site = {"dip_deg": dip_deg} if "dip_deg" in known else {}
     try:
-        return METHODS[method](**site, **options)
+        return METHODS[method](**{name: value for name, value in site.items() if name in known}, **options)
     except TypeError:
-        unknown = [name for name in options if name not in known]
-        raise UsageError(f"{method} takes {', '.join(known) or 'no options'}; got {', '.join(unknown)}") from None
+        own = [name for name in known if name not in site]
+        unknown = [name for name in options if name not in own]
+        raise UsageError(f"{method} takes {', '.join(own) or 'no options'}; got {', '.join(unknown)}") from None
 
 
 def _refuse_to_relabel(source: Recording, unit: Unit | None, axes: Axes | None) -> None:

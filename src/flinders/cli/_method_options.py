@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from flinders.estimators import Estimator
 
-SITE: Final = "dip_deg"
-"""What the site says, and ``--dip``, is no option of a method here."""
+SITE: Final = ("dip_deg", "field_strength")
+"""What the site says, by ``--dip`` and ``--field-strength``, is no option of a method here."""
 
 TRUTH: Final = {"no": False, "yes": True, "false": False, "true": True}
 
@@ -55,7 +55,7 @@ def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
 
 
 def _fields(method: type[Estimator]) -> list[dataclasses.Field[Any]]:
-    return [field for field in dataclasses.fields(cast("Any", method)) if field.name != SITE]
+    return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in SITE]
 
 
 def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
