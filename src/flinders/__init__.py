@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from flinders.axes import Axes as Axes
     from flinders.calibration import Calibration as Calibration
     from flinders.comparison import compare as compare
+    from flinders.contest import compare_methods as compare_methods
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.fitting import fit as fit
@@ -49,6 +50,7 @@ _HOMES: Final = {
     "Summary": "summary",
     "Unit": "units",
     "compare": "comparison",
+    "compare_methods": "contest",
     "errors": "",
     "estimators": "",
     "fit": "fitting",

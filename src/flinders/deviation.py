@@ -15,6 +15,7 @@ array([ 1. , 12. ,  8. ,  5. ,  1.5])
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,6 +24,7 @@ import numpy as np
 from flinders.angles import folded, wrapped
 from flinders.arrays import column, floats, matrix, refuse_gaps, vectors
 from flinders.errors import ArrayError, FitError, UsageError, counted
+from flinders.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -43,6 +45,8 @@ APART_DEG: Final = 1.0
 PLACED_DEG: Final = 1.0
 """How near to the cardinal and intercardinal points headings must be for the eight-point formulas."""
 CARD_STEP_DEG: Final = 15.0
+CHANCE: Final = 1e-3
+"""A swing that is less likely than that says that its calibration no longer holds."""
 
 _POINTS: Final = np.arange(8) * 45.0
 
@@ -116,8 +120,7 @@ class Deviation:
             Where deviations are so large that two compass headings mean one magnetic heading.
         """
         wanted = floats(magnetic_deg, "magnetic_deg")
-        around = np.arange(0.0, 361.0)
-        if np.diff(around + self.at(around)).min() <= 0.0:
+        if not self.is_one_to_one:
             raise FitError("deviation changes faster than the heading: one magnetic heading has several by compass")
         heading = wanted - self.at(wanted)
         for _ in range(200):
@@ -126,6 +129,12 @@ class Deviation:
             if np.abs(step).max(initial=0.0) < 1e-9:
                 break
         return wrapped(heading)
+
+    @property
+    def is_one_to_one(self) -> bool:
+        """The heading grows with the compass heading all round, so that each magnetic heading has one by compass."""
+        around = np.arange(0.0, 361.0)
+        return bool(np.diff(around + self.at(around)).min() > 0.0)
 
     @property
     def largest_deg(self) -> float:
@@ -186,6 +195,65 @@ class Deviation:
                 "deviation_deg": deviations.tolist(),
                 "sigma_deg": None if sigmas is None else sigmas.tolist(),
             },
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """What a calibration leaves a compass to be off by, as far as its own claim goes: B to E, each around zero.
+
+    It is one and the same error on every heading of a swing, which therefore sees it: it is in the curve, and no part
+    of the uncertainty of that.
+
+    Attributes
+    ----------
+    covariance : (4, 4) degrees²
+        Of B, C, D and E; A is a matter of mounting, of which a calibration claims nothing.
+    dip_deg : float
+        For which it holds.
+    dip_from : str
+        Where that comes from.
+    """
+
+    covariance: Floats
+    dip_deg: float
+    dip_from: str
+
+    @property
+    def sigmas_deg(self) -> Floats:
+        """(4,) standard deviations of B, C, D and E."""
+        sigmas: Floats = np.sqrt(np.diagonal(self.covariance).clip(min=0.0))
+        return sigmas
+
+    def chance(self, deviation: Deviation) -> tuple[float, int, float] | None:
+        """χ² of what a swing found, its degrees of freedom, and the chance of so much; None where no σ is known.
+
+        Where the swing's own σ comes from its residuals, few of them tell it badly: the chance allows for that, as far
+        as it matters beside what the calibration claims (Welch and Satterthwaite's degrees of freedom).
+
+        >>> swing = fit(range(0, 360, 45), [1.1, 0.8, 0.1, -0.6, -1.0, -0.8, 0.1, 0.6], sigma_deg=0.2)   # C is 1.0°
+        >>> [Expected(sigma**2 * np.eye(4), 60.0, "given").chance(swing)[2] > CHANCE for sigma in (0.5, 0.05)]
+        [True, False]
+        """
+        if deviation.covariance is None:
+            return None
+        found, own = deviation.coefficients_deg[1:], deviation.covariance[1:, 1:]
+        square, freedom = chi_square_of(found, own + self.covariance)
+        along = np.linalg.pinv(own + self.covariance, hermitian=True) @ found
+        share = float(along @ own @ along) / square if deviation.chi_square is None and square > 0.0 else 0.0
+        others = deviation.freedom / share**2 if share > 0.0 else math.inf
+        return square, freedom, chance_of(square, freedom, others)
+
+    def as_dict(self, deviation: Deviation | None) -> dict[str, Any]:
+        """JSON-ready, held against a swing if there is one."""
+        found = None if deviation is None else self.chance(deviation)
+        return {
+            "sigma_deg": dict(zip(NAMES[1:], self.sigmas_deg.tolist(), strict=True)),
+            "covariance": self.covariance.tolist(),
+            "dip_deg": self.dip_deg,
+            "dip_from": self.dip_from,
+            "chi_square": None if found is None else found[0],
+            "p_value": None if found is None else found[2],
         }
 
 

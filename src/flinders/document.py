@@ -40,14 +40,13 @@ import numbers
 import os
 import re
 from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard
 
 import msgspec
 from msgspec import Meta, Struct
 
 from flinders.errors import DocumentError
-from flinders.files import reason, write_text
+from flinders.files import read_bytes, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -249,13 +248,7 @@ def read(path: str | os.PathLike[str]) -> Document:
     DocumentError
         For a file that cannot be opened, or is no calibration file that this release understands.
     """
-    try:
-        with Path(path).open("rb") as file:
-            text = file.read(LARGEST + 1)
-    except (OSError, ValueError) as error:
-        raise DocumentError(f"{path}: cannot be read: {reason(error)}") from None
-    if len(text) > LARGEST:
-        raise DocumentError(f"{path}: more than {LARGEST // 2**20} MB is no calibration file: check the name")
+    text = read_bytes(path, largest=LARGEST, what="calibration file", refused=DocumentError)
     return loads(text, source=os.fspath(path))
 
 

@@ -19,6 +19,7 @@
     │   ├── Unmoved                  unmoved           4    readings that hardly differ from each other
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
+    │   │   └── NothingAccepted      not-an-ellipsoid  4    of all its trials the method `ladder` took none
     │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   ├── Refused                  refused           4    a fit exists, its verdict is "refused"

@@ -22,32 +22,29 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.axes import Axes
 from flinders.calibration import Calibration
-from flinders.document import FindingRecord, Fitted, write
+from flinders.document import Fitted
 from flinders.errors import UsageError, figures
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.minmax import MinMax, spanned, strength_of
 from flinders.estimators.readings import LARGEST, SMALLEST
 from flinders.heading import level_error
 from flinders.quadric import Ellipsoid
-from flinders.result import VERDICTS, Finding
+from flinders.result import Finding, Outcome, gravest_first
 from flinders.units import Unit, label
 from flinders.verdict import of_calibration
 
 if TYPE_CHECKING:
-    import os
-
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
     from flinders.document import Document, Provenance
     from flinders.estimators.minmax import Variant
-    from flinders.result import Verdict
 
 TYPED: Final = "typed-extremes"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Extremes:
+class Extremes(Outcome):
     """A calibration from six numbers, of which nobody knows how far to trust it.
 
     Attributes
@@ -63,12 +60,6 @@ class Extremes:
     low: Floats
     high: Floats
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def verdict(self) -> Verdict:
-        """``limited``, whatever the numbers."""
-        severities = {finding.severity for finding in self.findings}
-        return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "limited")
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -97,21 +88,8 @@ class Extremes:
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
         """The calibration file, in which nothing is claimed."""
-        found = tuple(FindingRecord(**finding.as_dict()) for finding in self.findings)
-        record = Fitted(method=MinMax.name, samples=0, verdict=self.verdict, findings=found)
+        record = Fitted(method=MinMax.name, samples=0, verdict=self.verdict, findings=self.finding_records)
         return self.calibration.to_document(fit=record, provenance=provenance)
-
-    def save(self, path: str | os.PathLike[str], *, force: bool = False, provenance: Provenance | None = None) -> None:
-        """Write the calibration file, whole or not at all.
-
-        Raises
-        ------
-        OutputExists
-            Where there is a file already, unless `force`.
-        OutputError
-            Where it cannot be written.
-        """
-        write(self.to_document(provenance), path, force=force)
 
     def __repr__(self) -> str:
         offset = ", ".join(f"{value:.6g}" for value in self.calibration.offset)
@@ -163,9 +141,7 @@ def from_extremes(
         sensor=sensor,
     )
     found = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
-    order = list(VERDICTS)
-    findings = [_typed(found, target_deg, dip_deg), *of_calibration(found)]
-    return replace(found, findings=tuple(sorted(findings, key=lambda finding: order.index(finding.severity))))
+    return replace(found, findings=gravest_first([_typed(found, target_deg, dip_deg), *of_calibration(found)]))
 
 
 def _pairs(numbers: ArrayLike) -> Floats:

@@ -1,4 +1,4 @@
-"""Files written whole or not at all.
+"""Files read up to a size, and written whole or not at all.
 
 What is written goes into a temporary file beside the target first, which takes its name once it is
 complete and on the disk: no reader ever meets half of it, and an interrupted run leaves nothing behind.
@@ -18,6 +18,8 @@ from flinders.errors import OutputError, OutputExists
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from flinders.errors import FlindersError
 
 REASONS: Final = {
     errno.ENOENT: "no such file or folder: check the name",
@@ -39,6 +41,24 @@ def reason(error: OSError | ValueError) -> str:
     if isinstance(error, OSError) and error.errno is not None:
         return REASONS.get(error.errno, error.strerror or str(error))
     return str(error)
+
+
+def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused: type[FlindersError]) -> bytes:
+    """Read a file that is known to be small, `what`: a name that is mixed up does not fill the memory.
+
+    Raises
+    ------
+    FlindersError
+        Of the type `refused`: for a file that cannot be opened, or has more than `largest` bytes.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            text = file.read(largest + 1)
+    except (OSError, ValueError) as error:
+        raise refused(f"{path}: cannot be read: {reason(error)}") from None
+    if len(text) > largest:
+        raise refused(f"{path}: more than {largest // 2**20} MB is no {what}: check the name")
+    return text
 
 
 def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:

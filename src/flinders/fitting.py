@@ -18,10 +18,21 @@ from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.coverage import Coverage
 from flinders.errors import FitError, UsageError
-from flinders.estimators import METHODS, Auto, Level, Readings, drift_of, with_bias, within_range
+from flinders.estimators import (
+    METHODS,
+    Auto,
+    Readings,
+    as_correlated,
+    at_one_strength,
+    drift_of,
+    with_bias,
+    within_range,
+)
 from flinders.heading import alignment_error_deg, level_error
+from flinders.planar import down_of
 from flinders.repeats import Part, compared
 from flinders.result import Fit, Refused
+from flinders.terms.prior import SPREAD
 from flinders.units import Unit
 from flinders.verdict import judge
 
@@ -90,7 +101,7 @@ def fit(
         raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    estimator = _estimator(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
+    estimator = estimator_of(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
     readings = Readings.of(source)
     if hasattr(source, "blocks"):
         recording = cast("Recording", source)
@@ -98,21 +109,14 @@ def fit(
         unit, axes = recording.unit, recording.axes
     readings = within_range(readings)
     estimate = estimator.estimate(readings)
-    calibration = Calibration.from_ellipsoid(
-        estimate.ellipsoid.centre,
-        estimate.ellipsoid.shape,
-        field_strength=estimate.strength if field_strength is None else field_strength,
-        raw=unit or Unit.of(),
-        axes=axes or Axes(),
-        sensor=sensor,
-    )
-    calibration = replace(calibration, field_strength_known=field_strength is not None)
-    if estimator.is_biased:
-        estimate = with_bias(estimate, readings)
-    repeats = _repeats(readings, dip_deg, estimate.method)
+    readings = at_one_strength(readings, estimate)
+    calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor)
+    likelihood = Auto(options.get("prior", SPREAD), dip_deg=dip_deg)
+    estimate, repeated = _widened(estimate, likelihood, readings, is_biased=estimator.is_biased)
+    repeats = _repeats(readings, likelihood, estimate)
     if repeats is not None:
         estimate = replace(estimate, covariance=estimate.covariance + repeats.scatter)
-    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats)
+    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats, repeated)
     if alignment_sigma_deg is not None:
         dip = fitted.heading_error_deg.dip_deg
         fitted = replace(fitted, alignment_error_deg=alignment_error_deg(alignment_sigma_deg, dip_deg=dip))
@@ -121,7 +125,7 @@ def fit(
     return fitted
 
 
-def _estimator(method: str, options: dict[str, Any], site: dict[str, Any]) -> Estimator:
+def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> Estimator:
     """Look a method up and give it its options, and of what is known of the site that which it asks for.
 
     Raises
@@ -155,6 +159,37 @@ def _refuse_to_relabel(source: Recording, unit: Unit | None, axes: Axes | None) 
         )
 
 
+def _calibration(
+    estimate: Estimate, field_strength: float | None, *, unit: Unit | None, axes: Axes | None, sensor: str | None
+) -> Calibration:
+    """The correction that makes a sphere of the ellipsoid; a strength that follows the readings is as good as given."""
+    calibration = Calibration.from_ellipsoid(
+        estimate.ellipsoid.centre,
+        estimate.ellipsoid.shape,
+        field_strength=estimate.strength if field_strength is None else field_strength,
+        raw=unit or Unit.of(),
+        axes=axes or Axes(),
+        sensor=sensor,
+    )
+    return replace(calibration, field_strength_known=field_strength is not None or bool(estimate.follows))
+
+
+def _widened(estimate: Estimate, likelihood: Auto, readings: Readings, *, is_biased: bool) -> tuple[Estimate, float]:
+    """Add to a claim what the method leaves out of it: correlation, repeated readings (by which factor), bias."""
+    beside = None
+    looked_at = estimate.correlation is not None or estimate.plane or readings.recording is None
+    if is_biased or not looked_at:
+        try:
+            beside = likelihood.estimate(readings)
+        except FitError:  # too few readings to see beyond the simpler model
+            beside = None
+    if beside is not None and not looked_at and not beside.plane and not beside.unseen:
+        estimate = as_correlated(estimate, beside)
+    repeated = _repeated(estimate, readings.summary)
+    estimate = replace(estimate, covariance=estimate.covariance * repeated)
+    return (with_bias(estimate, beside) if beside is not None and is_biased else estimate), repeated
+
+
 def _repeated(estimate: Estimate, summary: Summary) -> float:
     """Factor by which repeated readings, no new evidence, widen a covariance that does not know of them yet."""
     share = len(summary) / max(len(summary) - summary.health.repeats, 1)
@@ -165,8 +200,11 @@ def _repeated(estimate: Estimate, summary: Summary) -> float:
 
 
 def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | None:
-    """Whether something changed while one recording was made: if so, its residuals are not white."""
-    if readings.recording is None or readings.parts or estimate.unseen:
+    """Whether something changed while one recording was made: if so, its residuals are not white.
+
+    What a model is too simple for looks like a change, too, and is told as a bias.
+    """
+    if readings.recording is None or readings.parts or estimate.unseen or estimate.bias.any():
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
@@ -178,7 +216,7 @@ def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
     """What independent residuals would allow to claim."""
     if estimate.textbook is None:
         return None
-    return level_error(estimate.ellipsoid, estimate.textbook, dip_deg=dip_deg)
+    return level_error(estimate.ellipsoid, estimate.textbook, dip_deg=dip_deg, down=down_of(estimate.plane))
 
 
 def _independent(estimate: Estimate, count: float) -> float:
@@ -188,7 +226,7 @@ def _independent(estimate: Estimate, count: float) -> float:
 
 def _distortion(estimate: Estimate) -> float:
     """What belongs to the direction; a ring of them takes nearly all of it off, and the rest tells little."""
-    if estimate.correlation is None or estimate.method == Level.name:
+    if estimate.correlation is None or estimate.plane:
         return 0.0
     return estimate.correlation.direction
 
@@ -197,10 +235,11 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     """Heading error (rms) that the bias of a method makes."""
     if not estimate.bias.any():
         return 0.0
-    return level_error(estimate.ellipsoid, np.outer(estimate.bias, estimate.bias), dip_deg=dip_deg).rms
+    bias, down = np.outer(estimate.bias, estimate.bias), down_of(estimate.plane)
+    return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
 
 
-def _repeats(readings: Readings, dip_deg: float, method: str) -> Repeats | None:
+def _repeats(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:
     """Hold the recordings of a sensor against each other, those that say all by themselves.
 
     Level turns are only held against each other: each rests on the dip, and elsewhere that is found.
@@ -209,15 +248,15 @@ def _repeats(readings: Readings, dip_deg: float, method: str) -> Repeats | None:
     others: list[Part] = []
     for part in readings.parts:
         try:
-            alone = Auto(dip_deg=dip_deg).estimate(part)
+            alone = likelihood.estimate(part)
         except FitError:
             continue
         source = "" if part.recording is None else part.recording.source
-        if alone.method == Level.name or not alone.unseen:
-            alike = turns if alone.method == Level.name else others
+        if alone.plane or not alone.unseen:
+            alike = turns if alone.plane else others
             alike.append(Part(source, alone.used, alone.ellipsoid, alone.covariance))
-    parts = turns if method == Level.name or len(others) < 2 else others
-    return compared(parts, dip_deg=dip_deg) if len(parts) > 1 else None
+    parts = turns if estimate.plane or len(others) < 2 else others
+    return compared(parts, dip_deg=likelihood.dip_deg) if len(parts) > 1 else None
 
 
 def _judged(
@@ -227,13 +266,12 @@ def _judged(
     target_deg: float,
     dip_deg: float,
     repeats: Repeats | None,
+    repeated: float,
 ) -> Fit:
     """Put together what is known and judge it."""
-    summary = readings.summary
-    repeated = _repeated(estimate, summary)
-    covariance = estimate.covariance * repeated
+    summary, covariance = readings.summary, estimate.covariance
     coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
-    dip = coverage.facing(dip_deg)
+    dip, down = dip_deg if estimate.plane else coverage.facing(dip_deg), down_of(estimate.plane)
     fitted = Fit(
         calibration=calibration,
         method=estimate.method,
@@ -241,7 +279,7 @@ def _judged(
         noise=estimate.noise,
         samples=estimate.used or len(summary),
         coverage=coverage,
-        heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip),
+        heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip, down=down),
         distortion=_distortion(estimate),
         target_deg=target_deg,
         dip_deg=dip_deg,
@@ -249,10 +287,12 @@ def _judged(
         unseen=estimate.unseen,
         textbook_heading_error_deg=_textbook(estimate, dip),
         independent_samples=_independent(estimate, len(summary) / repeated),
+        autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
         strays=estimate.strays,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, readings, dip),
         repeats=repeats,
+        plane=estimate.plane,
     )
     fitted = replace(fitted, heading_error_deg=fitted.heading_error_deg.beside(fitted.structure_deg))
     return replace(fitted, findings=judge(fitted, summary))

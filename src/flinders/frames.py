@@ -149,20 +149,29 @@ class Frames:
     def _in_degrees(self, mean: float, scatter: float) -> float:
         return float(np.rad2deg(scatter / max((1.0 - mean**2) ** 0.5, scatter, 1e-9)))
 
-    def fitting(self, sign: float = 0.0) -> tuple[Axes, ...]:
+    def fitting(self, sign: float = 0.0, *, applied: Axes = EVERY[0]) -> tuple[Axes, ...]:
         """The axes of the acceleration that fit the readings, those that change least first; alone where it is clear.
 
         Parameters
         ----------
         sign : float
             That of the site's dip; 0 where it is not known, and the axes are taken to be right-handed.
+        applied : Axes
+            How the acceleration was turned before: where taking that back fits, whatever its hand, that comes first.
         """
         seen = [(axes, *self.dip(axes)) for axes in EVERY]
-        allowed = [found for found in seen if (found[1] * sign > 0.0 if sign else not found[0].is_mirror)]
+        back = next(axes for axes in EVERY if _after(axes, applied) == EVERY[0])
+        allowed = [
+            found for found in seen if (found[1] * sign > 0.0 if sign else not found[0].is_mirror or found[0] == back)
+        ]
         if not allowed:
             return ()
         limit = max(TIED * min(scatter for _, _, scatter in allowed), WANDERS / CLEARER / TIED)
-        return tuple(axes for axes, _, scatter in allowed if scatter <= limit)
+        fits = [axes for axes, _, scatter in allowed if scatter <= limit]
+        if back not in fits:
+            return tuple(fits)
+        turned_over = _after(Axes.of(OPPOSITE), back)  # fits as well, and is no other attitude
+        return (back, *(axes for axes in fits if axes not in (back, turned_over)))
 
     def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
         """Refuse axes that do not fit each other, and name those that do.
@@ -185,7 +194,7 @@ class Frames:
         site = 0.0 if site_dip_deg is None else float(np.sin(np.deg2rad(site_dip_deg)))
         sign = float(np.sign(site)) if abs(site) > TELLING else 0.0
         upended = mean * sign < 0.0 and abs(mean) > max(TELLING, scatter)
-        found = self.fitting(sign)
+        found = self.fitting(sign, applied=applied)
         best = self.dip(found[0])[1] if found else scatter
         wanders = scatter > WANDERS and best < scatter / CLEARER
         if not (found and found[0] != EVERY[0] and (upended or wanders)):
@@ -208,9 +217,9 @@ def _advice(found: tuple[Axes, ...], applied: Axes) -> str:
     """Say what is wrong with the axes, and with which option it comes right."""
     ways = [str(_after(axes, applied)) for axes in found[:3]]
     mistake = Axes.of(ways[0])
-    advice = f"{_named(mistake)}: give --acceleration-axes={ways[0]}"
+    advice = f"{_named(mistake)}: {remedy(mistake)}"
     if mistake == EVERY[0]:
-        advice = "as they were recorded they do: leave --acceleration-axes out"
+        advice = f"as they were recorded they do: {remedy(mistake)}"
     elif mistake.is_mirror and ways[0] != OPPOSITE:
         advice += (
             "; one of the two is left-handed, and if that is the magnetometer, calibrate it again with --axes instead"
@@ -221,6 +230,16 @@ def _advice(found: tuple[Axes, ...], applied: Axes) -> str:
             "which these attitudes do not tell apart: turn the sensor about more axes"
         )
     return advice
+
+
+def remedy(axes: Axes, applied: Axes = EVERY[0]) -> str:
+    """Say what to do so that the acceleration, turned as `applied` before, is turned by `axes` on top of that.
+
+    >>> remedy(Axes.of("y,x,-z")), remedy(Axes.of(OPPOSITE), Axes.of(OPPOSITE))
+    ('give --acceleration-axes=y,x,-z', 'leave --acceleration-axes out')
+    """
+    whole = _after(axes, applied)
+    return "leave --acceleration-axes out" if whole == EVERY[0] else f"give --acceleration-axes={whole}"
 
 
 def _named(axes: Axes) -> str:

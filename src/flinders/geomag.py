@@ -252,7 +252,7 @@ def _refuse_nowhere(latitude_deg: float, longitude_deg: float, altitude_m: float
         Naming the number, what it has to be, and what it may have been mixed up with.
     """
     if not -90.0 <= latitude_deg <= 90.0:
-        swapped = "; the latitude comes first" if -90.0 <= longitude_deg <= 90.0 else ""
+        swapped = "; the latitude comes first" if abs(latitude_deg) <= 180.0 and abs(longitude_deg) <= 90.0 else ""
         raise UsageError(f"latitude is {latitude_deg:g}°: need −90° to 90°{swapped}")
     if not -180.0 <= longitude_deg <= 360.0:
         raise UsageError(f"longitude is {longitude_deg:g}°: need −180° to 180°, east positive")

@@ -31,25 +31,24 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 
 from flinders.calibration import Calibration
-from flinders.document import FindingRecord, Fitted, HeadingErrorRecord, write
+from flinders.document import Fitted
 from flinders.errors import FitError, UsageError, counted, figures
 from flinders.heading import HeadingError, direction_error_deg, level_error
 from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
 from flinders.pooling import chi_square_of, pool
 from flinders.quadric import Ellipsoid, symmetric, upper
 from flinders.repeats import Part, compared
-from flinders.result import VERDICTS, DirectionError, Finding
+from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first
 from flinders.units import Unit, label
 from flinders.verdict import LEVEL, REFUSED_AT, contradiction, of_calibration
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.document import Document, Provenance, SourceFile
     from flinders.repeats import Repeats
-    from flinders.result import Severity, Verdict
+    from flinders.result import Severity
 
 METHOD: Final = "merged"
 
@@ -75,7 +74,7 @@ of one axis over that of another. Beyond these lie slips of the pen, and the dig
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Merged:
+class Merged(Outcome):
     """What several calibrations of one sensor say together.
 
     Attributes
@@ -108,12 +107,6 @@ class Merged:
     repeats: Repeats
     files: tuple[SourceFile, ...] = ()
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the gravest finding says."""
-        severities = {finding.severity for finding in self.findings}
-        return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "good")
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -161,24 +154,10 @@ class Merged:
             noise=self.noise,
             covariance=tuple(tuple(row) for row in self.covariance.tolist()),
             verdict=self.verdict,
-            heading_error_deg=HeadingErrorRecord(
-                rms=error.rms, worst=error.worst, dip_deg=error.dip_deg, target_deg=self.target_deg
-            ),
-            findings=tuple(FindingRecord(**finding.as_dict()) for finding in self.findings),
+            heading_error_deg=error_record(error, self.target_deg),
+            findings=self.finding_records,
         )
         return self.calibration.to_document(fit=record, provenance=provenance)
-
-    def save(self, path: str | os.PathLike[str], *, force: bool = False, provenance: Provenance | None = None) -> None:
-        """Write the calibration file, whole or not at all.
-
-        Raises
-        ------
-        OutputExists
-            Where there is a file already, unless `force`.
-        OutputError
-            Where it cannot be written.
-        """
-        write(self.to_document(provenance), path, force=force)
 
     def __repr__(self) -> str:
         error = self.heading_error_deg
@@ -475,8 +454,7 @@ def _judged(merged: Merged, parts: Sequence[Judged]) -> tuple[Finding, ...]:
         *_carried(merged, parts),
         *of_calibration(merged),
     ]
-    order = list(VERDICTS)
-    return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
+    return gravest_first(found)
 
 
 def _accuracy(merged: Merged) -> Iterator[Finding]:

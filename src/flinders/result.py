@@ -16,17 +16,20 @@ from flinders.coverage import CELLS
 from flinders.document import FindingRecord, Fitted, HeadingErrorRecord, write
 from flinders.errors import FitError, counted, figures
 from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
+from flinders.planar import down_of
 from flinders.quadric import Ellipsoid
 from flinders.units import label
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Iterable
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
     from flinders.coverage import Coverage
     from flinders.document import Document, Provenance
     from flinders.heading import HeadingError
+    from flinders.planar import Plane
     from flinders.repeats import Repeats
 
 Severity = Literal["note", "limits", "refuses"]
@@ -69,6 +72,12 @@ class Finding:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         return {name: getattr(self, name) for name in self.__slots__}
+
+
+def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Put findings in order of severity, those of one severity as they came."""
+    order = list(VERDICTS)
+    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +150,53 @@ class Drift:
     p_value: float
 
 
+class Outcome:
+    """A calibration with findings: it has a verdict, and a file it can be written to.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Gravest first.
+    """
+
+    __slots__ = ()
+    findings: tuple[Finding, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """``good``, ``limited`` or ``refused``: what the gravest finding says."""
+        severities = {finding.severity for finding in self.findings}
+        return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "good")
+
+    @property
+    def finding_records(self) -> tuple[FindingRecord, ...]:
+        """The findings as they stand in a file."""
+        return tuple(FindingRecord(**finding.as_dict()) for finding in self.findings)
+
+    def to_document(self, provenance: Provenance | None = None) -> Document:
+        """The calibration file with all of this in it."""
+        raise NotImplementedError
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False, provenance: Provenance | None = None) -> None:
+        """Write the calibration file, whole or not at all.
+
+        Raises
+        ------
+        OutputExists
+            Where there is a file already, unless `force`.
+        OutputError
+            Where it cannot be written.
+        """
+        write(self.to_document(provenance), path, force=force)
+
+
+def error_record(error: HeadingError, target_deg: float) -> HeadingErrorRecord:
+    """A heading error as it stands in a file."""
+    return HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=error.dip_deg, target_deg=target_deg)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class Fit(Outcome):
     """A calibration, how it was found and how far to trust it.
 
     Attributes
@@ -172,6 +226,8 @@ class Fit:
         What the covariance for independent residuals would claim.
     independent_samples : float
         Independent readings that say as much as those used, whose residuals hang together.
+    autocorrelation : float, optional
+        Correlation of a residual with the next; None where the residuals were not looked at.
     strays : tuple of Stray
         Runs of readings that were rejected.
     unseen : int
@@ -187,6 +243,9 @@ class Fit:
         Where the recording is one and long enough.
     repeats : Repeats, optional
         Several recordings, held against each other; their scatter is in the covariance.
+    plane : str, optional
+        ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of
+        a turn about the third axis.
     findings : tuple of Finding
         Gravest first.
     """
@@ -206,17 +265,13 @@ class Fit:
     bias_deg: float = 0.0
     textbook_heading_error_deg: HeadingError | None = None
     independent_samples: float = np.inf
+    autocorrelation: float | None = None
     strays: tuple[Stray, ...] = ()
     distortion: float = 0.0
     drift: Drift | None = None
     repeats: Repeats | None = None
+    plane: Plane | None = None
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the gravest finding says."""
-        severities = {finding.severity for finding in self.findings}
-        return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "good")
 
     @property
     def is_flat(self) -> bool:
@@ -241,7 +296,8 @@ class Fit:
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip = self.heading_error_deg.dip_deg
-        error = tilted_error(self.ellipsoid, self.covariance, dip_deg=dip, tilt_deg=tilt_deg)
+        down = down_of(self.plane)
+        error = tilted_error(self.ellipsoid, self.covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
         return error.beside(self.structure_deg)
 
     @property
@@ -256,13 +312,14 @@ class Fit:
         left = self.target_deg**2 - self.structure_deg**2
         if left <= 0.0:
             return 0.0
-        dip = self.heading_error_deg.dip_deg
-        return attitude_limit_deg(self.ellipsoid, self.covariance, dip_deg=dip, limit_deg=float(np.sqrt(left)))
+        dip, down = self.heading_error_deg.dip_deg, down_of(self.plane)
+        limit = float(np.sqrt(left))
+        return attitude_limit_deg(self.ellipsoid, self.covariance, dip_deg=dip, limit_deg=limit, down=down)
 
     @property
     def uncorrected_heading_error_deg(self) -> HeadingError:
         """What the heading of the same vehicle errs by without the calibration, if the calibration is right."""
-        return raw_error(self.ellipsoid, dip_deg=self.heading_error_deg.dip_deg)
+        return raw_error(self.ellipsoid, dip_deg=self.heading_error_deg.dip_deg, down=down_of(self.plane))
 
     @property
     def uncorrected_strength(self) -> tuple[float, float]:
@@ -301,6 +358,7 @@ class Fit:
             "noise": self.noise,
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),
+            "autocorrelation": self.autocorrelation,
             "strays": [stray.as_dict() for stray in self.strays],
             "distortion": self.distortion,
             "drift": None if self.drift is None else dataclasses.asdict(self.drift),
@@ -320,28 +378,11 @@ class Fit:
             noise=self.noise,
             covariance=tuple(tuple(row) for row in self.covariance.tolist()),
             verdict=self.verdict,
-            heading_error_deg=HeadingErrorRecord(
-                rms=self.heading_error_deg.rms,
-                worst=self.heading_error_deg.worst,
-                dip_deg=self.heading_error_deg.dip_deg,
-                target_deg=self.target_deg,
-            ),
+            heading_error_deg=error_record(self.heading_error_deg, self.target_deg),
             coverage=self.coverage.as_dict(),
-            findings=tuple(FindingRecord(**finding.as_dict()) for finding in self.findings),
+            findings=self.finding_records,
         )
         return self.calibration.to_document(fit=fitted, provenance=provenance)
-
-    def save(self, path: str | os.PathLike[str], *, force: bool = False, provenance: Provenance | None = None) -> None:
-        """Write the calibration file, whole or not at all.
-
-        Raises
-        ------
-        OutputExists
-            Where there is a file already, unless `force`.
-        OutputError
-            Where it cannot be written.
-        """
-        write(self.to_document(provenance), path, force=force)
 
     def __repr__(self) -> str:
         error = self.heading_error_deg

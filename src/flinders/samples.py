@@ -85,6 +85,8 @@ class Samples:
         Angular rate of the body.
     temperature : (N,) float, °C, optional
     current : (N,) float, A, optional
+    strength : (N,) float, in `unit.inside`, optional
+        Strength of the field at each reading, from a model or a reference magnetometer; NaN where it is not known.
     source : str
         Where it came from, for messages.
     skipped : tuple of Skipped
@@ -99,6 +101,7 @@ class Samples:
     rate: Floats | None = None
     temperature: Floats | None = None
     current: Floats | None = None
+    strength: Floats | None = None
     source: str = "array"
     skipped: tuple[Skipped, ...] = ()
 
@@ -115,6 +118,7 @@ class Samples:
         rate: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
         current: ArrayLike | None = None,
+        strength: ArrayLike | None = None,
         source: str = "array",
     ) -> Samples:
         """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
@@ -131,6 +135,8 @@ class Samples:
             Where each new axis comes from, such as ``"x,-y,-z"``.
         time, acceleration, rate, temperature, current : array-like, optional
             As the attributes of the same name; acceleration and rate in the recorded axes.
+        strength : (N,) array-like, optional
+            As the attribute of the same name, in `unit`.
 
         Raises
         ------
@@ -154,6 +160,7 @@ class Samples:
             rate=None if rate is None else axes.apply(_beside(rate, rows, "rate")),
             temperature=None if temperature is None else column(temperature, rows, "temperature"),
             current=None if current is None else column(current, rows, "current"),
+            strength=None if strength is None else column(strength, rows, "strength") * unit.scale,
             source=source,
         )
         return samples._without_gaps()
@@ -171,6 +178,7 @@ class Samples:
             rate=None if self.rate is None else self.rate[rows],
             temperature=None if self.temperature is None else self.temperature[rows],
             current=None if self.current is None else self.current[rows],
+            strength=None if self.strength is None else self.strength[rows],
         )
 
     def blocks(self, rows: int = BLOCK) -> Iterator[Samples]:

@@ -13,7 +13,7 @@ import numpy as np
 from flinders.errors import counted, figures
 from flinders.guidance import guide
 from flinders.health import RAIL_SHARE
-from flinders.result import ONE_PLANE, TILTS, VERDICTS, Finding
+from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.terms.support import flatness_limit, is_flat
 from flinders.units import COUNTS, MICROTESLA, label
 
@@ -52,6 +52,7 @@ CODES: Final = {
     "time-gap": "nothing was recorded for `number` seconds in one stretch",
     "skipped-rows": "`number` rows could not be used",
     "typed-extremes": "no readings, only typed extremes: a turn that missed ends costs `number` degrees of heading",
+    "filtered": "the filter that readings went through moved the heading by `number` degrees at the worst",
     "axis-ratio": "the longest axis of the ellipsoid is `number` times the shortest",
     "field-strength": "the field found, `number` µT, is not one of the earth's",
     "mirrored-axes": "the axes mapping turns a right-handed frame into a left-handed one",
@@ -123,14 +124,13 @@ def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
         ]
     )
     found = [*flat, *supported, *_recording(summary.health)]
-    order = list(VERDICTS)
-    return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
+    return gravest_first(found)
 
 
 def _flat(fit: Fit, moments: Moments) -> Iterator[Finding]:
     """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
     thickness, _, width = np.sqrt(moments.principal_variances).tolist()
-    if fit.method != LEVEL and is_flat(moments.principal_variances, fit.noise):
+    if not fit.plane and is_flat(moments.principal_variances, fit.noise):
         yield Finding(
             ONE_PLANE, "refuses", thickness / width, flatness_limit(width, fit.noise),
             "all readings lie in one plane, as in a level turn, and tell nothing of the direction across it: "
@@ -140,12 +140,13 @@ def _flat(fit: Fit, moments: Moments) -> Iterator[Finding]:
 
 
 def _level(fit: Fit) -> Iterator[Finding]:
-    """What a level turn is good for."""
-    if fit.method == LEVEL:
+    """What a turn in one plane is good for."""
+    if fit.plane:
+        first, second = fit.plane
         yield Finding(
             "level-plane", "limits", fit.attitude_limit_deg, UPSIDE_DOWN,
-            f"a level turn, corrected in x and y only, for places where the field dips as here: {attitudes(fit)}. "
-            "For all attitudes also turn the sensor onto its sides and upside down",
+            f"a level turn, corrected in {first} and {second} only, for places where the field dips as here: "
+            f"{attitudes(fit)}. For all attitudes also turn the sensor onto its sides and upside down",
         )  # fmt: skip
 
 
@@ -165,17 +166,22 @@ def _bias(fit: Fit) -> Iterator[Finding]:
     """What a simpler model or a biased equation costs."""
     if fit.bias_deg > fit.target_deg * BIAS_SHARE:
         severity: Severity = "limits" if fit.bias_deg > fit.target_deg else "note"
+        why = (
+            "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
+            if fit.plane
+            else "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
+        )
         yield Finding(
             "bias", severity, fit.bias_deg, fit.target_deg * BIAS_SHARE,
             f"{fit.method!r} is {figures(fit.bias_deg)}° of heading (rms) off the likelihood, beyond what chance "
-            "explains: its model is too simple for this sensor, or its equation is biased by noise; use 'auto'",
+            f"explains: {why}",
         )  # fmt: skip
 
 
 def _evidence(fit: Fit) -> Iterator[Finding]:
     """How much there was to go by."""
     hole = fit.coverage.hole_deg
-    if hole > HOLE_DEG and fit.method != LEVEL:
+    if hole > HOLE_DEG and not fit.plane:
         yield Finding(
             "coverage", "limits", hole, HOLE_DEG,
             f"directions up to {hole:.0f}° from any reading are unseen ({fit.coverage.fraction:.0%} of the sphere was "
@@ -188,7 +194,7 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
             f"the readings lie {share:.0%} of the field off the ellipsoid: record again away from iron and currents, "
             "without moving anything magnetic near the sensor, and check the columns",
         )  # fmt: skip
-    if fit.method == LEVEL:
+    if fit.plane:
         pass  # what a level turn leaves open is said once
     elif fit.unseen:
         rings = ", as two rings of readings would" if fit.unseen == 1 else ""
@@ -212,14 +218,24 @@ def _evidence(fit: Fit) -> Iterator[Finding]:
     elif independent < CORRELATED * fit.samples:
         yield Finding(
             "correlated", "note", independent / fit.samples, CORRELATED,
-            f"residuals hang together: {fit.samples:,} readings say as much as {independent:,.0f} independent ones "
-            "would, and the heading error allows for it. Usual for a tumble by hand; less of it away from iron",
+            f"residuals hang together{_told(fit)}: {fit.samples:,} readings say as much as {independent:,.0f} "
+            "independent ones would, and the heading error allows for it. Usual for a tumble by hand; less of it away "
+            "from iron",
         )  # fmt: skip
+
+
+def _told(fit: Fit) -> str:
+    """How much residuals have in common, and what it would be to take no notice of it."""
+    next_one = "" if fit.autocorrelation is None else f"each with the next by {fit.autocorrelation:.2f}"
+    textbook = fit.textbook_heading_error_deg
+    claim = "" if textbook is None else f"without regard to it {figures(textbook.worst)}° would be claimed"
+    told = "; ".join(part for part in (next_one, claim) if part)
+    return f" ({told})" if told else ""
 
 
 def _inflation(fit: Fit, health: Health) -> Iterator[Finding]:
     """Whether the surface goes far beyond its readings, as one does that a small patch of them leaves open."""
-    if fit.method == LEVEL:
+    if fit.plane:
         return
     ratio = 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(float(health.extent.max()), np.finfo(float).tiny)
     if ratio > INFLATED:
@@ -428,6 +444,8 @@ def _unknowable(fit: Corrected) -> Iterator[Finding]:
 def remedy(fit: Fit) -> str:
     """Say what would make the heading error smaller."""
     if fit.bias_deg > fit.target_deg:
+        if fit.plane:
+            return "the points are not equally spaced in heading, use the method 'ellipse'"
         return "the method's model does not fit this sensor, use 'auto'"
     if fit.repeats is not None and fit.repeats.scatter_deg > fit.target_deg:
         return "the recordings contradict each other, use those made in the state of use"
@@ -436,7 +454,7 @@ def remedy(fit: Fit) -> str:
 
 def movement(fit: Fit) -> str:
     """Say which way to turn the sensor next: where readings would tell most, or all round where none tells more."""
-    if fit.method == LEVEL:
+    if fit.plane:
         return "turn it all the way round, more than once, keeping it level"
     advice = advised(fit)
     if advice.after_deg > (1.0 - WORTH_IT) * advice.worst_deg:

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from tests.golden.sessions import assert_sessions_are_real, session
 
 from flinders.calibration import Calibration
-from flinders.cli import main
 from flinders.units import Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from pathlib import Path
 
-    Golden = Callable[[str, str], None]
-
-ROOT = Path(__file__).resolve().parent.parent.parent
-SESSION = re.compile(r"<!-- (tests/golden/files/cli/\S+) -->\n```console\n(.*?)```\n", re.DOTALL)
+    from tests.golden.sessions import Golden
 
 
 @pytest.fixture(autouse=True)
@@ -34,16 +28,6 @@ def calibrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Calibration(2 * matrix, offset, 98.8, True, raw=Unit.of("mG")).save("doubled.json")
 
 
-def session(*lines: tuple[str, int]) -> str:
-    """What a terminal shows for some command lines, each with the code it ends with."""
-    shown = ""
-    for line, code in lines:
-        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
-        shown += f"$ {line}\n{ended.output}"
-        assert ended.exit_code == code, shown
-    return shown
-
-
 def test_budget(golden: Golden) -> None:
     lines = (
         "flinders budget heading --field 150mG --error 1deg",
@@ -52,39 +36,28 @@ def test_budget(golden: Golden) -> None:
         "flinders budget pair --current 10A --separation 5mm --field 20uT --error 1deg",
         "flinders budget magnet --remanence 1.3T --volume 0.236cm3 --distance 30cm --field 20uT",
     )
-    golden("cli/budget.txt", session(*((line, 0) for line in lines)))
+    golden("cli/budget.txt", session(*lines))
 
 
 def test_export(golden: Golden) -> None:
-    golden("cli/export.txt", session(("flinders export --to adis16480 calibration.json", 0)))
+    golden("cli/export.txt", session("flinders export --to adis16480 calibration.json"))
 
 
 def test_export_of_what_does_not_fit(golden: Golden) -> None:
-    golden("cli/export-refused.txt", session(("flinders export --to adis16480 doubled.json -o registers.txt", 4)))
+    golden("cli/export-refused.txt", session("flinders export --to adis16480 doubled.json -o registers.txt", code=4))
 
 
 def test_the_list_of_targets(golden: Golden) -> None:
-    golden("cli/export-list.txt", session(("flinders export --list", 0)))
+    golden("cli/export-list.txt", session("flinders export --list"))
 
 
 @pytest.mark.parametrize(
     "command", ["export", "budget", "budget heading", "budget wire", "budget pair", "budget magnet"]
 )
 def test_help(command: str, golden: Golden) -> None:
-    golden(f"cli/flinders-{command.replace(' ', '-')}-help.txt", session((f"flinders {command} --help", 0)))
+    golden(f"cli/flinders-{command.replace(' ', '-')}-help.txt", session(f"flinders {command} --help"))
 
 
 @pytest.mark.parametrize("name", ["budget.md", "registers.md"])
 def test_the_sessions_in_the_docs_are_real(name: str, request: pytest.FixtureRequest) -> None:
-    page = ROOT / "docs" / name
-    text = page.read_text(encoding="utf-8")
-
-    def real(found: re.Match[str]) -> str:
-        return f"<!-- {found[1]} -->\n```console\n{(ROOT / found[1]).read_text(encoding='utf-8')}```\n"
-
-    renewed = SESSION.sub(real, text)
-    assert SESSION.search(text)
-    if request.config.getoption("--regenerate", default=False):
-        page.write_text(renewed, encoding="utf-8")
-    else:
-        assert text == renewed, f"docs/{name} shows another session than its golden files: `pytest --regenerate`"
+    assert_sessions_are_real(name, request)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,14 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.golden.sessions import rounded, session
 
 from flinders import simulate
 from flinders.cli import main
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Golden = Callable[[str, str], None]
+    from tests.golden.sessions import Golden
 
 SENSOR = simulate.tumble(seed=2, motion="uniform").sensor
 
@@ -37,32 +35,13 @@ def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert CliRunner().invoke(main, ["calibrate", f"{name}.csv", "-o", f"{name}.json"]).exit_code == 0
 
 
-def session(*lines: tuple[str, int]) -> str:
-    """What a terminal shows for some command lines, each with the code it ends with."""
-    shown = ""
-    for line, code in lines:
-        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
-        shown += f"$ {line}\n{ended.output}"
-        assert ended.exit_code == code, shown
-    return shown
-
-
-def rounded(value: object) -> object:
-    """Round to four digits, on which all machines agree."""
-    if isinstance(value, dict):
-        return {key: rounded(member) for key, member in value.items()}
-    if isinstance(value, list):
-        return [rounded(member) for member in value]
-    return float(f"{value:.4g}") if isinstance(value, float) and math.isfinite(value) else value
-
-
 def test_a_calibration_that_holds_and_one_that_fails(golden: Golden) -> None:
-    lines = ("flinders check monday.json tuesday.csv", 0), ("flinders check monday.json moved.csv", 4)
-    golden("cli/check.txt", session(*lines))
+    lines = "flinders check monday.json tuesday.csv", "flinders check monday.json moved.csv"
+    golden("cli/check.txt", session(*lines, code=4))
 
 
 def test_two_calibrations(golden: Golden) -> None:
-    golden("cli/compare.txt", session(("flinders compare monday.json tuesday.json", 0)))
+    golden("cli/compare.txt", session("flinders compare monday.json tuesday.json"))
 
 
 def test_two_calibrations_as_json(golden: Golden) -> None:

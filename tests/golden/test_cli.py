@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from click.testing import CliRunner
+from tests.golden.sessions import ROOT, assert_sessions_are_real, rounded, session
 
 from flinders import simulate
 from flinders.cli import main
@@ -17,13 +17,9 @@ from flinders.estimators import METHODS
 from flinders.verdict import CODES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from tests.golden.sessions import Golden
 
-    Golden = Callable[[str, str], None]
-
-ROOT = Path(__file__).resolve().parent.parent.parent
 DOCS = ROOT / "docs"
-SESSION = re.compile(r"<!-- (tests/golden/files/cli/\S+) -->\n```console\n(.*?)```\n", re.DOTALL)
 
 
 @pytest.fixture(autouse=True)
@@ -33,32 +29,11 @@ def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def session(*lines: str, code: int = 0) -> str:
-    """What a terminal shows for some command lines; the last ends with `code`."""
-    shown = ""
-    for line in lines:
-        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
-        shown += f"$ {line}\n{ended.output}"
-    assert ended.exit_code == code, shown
-    return shown
-
-
 def record(name: str, motion: str, *, axes: tuple[int, int, int] = (0, 1, 2)) -> None:
     """Write a simulated recording, its axes in another order where the sensor is mounted so."""
     field = simulate.tumble(seed=2, motion=motion).samples.field[:, axes]
     lines = [",".join(f"{value:.3f}" for value in row) for row in field]
     Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
-
-
-def rounded(value: object) -> object:
-    """Round to four digits, on which all machines agree."""
-    if isinstance(value, dict):
-        return {key: rounded(member) for key, member in value.items()}
-    if isinstance(value, list):
-        return [rounded(member) for member in value]
-    if isinstance(value, float) and math.isfinite(value) and value != 0.0:
-        return float(f"{value:.4g}")
-    return value
 
 
 @pytest.mark.parametrize("command", ["", "calibrate", "apply", "check", "compare", "demo", "methods"])
@@ -123,23 +98,12 @@ def test_an_error(golden: Golden) -> None:
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
-    page = DOCS / "cli.md"
-    text = page.read_text(encoding="utf-8")
-
-    def real(found: re.Match[str]) -> str:
-        return f"<!-- {found[1]} -->\n```console\n{(ROOT / found[1]).read_text(encoding='utf-8')}```\n"
-
-    renewed = SESSION.sub(real, text)
-    assert len(SESSION.findall(text)) >= 5
-    if request.config.getoption("--regenerate", default=False):
-        page.write_text(renewed, encoding="utf-8")
-    else:
-        assert text == renewed, "docs/cli.md shows another session than its golden files: `pytest --regenerate`"
+    assert_sessions_are_real("cli.md", request, least=5)
 
 
 def test_the_docs_give_each_method_its_unknowns() -> None:
     text = (DOCS / "methods.md").read_text(encoding="utf-8")
-    rows = dict(re.findall(r"^\| `(\w+)` \| (\d+) \|", text, re.MULTILINE))
+    rows = dict(re.findall(r"^\| `([\w-]+)` \| (\d+) \|", text, re.MULTILINE))
     assert rows == {name: str(method.unknowns) for name, method in METHODS.items()}
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.golden.sessions import session
 
 from flinders import simulate
 from flinders.angles import folded
@@ -17,10 +18,9 @@ from flinders.report.curve import drawing
 from flinders.report.swing import card
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    Golden = Callable[[str, str], None]
+    from tests.golden.sessions import Golden
 
 HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,-1.2\n180,-5.5\n225,-8\n270,-12.5\n315,-6.8\n"
 """Figure 501 of the Handbook of Magnetic Compass Adjustment."""
@@ -30,16 +30,6 @@ HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,-1.2\n180,-5.5\n225,-8\n
 def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
-
-
-def session(*lines: str, code: int = 0) -> str:
-    """What a terminal shows for some command lines; the last ends with `code`."""
-    shown = ""
-    for line in lines:
-        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
-        shown += f"$ {line}\n{ended.output}"
-    assert ended.exit_code == code, shown
-    return shown
 
 
 def record(tmp_path: Path, *, gravity: bool = False) -> None:

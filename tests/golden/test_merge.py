@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.golden.sessions import session
 
 from flinders import simulate
 from flinders.cli import main
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Golden = Callable[[str, str], None]
+    from tests.golden.sessions import Golden
 
 SENSOR = simulate.tumble(seed=2, motion="uniform").sensor
 
@@ -36,23 +35,13 @@ def calibrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert CliRunner().invoke(main, ["calibrate", f"{name}.csv", "-o", f"{name}.json"]).exit_code == 0
 
 
-def session(*lines: tuple[str, int]) -> str:
-    """What a terminal shows for some command lines, each with the code it ends with."""
-    shown = ""
-    for line, code in lines:
-        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
-        shown += f"$ {line}\n{ended.output}"
-        assert ended.exit_code == code, shown
-    return shown
-
-
 def test_three_that_belong_together_and_one_that_does_not(golden: Golden) -> None:
     lines = (
-        ("flinders merge monday.json tuesday.json friday.json -o merged.json", 0),
-        ("flinders merge monday.json tuesday.json moved.json -o other.json", 4),
+        "flinders merge monday.json tuesday.json friday.json -o merged.json",
+        "flinders merge monday.json tuesday.json moved.json -o other.json",
     )
-    golden("cli/merge.txt", session(*lines))
+    golden("cli/merge.txt", session(*lines, code=4))
 
 
 def test_help(golden: Golden) -> None:
-    golden("cli/flinders-merge-help.txt", session(("flinders merge --help", 0)))
+    golden("cli/flinders-merge-help.txt", session("flinders merge --help"))

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from click.testing import CliRunner
+from tests.golden.sessions import rounded, session
 
 from flinders.cli import main
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Golden = Callable[[str, str], None]
+    from tests.golden.sessions import Golden
 
 
 @pytest.fixture(autouse=True)
@@ -25,35 +23,16 @@ def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def session(*lines: tuple[str, int]) -> str:
-    """What a terminal shows for some command lines, each with the code it ends with."""
-    shown = ""
-    for line, code in lines:
-        ended = CliRunner().invoke(main, line.split()[1:], prog_name="flinders")
-        shown += f"$ {line}\n{ended.output}"
-        assert ended.exit_code == code, shown
-    return shown
-
-
-def rounded(value: object) -> object:
-    """Round to four digits, on which all machines agree."""
-    if isinstance(value, dict):
-        return {key: rounded(member) for key, member in value.items()}
-    if isinstance(value, list):
-        return [rounded(member) for member in value]
-    return float(f"{value:.4g}") if isinstance(value, float) and math.isfinite(value) else value
-
-
 @pytest.mark.parametrize("command", ["simulate", "simulate three-axis", "simulate two-axis", "evaluate"])
 def test_help(command: str, golden: Golden) -> None:
-    golden(f"cli/flinders-{command.replace(' ', '-')}-help.txt", session((f"flinders {command} --help", 0)))
+    golden(f"cli/flinders-{command.replace(' ', '-')}-help.txt", session(f"flinders {command} --help"))
 
 
 def test_a_calibration_that_knows_its_errors(golden: Golden) -> None:
     lines = (
-        ("flinders simulate three-axis -o tumble.csv --seed 7", 0),
-        ("flinders calibrate tumble.csv -o calibration.json --json", 0),
-        ("flinders evaluate calibration.json tumble.truth.json", 0),
+        "flinders simulate three-axis -o tumble.csv --seed 7",
+        "flinders calibrate tumble.csv -o calibration.json --json",
+        "flinders evaluate calibration.json tumble.truth.json",
     )
     shown = session(*lines)
     shown = re.sub(
@@ -64,13 +43,13 @@ def test_a_calibration_that_knows_its_errors(golden: Golden) -> None:
 
 def test_one_that_does_not(golden: Golden) -> None:
     """The field of the motors passes for iron, and no method knows of it."""
-    session(("flinders simulate three-axis -o drive.csv --motion drive --motor 0.3 --seed 7", 0))
-    session(("flinders calibrate drive.csv -o calibration.json", 3))
-    golden("cli/evaluate-worse.txt", session(("flinders evaluate calibration.json drive.truth.json", 4)))
+    session("flinders simulate three-axis -o drive.csv --motion drive --motor 0.3 --seed 7")
+    session("flinders calibrate drive.csv -o calibration.json", code=3)
+    golden("cli/evaluate-worse.txt", session("flinders evaluate calibration.json drive.truth.json", code=4))
 
 
 def test_a_recovery_of_a_two_axis_compass(golden: Golden) -> None:
-    golden("cli/two-axis.txt", session(("flinders simulate two-axis -o swing.csv --polar rose.csv", 0)))
+    golden("cli/two-axis.txt", session("flinders simulate two-axis -o swing.csv --polar rose.csv"))
     golden("cli/two-axis-rose.csv", Path("rose.csv").read_text(encoding="utf-8"))
     golden("cli/two-axis-swing.csv", Path("swing.csv").read_text(encoding="utf-8"))
 
@@ -88,7 +67,7 @@ def test_a_recording_with_everything_and_its_truth(golden: Golden) -> None:
 
 
 def test_an_evaluation_as_json(golden: Golden) -> None:
-    session(("flinders simulate three-axis -o tumble.csv --seed 7", 0), ("flinders calibrate tumble.csv -o c.json", 0))
+    session("flinders simulate three-axis -o tumble.csv --seed 7", "flinders calibrate tumble.csv -o c.json")
     ended = CliRunner().invoke(main, ["evaluate", "c.json", "tumble.truth.json", "--json"])
     assert ended.exit_code == 0
     keys = list(json.loads(ended.stdout))

@@ -85,9 +85,9 @@ def attempt(field: Floats, method: str) -> Fit | None:
         return None
 
 
-def test_eleven_methods_are_tried() -> None:
-    assert len(METHODS) == 11
-    assert "level" in METHODS
+def test_nineteen_methods_are_tried() -> None:
+    assert len(METHODS) == 19
+    assert {"level", "ellipse", "two-axis"} < set(METHODS)
 
 
 @given(arrays_of_any_kind, methods)
@@ -109,7 +109,7 @@ def test_any_finite_array_gives_a_fit_or_a_refusal(field: Floats, method: str) -
         assert fit.as_dict()["verdict"] == fit.verdict
 
 
-@pytest.mark.parametrize("method", ["auto", "level"])
+@pytest.mark.parametrize("method", ["auto", "level", "ellipse", "two-axis"])
 @given(arrays_of_any_kind)
 @example(np.full((12, 3), 7.0))
 @example(np.ones((12, 3)) * [1.0, 1.0, 1e300])

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import click
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 TUMBLE = simulate.tumble(seed=5, n=600, motion="uniform")
 FIELD = TUMBLE.samples.field
-COMMANDS = ("calibrate", "apply", "check", "compare", "demo", "methods")
+COMMANDS = tuple(main.commands)
 INTERRUPTIBLE = """
 import signal
 from flinders.cli import main
@@ -66,6 +67,12 @@ def text(field: Floats, *, header: str = "", digits: int = 4, between: str = ","
     return "".join(f"{line}\n" for line in ([header] if header else []) + lines)
 
 
+def leaves(name: str) -> list[str]:
+    """The commands that a group holds, each with its group's name; or the command itself."""
+    command = main.commands[name]
+    return [f"{name} {word}" for word in command.commands] if isinstance(command, click.Group) else [name]
+
+
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working directory, with ``tumble.csv`` in it."""
@@ -96,9 +103,9 @@ def test_help_comes_without_the_heavy_libraries(words: str) -> None:
     assert not loaded & {"numpy", "scipy", "rich", "msgspec"}
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", [word for name in COMMANDS for word in leaves(name)])
 def test_every_command_has_json_and_help_with_an_example(command: str) -> None:
-    shown = flinders_(command, "--help").out
+    shown = flinders_(*command.split(), "--help").out
     assert "--json" in shown
     assert re.search(rf"Example:\n  +flinders {command}", shown)
 
@@ -131,7 +138,7 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     assert set(found) - set(promised) == {
         "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
         "bias_deg", "held", "unseen", "samples", "independent_samples", "strays", "distortion", "drift", "repeats",
-        "covariance", "tilted_heading_error_deg", "attitude_limit_deg",
+        "covariance", "tilted_heading_error_deg", "attitude_limit_deg", "autocorrelation",
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])
     assert {"rms", "worst"} <= set(found["heading_error_deg"])

@@ -10,7 +10,7 @@ import pytest
 
 from flinders.angles import folded, mean_deg, shown_heading, wrapped
 from flinders.attitude import level_heading_deg
-from flinders.deviation import design, eight_points, eight_points_sigma, fit, of_iron
+from flinders.deviation import Expected, design, eight_points, eight_points_sigma, fit, of_iron
 from flinders.errors import ArrayError, FitError, UsageError
 from flinders.rests import half_turns, hard_iron, rests
 
@@ -113,6 +113,26 @@ def test_residuals_larger_than_was_claimed_enlarge_the_uncertainty() -> None:
     assert boasting.sigma_deg is not None
     assert honest.chi_square < 40.0
     assert 0.6 < boasting.sigma_deg < 1.4
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_calibration_that_holds_is_seldom_said_not_to(given: bool) -> None:
+    """2,000 swings on nine headings by compasses that are off as claimed; p below 0.05 in about a twentieth."""
+    rng = np.random.default_rng(21)
+    root = 0.3 * rng.normal(size=(4, 4))
+    expected = Expected(root @ root.T, 60.0, "given")
+    around = np.arange(0.0, 360.0, 40.0)
+    chances = []
+    for own, noise in zip(rng.standard_normal((2000, 4)), rng.standard_normal((2000, 9)), strict=True):
+        seen = design(around)[:, 1:] @ (root @ own) + 0.4 * noise
+        found = expected.chance(fit(around, seen, sigma_deg=0.4 if given else None))
+        assert found is not None
+        chances.append(found[2])
+    assert np.mean(np.array(chances) < 0.05) == pytest.approx(0.05, abs=0.015)
+    iron = fit(around, design(around)[:, 1:] @ [8.0, 0.0, 0.0, 0.0] + 0.4 * rng.standard_normal(9), sigma_deg=0.4)
+    said = expected.chance(iron)
+    assert said is not None
+    assert said[2] < 1e-6
 
 
 def test_five_headings_give_a_curve_and_no_uncertainty() -> None:

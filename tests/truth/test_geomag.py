@@ -124,7 +124,7 @@ def test_what_is_no_day_is_refused(day: str) -> None:
     ("text", "said"),
     [
         ("home", "no place"), ("1,2,3,4", "no place"), ("47", "no place"), ("120,47", "the latitude comes first"),
-        ("47,361", "longitude is 361"), ("47,8,1e9", "altitude is"), ("nan,8", "latitude is nan"),
+        ("47,361", "longitude is 361"), ("47,8,1e9", "altitude is"), ("nan,8", "latitude is nan°: need −90° to 90°$"),
     ],
 )  # fmt: skip
 def test_what_is_no_place_is_refused(text: str, said: str) -> None:

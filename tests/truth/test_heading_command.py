@@ -21,6 +21,8 @@ from flinders.attitude import magnetic_heading_deg
 from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.fitting import fit
+from flinders.heading import deviation_covariance
+from flinders.judged import Judged
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -48,6 +50,11 @@ class Ended:
     @property
     def json(self) -> Any:  # noqa: ANN401 - whatever was printed
         return json.loads(self.out)
+
+    @property
+    def said(self) -> str:
+        """What was said, on one line."""
+        return " ".join(self.err.split())
 
     @property
     def columns(self) -> dict[str, Floats]:
@@ -93,6 +100,12 @@ def tumbling(count: int = 600) -> tuple[Floats, Floats]:
     return heading, turned(heading, rng.uniform(-180.0, 180.0, count), rng.uniform(-80.0, 80.0, count))
 
 
+def assert_headings(ended: Ended, wanted: Floats, atol: float = 2e-3) -> None:
+    """Those that were written are those that the vehicle had."""
+    assert ended.code == 0, ended.err
+    npt.assert_allclose(folded(ended.columns["heading_deg"] - wanted), 0.0, atol=atol)
+
+
 def swinging(stops: Floats, *, noise: float = 0.2) -> Floats:
     """A log that rests ten seconds on each heading."""
     headings: list[float] = []
@@ -100,6 +113,20 @@ def swinging(stops: Floats, *, noise: float = 0.2) -> Floats:
         headings += [before] * 100 + np.linspace(before, after, max(int(abs(after - before) / 3.0), 1)).tolist()
     sway = np.arange(len(headings)) * 0.1
     return log_of(turned(np.array(headings), 5.0 * np.sin(sway), 4.0 * np.cos(0.7 * sway)), noise=noise)
+
+
+def with_iron(log: Floats) -> Floats:
+    """The same log with 1 µT of hard iron ahead and 0.5 to port, which is B = 2.29° and C = −1.15°."""
+    bent = log.copy()
+    bent[:, 1:4] += np.linalg.solve(MATRIX, [1.0, -0.5, 0.0])
+    return bent
+
+
+def calibrated(n: int) -> None:
+    """A calibration of the same sensor from `n` noisy readings, with its uncertainty."""
+    rng = np.random.default_rng(5)
+    raw = np.linalg.solve(MATRIX, 50.0 * simulate.uniform(rng, n).T).T + OFFSET + 0.5 * rng.standard_normal((n, 3))
+    fit(raw, unit=Unit.of("uT")).save("calibration.json", force=True)
 
 
 @pytest.fixture
@@ -116,10 +143,9 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_headings_are_those_that_the_vehicle_had(home: Path) -> None:
     ended = flinders_("heading", "calibration.json", "log.csv")
-    assert ended.code == 0, ended.err
     columns = ended.columns
     assert list(columns) == ["line", "time_s", "heading_deg", "roll_deg", "pitch_deg", "dip_deg", "strength"]
-    npt.assert_allclose(folded(columns["heading_deg"] - tumbling()[0]), 0.0, atol=2e-3)
+    assert_headings(ended, tumbling()[0])
     npt.assert_allclose(columns["dip_deg"], 60.0, atol=2e-3)
     npt.assert_allclose(columns["strength"], 1.0, atol=1e-4)
     npt.assert_allclose(columns["line"], np.arange(600) + 2)
@@ -168,7 +194,7 @@ def test_a_level_sensor_needs_two_axes_and_no_accelerometer(home: Path) -> None:
     write("level.csv", log_of(turned(heading))[:, :4], "t_s,mx_uT,my_uT,mz_uT")
     ended = flinders_("heading", "calibration.json", "level.csv", "--level")
     assert list(ended.columns) == ["line", "time_s", "heading_deg", "strength"]
-    npt.assert_allclose(folded(ended.columns["heading_deg"] - heading), 0.0, atol=2e-3)
+    assert_headings(ended, heading)
     assert "each degree of tilt turns a level heading by up to 1.7°" in ended.err
     assert "z is up" not in ended.err
 
@@ -176,7 +202,7 @@ def test_a_level_sensor_needs_two_axes_and_no_accelerometer(home: Path) -> None:
 def test_a_level_sensor_that_is_upside_down_is_noticed(home: Path) -> None:
     log = log_of(turned(np.arange(0.0, 360.0, 2.0), 180.0))[:, :4]
     ended = flinders_("heading", "calibration.json", write("over.csv", log, "t_s,mx_uT,my_uT,mz_uT"), "--level")
-    assert "z is up and level headings run backwards" in " ".join(ended.err.split())
+    assert "z is up and level headings run backwards" in ended.said
 
 
 def test_legacy_formulas_go_by_their_names(home: Path) -> None:
@@ -229,10 +255,10 @@ def test_columns_of_the_accelerometer_can_be_named(home: Path) -> None:
     assert "name its columns with --acceleration, or say --level" in refused.err
     for columns in ("one,two,three", "5,6,7"):
         ended = flinders_("heading", "calibration.json", "odd.csv", "--acceleration", columns)
-        npt.assert_allclose(folded(ended.columns["heading_deg"] - tumbling()[0]), 0.0, atol=2e-3)
+        assert_headings(ended, tumbling()[0])
     write("bare.txt", log[:, 1:], "")
     ended = flinders_("heading", "calibration.json", "bare.txt", "--columns", "1,2,3", "--acceleration", "4,5,6")
-    npt.assert_allclose(folded(ended.columns["heading_deg"] - tumbling()[0]), 0.0, atol=2e-3)
+    assert_headings(ended, tumbling()[0])
 
 
 def test_a_stream_is_answered_line_by_line(home: Path) -> None:
@@ -270,7 +296,7 @@ def test_a_mistaken_axis_is_named_and_its_remedy_works(home: Path, columns: str,
     write("odd.csv", np.column_stack([log[:, :4], *places]))
     ended = flinders_("heading", "calibration.json", "odd.csv", "-o", "out.csv", *ZURICH)
     assert ended.code == 5
-    assert named in " ".join(ended.err.split())
+    assert named in ended.said
     assert not (home / "out.csv").exists()
     remedy = next(word for word in ended.err.replace(";", " ").split() if word.startswith("--acceleration-axes="))
     again = flinders_("heading", "calibration.json", "odd.csv", *ZURICH, remedy)
@@ -284,7 +310,14 @@ def test_without_a_site_a_dip_upwards_is_mentioned(home: Path) -> None:
     write("odd.csv", log)
     ended = flinders_("heading", "calibration.json", "odd.csv")
     assert ended.code == 0
-    assert "the field is seen to point up by 60°" in " ".join(ended.err.split())
+    assert "the field is seen to point up by 60°" in ended.said
+    assert "give --acceleration-axes=-x,-y,-z; --at or --dip tells" in ended.said
+    back = flinders_("heading", "calibration.json", "log.csv", "--acceleration-axes=-x,-y,-z")
+    assert "leave --acceleration-axes out; --at or --dip tells" in back.said
+    mirrored = flinders_("heading", "calibration.json", "log.csv", "--acceleration-axes=x,y,-z")
+    assert mirrored.code == 5
+    assert "as they were recorded they do: leave --acceleration-axes out" in mirrored.said
+    assert "; or" not in mirrored.said
     assert flinders_("heading", "calibration.json", "odd.csv", "--dip", "-60").code == 0
     assert flinders_("heading", "calibration.json", "odd.csv", "--dip", "60").code == 5
 
@@ -321,7 +354,7 @@ def test_what_cannot_be_done_is_said(home: Path, name: str) -> None:
     ended = flinders_("heading", *words.split())
     assert ended.code == code
     assert not ended.out or "--json" in words
-    assert said in " ".join(ended.err.split())
+    assert said in ended.said
     assert ended.err.splitlines()[-1].startswith("error: ")
     assert (home / "there.csv").read_text(encoding="utf-8") == "kept"
 
@@ -338,6 +371,8 @@ def test_another_sensor_is_refused_and_an_odd_field_is_mentioned(home: Path) -> 
 # swing
 
 
+STOPS = np.arange(0.0, 360.0, 45.0)
+KNOWN = ("--headings", ",".join(f"{stop:g}" for stop in STOPS))
 HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,1.2W\n180,5.5 W\n225,-8\n270,-12.5\n315,-6.8\n"
 
 
@@ -374,7 +409,7 @@ def test_true_headings_become_magnetic_ones(home: Path) -> None:
     declination = ended.json["site"]["declination_deg"]
     assert ended.json["deviation"]["coefficients_deg"]["A"] == pytest.approx(3.5 - declination)
     assert "say where with --at" in flinders_("swing", "-", stdin=table).err
-    assert "no true headings" in " ".join(flinders_("swing", "-", *ZURICH, stdin=HO226).err.split())
+    assert "no true headings" in flinders_("swing", "-", *ZURICH, stdin=HO226).said
 
 
 def test_card_and_curve_are_written(home: Path) -> None:
@@ -394,18 +429,15 @@ def test_card_and_curve_are_written(home: Path) -> None:
 
 
 def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> None:
-    stops = np.arange(0.0, 360.0, 45.0)
-    write("log.csv", swinging(stops))
-    known = ",".join(f"{stop:g}" for stop in stops)
-    clean = flinders_("swing", "calibration.json", "log.csv", "--headings", known, "--json")
+    write("log.csv", swinging(STOPS))
+    clean = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json")
     assert clean.code == 0, clean.err
     assert max(map(abs, clean.json["deviation"]["coefficients_deg"].values())) < 0.2
     assert clean.json["half_turns_pass"] is True
     assert len(clean.json["half_turns"]) == 4
 
-    log = swinging(stops)
-    log[:, 1:4] += np.linalg.solve(MATRIX, [1.0, -0.5, 0.0])
-    iron = flinders_("swing", "calibration.json", write("iron.csv", log), "--headings", known, "--json")
+    write("iron.csv", with_iron(swinging(STOPS)))
+    iron = flinders_("swing", "calibration.json", "iron.csv", *KNOWN, "--json")
     assert iron.code == 3
     found = iron.json["deviation"]["coefficients_deg"]
     assert (found["B"], found["C"]) == (pytest.approx(2.29, abs=0.2), pytest.approx(-1.15, abs=0.2))
@@ -418,11 +450,46 @@ def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> Non
     assert json_told["hard_iron_deg"]["B"] == pytest.approx(2.29, abs=0.2)
 
 
+def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: Path) -> None:
+    calibrated(400)
+    judged = Judged.load("calibration.json")
+    assert judged.covariance is not None
+    write("log.csv", swinging(STOPS))
+    told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"]
+    claimed = deviation_covariance(judged.ellipsoid, judged.covariance, dip_deg=told["dip_deg"])
+    npt.assert_allclose(list(told["sigma_deg"].values()), np.sqrt(np.diag(claimed)), rtol=1e-3)
+    assert told["dip_from"] == "seen"
+    assert told["p_value"] > 0.01
+    page = flinders_("swing", "calibration.json", "log.csv", *KNOWN).out
+    assert "claimed" in page
+    assert "iron has come or gone" not in page
+
+    write("iron.csv", with_iron(swinging(STOPS)))
+    bent = flinders_("swing", "calibration.json", "iron.csv", *KNOWN)
+    assert "B to E are more than swing and calibration explain" in " ".join(bent.out.split())
+    assert flinders_("swing", "calibration.json", "iron.csv", *KNOWN, "--json").json["calibration"]["p_value"] < 1e-6
+
+
+def test_a_calibration_without_uncertainty_claims_nothing_of_a_swing(home: Path) -> None:
+    write("log.csv", swinging(STOPS))
+    assert flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"] is None
+    assert "claimed" not in flinders_("swing", "calibration.json", "log.csv", *KNOWN).out
+
+
+def test_a_curve_that_is_not_known_to_the_target_or_runs_backwards_is_limited(home: Path) -> None:
+    wild = "compass,deviation\n0,200\n90,92\n180,179\n270,268\n45,47\n135,136\n"
+    ended = flinders_("swing", "-", stdin=wild)
+    assert ended.code == 3
+    page = " ".join(ended.out.split())
+    assert "the curve is known to 30.82° (1 σ) at worst, the target is 1°" in page
+    assert "one magnetic heading has several by compass" in page
+    assert flinders_("swing", "-", "--sigma", "2", stdin=HO226).code == 3
+    assert flinders_("swing", "-", "--sigma", "2", "--target", "2", stdin=HO226).code == 0
+
+
 def test_known_headings_may_be_true_ones(home: Path) -> None:
-    stops = np.arange(0.0, 360.0, 60.0)
-    write("log.csv", swinging(stops))
-    known = ",".join(f"{stop:g}" for stop in stops)
-    told = flinders_("swing", "calibration.json", "log.csv", "--headings", known, "--json", *ZURICH).json
+    write("log.csv", swinging(STOPS))
+    told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json", *ZURICH).json
     assert told["deviation"]["coefficients_deg"]["A"] == pytest.approx(-told["site"]["declination_deg"], abs=0.2)
 
 
@@ -440,6 +507,13 @@ SWINGS: dict[str, tuple[str, str, int, str]] = {
     "no file": ("", "", 2, "Missing argument"),
     "a calibration alone": ("calibration.json", "", 2, "give the recording of a swing after it"),
     "headings that are none": ("calibration.json log.csv --headings N,E", "", 2, "need degrees"),
+    "a heading that goes round twice": (
+        "calibration.json log.csv --headings 0,45,900",
+        "",
+        2,
+        "number 3 of --headings",
+    ),
+    "a digit too many": ("-", HO226.replace("90,", "900,"), 2, "compass in line 4 of standard input is 900°"),
     "too many headings": ("calibration.json log.csv --headings 1,2,3,4,5,6", "", 4, "0 rests: name one for each"),
     "no half turn": ("calibration.json log.csv", "", 4, "no turn by 180°"),
     "a place without headings": ("calibration.json log.csv --at 47,8 --date 2026", "", 2, "give --headings too"),
@@ -460,7 +534,7 @@ def test_what_is_no_swing_is_said(home: Path, name: str) -> None:
     ended = flinders_("swing", *words.split(), stdin=table)
     assert ended.code == code
     assert not ended.out or "--json" in words
-    assert said in " ".join(ended.err.split())
+    assert said in ended.said
     assert not (home / "card.csv").exists()
 
 
@@ -513,4 +587,4 @@ def test_the_command_gives_what_the_library_gives(home: Path) -> None:
     calibration = Calibration.load("calibration.json")
     found = magnetic_heading_deg(calibration.apply(log[:, 1:4]), log[:, 4:])
     ended = flinders_("heading", "calibration.json", "log.csv")
-    npt.assert_allclose(folded(ended.columns["heading_deg"] - found), 0.0, atol=2e-3)
+    assert_headings(ended, found)

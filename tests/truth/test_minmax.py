@@ -394,5 +394,5 @@ def test_the_list_of_methods_names_every_option_with_its_values() -> None:
     assert listed["minmax"]["options"] == {"variant": ["mean", "largest", "full-range"], "trim": ["no", "yes"]}
     assert listed["level"]["options"] == {"prior": ["0.3"]}
     assert listed["sphere"]["options"] == {}
-    shown = CliRunner().invoke(main, ["methods"]).stdout
+    shown = " ".join(CliRunner().invoke(main, ["methods"]).stdout.split())
     assert "option variant: mean, largest, full-range" in shown

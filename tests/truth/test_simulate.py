@@ -155,6 +155,7 @@ def test_arrays_of_a_sensor_cannot_be_changed_behind_its_back() -> None:
     [
         ({"motion": "dance"}, "'dance' is not known: use one of hand, uniform"),
         ({"n": 0}, "n is 0: need at least one reading"),
+        ({"n": 10**8}, r"n is 1e\+08: need at most 5,000,000 readings"),
         ({"outliers": 1.5}, r"outliers is 1\.5"),
         ({"noise": -1.0}, "noise is -1 µT"),
         ({"field_strength": 0.0}, "field_strength is 0"),

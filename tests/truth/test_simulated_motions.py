@@ -307,7 +307,7 @@ def broken(**changes: Any) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "cannot be read as JSON"),
+        ("", "holds nothing"),
         ("{", "cannot be read as JSON"),
         ("[]", "is JSON, but not the truth of a recording"),
         (broken(flinders="calibration"), "is JSON, but not the truth of a recording"),

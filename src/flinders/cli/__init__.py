@@ -13,6 +13,7 @@ from flinders.cli import (
     calibrate,
     check,
     compare,
+    compare_methods,
     demo,
     evaluate,
     export,
@@ -21,6 +22,7 @@ from flinders.cli import (
     methods,
     simulate,
     swing,
+    two_axis,
 )
 from flinders.cli._program import EXIT_CODES, Program
 
@@ -38,6 +40,7 @@ main = Program(
         apply.command,
         heading.command,
         swing.command,
+        two_axis.command,
         check.command,
         compare.command,
         merge.command,
@@ -47,6 +50,7 @@ main = Program(
         evaluate.command,
         demo.command,
         methods.command,
+        compare_methods.command,
     ],
 )
 main = click.version_option(package_name="flinders", message="flinders %(version)s")(main)

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from flinders.arrays import Floats
-    from flinders.compass import Compass, Headings
+    from flinders.cli._filters import Smoother
+    from flinders.compass import Compass, Headings, Voyage
     from flinders.geomag import SiteField
     from flinders.judged import Judged
     from flinders.samples import Recording, Samples
@@ -74,12 +75,15 @@ class Log:
         In its unit and axes.
     compass : Compass
     site : SiteField, optional
+    smoother : Smoother, optional
+        What the readings go through.
     """
 
     judged: Judged
     recording: Recording
     compass: Compass
     site: SiteField | None
+    smoother: Smoother | None = None
 
     def __str__(self) -> str:
         """What was recognised, and which columns are taken for the accelerometer."""
@@ -92,6 +96,11 @@ class Log:
         return told if column is None else f"{told}; acceleration {', '.join(column.names)}"
 
     def blocks(self) -> Iterator[tuple[Floats, Samples]]:
+        """Readings, smooth where that was asked for, and the numbers of their lines."""
+        for numbers, samples in self._numbered():
+            yield numbers, samples if self.smoother is None else self.smoother.smoothed(samples)
+
+    def _numbered(self) -> Iterator[tuple[Floats, Samples]]:
         """Readings and the numbers of their lines, or their own where there are no lines."""
         import numpy as np
 
@@ -252,6 +261,46 @@ def clock_start(recording: object) -> float:
     layout = getattr(recording, "layout", None)
     time = layout.columns.time if layout is not None else None
     return float(time.start * time.factor) if time is not None else 0.0
+
+
+def site_dip(log: Log, voyage: Voyage, given: float | None = None) -> tuple[float, str]:
+    """The dip for which errors are told, in degrees, and where it comes from."""
+    import numpy as np
+
+    from flinders.compass import LEVEL
+    from flinders.heading import STEEPEST_DIP_DEG
+
+    tilted = log.compass.formula != LEVEL and voyage.frames.readings
+    known = {
+        "given": given,
+        "calibration": _own_dip(log),
+        "model": log.site.inclination_deg if log.site else None,
+        "seen": voyage.frames.dip_deg[0] if tilted else float("nan"),
+        "assumed": 60.0,
+    }
+    source, dip = next((name, found) for name, found in known.items() if found is not None and np.isfinite(found))
+    return float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG)), source
+
+
+def _own_dip(log: Log) -> float | None:
+    """The dip that the calibration of a level turn rests on: level headings are as good as that says, and no better."""
+    from flinders.compass import LEVEL
+
+    record = log.judged.record
+    if log.compass.formula != LEVEL or record is None or record.method != LEVEL or record.heading_error_deg is None:
+        return None
+    return record.heading_error_deg.dip_deg
+
+
+def down(log: Log, voyage: Voyage) -> Floats:
+    """(3,) which way is down when the vehicle is level, in the axes of the calibration's ellipsoid."""
+    import numpy as np
+
+    calibration = log.judged.calibration
+    # a rotation, where one was estimated
+    turned = calibration.matrix @ log.judged.ellipsoid.shape / calibration.field_strength
+    found: Floats = turned.T @ np.array([0.0, 0.0, -1.0 if voyage.is_z_up else 1.0])
+    return found
 
 
 def _refuse_contradictions(

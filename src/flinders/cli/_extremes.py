@@ -24,6 +24,8 @@ OF_READINGS: Final = {
     "robust": "--robust",
     "alignment_sigma_deg": "--alignment-sigma",
     "columns": "--columns",
+    "filter": "--filter",
+    "convergence": "--convergence",
 }
 """Options that mean nothing without readings."""
 

@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _filters, _options
 from flinders.cli._calibration import agree, load
 from flinders.cli._talk import print_json, progress, say
 from flinders.errors import InputError, UsageError, counted
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.filters import Filter
     from flinders.readers import TextRecording
 
 FOREIGN: Final = 3.0
@@ -42,11 +43,19 @@ Example:
 @click.argument("recording", metavar="RECORDING")
 @click.option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
 @click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
+@_filters.option
 @_options.columns
 @_options.force
 @_options.as_json
 def command(
-    calibration: str, recording: str, output: str, add: bool, columns: str | None, force: bool, as_json: bool
+    calibration: str,
+    recording: str,
+    output: str,
+    add: bool,
+    by: Filter | None,
+    columns: str | None,
+    force: bool,
+    as_json: bool,
 ) -> None:
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
@@ -69,18 +78,22 @@ def command(
             raise UsageError(f"{recording} is no text: only text recordings can be corrected")
         agree(correction, source)
         corrector = Corrector(correction, source.source)
+        smoother = None if by is None else _filters.Smoother(by, corrector)
         with _output(output, source, force=force, live=not Path(recording).is_file()) as file:
-            for line in source.corrected_lines(corrector, add=add):
+            for line in source.corrected_lines(smoother or corrector, add=add, timed=smoother is not None):
                 file.write(line)
     for skipped in source.skipped:
         say(f"{source.source}: {skipped}")
     say(str(corrector))
+    if smoother is not None:
+        say(str(smoother))
     if not corrector.is_plausible:
         say(f"! {_doubt(calibration, recording)}")
     if output != "-":
         say(f"written to {output}")
     if as_json:
-        print_json({**corrector.as_dict(), "skipped": [str(skipped) for skipped in source.skipped]})
+        filtered = {} if smoother is None else {"filter": smoother.as_dict()}
+        print_json({**corrector.as_dict(), **filtered, "skipped": [str(skipped) for skipped in source.skipped]})
 
 
 class Corrector:

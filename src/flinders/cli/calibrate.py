@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _extremes, _options
+from flinders.cli import _convergence, _extremes, _filters, _options
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._sources import saying_what_was_skipped, sha256
 from flinders.cli._talk import print_fit, print_json, progress, say
 from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from flinders.document import Provenance, SourceFile
+    from flinders.filters import Filter
     from flinders.result import Fit
     from flinders.samples import Recording, Samples
 
@@ -71,6 +72,11 @@ Example:
     help="How well the mounting is known, 1 σ about each axis: its heading error is told on its own.",
 )  # fmt: skip
 @click.option("--sensor", metavar="NAME", help="Name or serial number to keep with the calibration.")
+@_filters.option
+@click.option(
+    "--convergence", metavar="FILE",
+    help="Also draw (FILE.svg) or list (FILE.csv) how the estimate settles, for methods that can be watched.",
+)  # fmt: skip
 @_options.judgement
 @_options.recording
 @_options.force
@@ -85,6 +91,8 @@ def command(
     robust: bool,
     method_options: tuple[str, ...],
     minmax: str | None,
+    by: Filter | None,
+    convergence: str | None,
     **options: Any,
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
@@ -93,8 +101,8 @@ def command(
     three columns of field (comma, semicolon, tab or spaces; with or without a header), the output of a
     phone logger or MotionCal, or - for standard input. Several recordings of one sensor are fitted together.
     """
-    from flinders.fitting import fit as fit_recording
     from flinders.readers import open_recording
+    from flinders.result import Refused
     from flinders.samples import Joined
 
     if prior is not None:
@@ -109,13 +117,15 @@ def command(
             output=output,
             force=force,
             as_json=as_json,
-            options={**options, "report": report},
+            options={**options, "report": report, "filter": by, "convergence": convergence},
         )
     if not recordings:
         raise click.MissingParameter(param_hint="'RECORDING...'", param_type="argument")
     _check(recordings, options)
     _add(options, method_options)
-    _check_outputs(recordings, output, report, force=force, as_json=as_json)
+    _convergence.refuse(convergence, options["method"])
+    files = {"the calibration": output, "the report": report, "the convergence": convergence}
+    _check_outputs(recordings, files, force=force, as_json=as_json)
     reading = {name: options.pop(name) for name in ("columns", "unit", "scale", "axes")}
     with progress("reading") as watch:
         opened = open_recording(recordings, progress=watch, **reading)
@@ -124,11 +134,14 @@ def command(
             say(str(part.recording))
         try:
             with saying_what_was_skipped(part.recording for part in parts):
-                fit = fit_recording(Joined(tuple(parts)) if len(parts) > 1 else parts[0], **options)
+                fit = _fitted(parts, by, options)
         except FitError as refusal:
             _report(refusal, report, parts, force=force)
+            if isinstance(refusal, Refused):
+                _convergence.write(convergence, _filters.through(parts, by), options, force=force)
             raise
     _write(fit, output, parts, force=force)
+    _convergence.write(convergence, _filters.through(parts, by), options, force=force)
     if as_json:
         print_json(fit.as_dict())
     elif report != "-":
@@ -137,6 +150,13 @@ def command(
     if output != "-":
         say(f"written to {output}" if output else "nothing was written: name a file with -o calibration.json")
     return GOOD if fit.verdict == "good" else LIMITED
+
+
+def _fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
+    """Fit the recordings together, filtered where that was asked for."""
+    from flinders.fitting import fit
+
+    return fit(_filters.through(parts, None), **options) if by is None else _filters.fit_filtered(parts, by, options)
 
 
 def _check(recordings: tuple[str, ...], options: dict[str, Any]) -> None:
@@ -183,10 +203,8 @@ def _add(options: dict[str, Any], words: tuple[str, ...]) -> None:
     options.update(own)
 
 
-def _check_outputs(
-    recordings: tuple[str, ...], output: str | None, report: str | None, *, force: bool, as_json: bool
-) -> None:
-    """Find what could not be written before anything is read.
+def _check_outputs(recordings: tuple[str, ...], results: dict[str, str | None], *, force: bool, as_json: bool) -> None:
+    """Find what could not be written before anything is read; `results` names where each goes.
 
     Raises
     ------
@@ -197,15 +215,17 @@ def _check_outputs(
     """
     from flinders.files import refuse_existing
 
-    results = {"--json": as_json, "the calibration": output == "-", "the report": report == "-"}
-    printed = [name for name, wanted in results.items() if wanted]
+    printed = ["--json"] * as_json + [name for name, path in results.items() if path == "-"]
     if len(printed) > 1:
-        option = "-o" if output == "-" else "--report-text"
+        option = "-o" if results["the calibration"] == "-" else "--report-text"
         raise UsageError(f"{' and '.join(printed)} would both go to standard output: name a file with {option}")
-    files = [path for path in (output, report) if path and path != "-"]
-    if len(files) > 1 and Path(files[0]).resolve() == Path(files[1]).resolve():
-        raise UsageError(f"{output} is named for the calibration and for the report: give them two names")
-    for path in files:
+    files: dict[Path, str] = {}
+    for name, path in results.items():
+        if not path or path == "-":
+            continue
+        if other := files.get(Path(path).resolve()):
+            raise UsageError(f"{path} is named for {other} and for {name}: give them two names")
+        files[Path(path).resolve()] = name
         _options.refuse_to_overwrite(path, recordings)
         refuse_existing(path, force=force)
 

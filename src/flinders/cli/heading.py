@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _compass, _options
+from flinders.cli import _compass, _filters, _options
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import UsageError
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.compass import Voyage
+    from flinders.filters import Filter
     from flinders.samples import Samples
 
 
@@ -49,6 +50,7 @@ Example:
     help="How tilt is taken off; all but exact are for comparison.",
 )  # fmt: skip
 @_compass.sensors
+@_filters.option
 @_options.force
 @_options.as_json
 def command(
@@ -56,6 +58,7 @@ def command(
     log: str,
     output: str,
     dip_deg: float | None,
+    by: Filter | None,
     force: bool,
     as_json: bool,
     **options: Any,
@@ -76,6 +79,7 @@ def command(
     with progress("heading") as bar:
         opened = _compass.open_log("heading", calibration, log, progress=bar, **options)
         say(str(opened))
+        opened.smoother = None if by is None else _filters.Smoother(by)
         watched = _compass.Watch(opened, dip_deg)
         lines = _lines(watched)
         first = next(lines, "")  # what is wrong is found before the output is opened
@@ -85,13 +89,17 @@ def command(
                 file.write(block)
     for skipped in getattr(opened.recording, "skipped", ()):
         say(f"{opened.recording.source}: {skipped}")
+    if opened.smoother is not None:
+        say(str(opened.smoother))
     told = claims(opened, watched.voyage, dip_deg=dip_deg)
     _tell(opened, watched.voyage, told, plausible=watched.corrector.is_plausible)
     if output != "-":
         say(f"written to {output}")
     if as_json:
         skipped = [str(entry) for entry in getattr(opened.recording, "skipped", ())]
-        print_json(summary(opened, watched.voyage, told, watched.corrector.strength.as_dict(), skipped))
+        filtered = {} if opened.smoother is None else {"filter": opened.smoother.as_dict()}
+        seen = summary(opened, watched.voyage, told, watched.corrector.strength.as_dict(), skipped)
+        print_json({**seen, **filtered})
 
 
 def _lines(watch: _compass.Watch) -> Iterator[str]:
@@ -131,43 +139,18 @@ def _written(columns: dict[str, Floats]) -> str:
 
 def claims(log: _compass.Log, voyage: Voyage, *, dip_deg: float | None) -> dict[str, Any]:
     """What heading error to expect, 1 σ, at the dip of the site, of a level vehicle and as far as it was tilted."""
-    import numpy as np
+    from flinders.heading import level_error, tilted_error
 
-    from flinders.compass import LEVEL
-    from flinders.heading import STEEPEST_DIP_DEG, level_error, tilted_error
-
-    tilted = log.compass.formula != LEVEL and voyage.frames.readings
-    seen = voyage.frames.dip_deg[0] if tilted else float("nan")
-    known = {
-        "given": dip_deg,
-        "calibration": _own_dip(log),
-        "model": log.site.inclination_deg if log.site else None,
-        "seen": seen,
-        "assumed": 60.0,
-    }
-    source, dip = next((name, found) for name, found in known.items() if found is not None and np.isfinite(found))
-    dip = float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG))
+    dip, source = _compass.site_dip(log, voyage, dip_deg)
     told: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "tilted": None}
-    judged = log.judged
-    if judged.covariance is None:
+    covariance = log.judged.covariance
+    if covariance is None:
         return told
-    calibration, ellipsoid = judged.calibration, judged.ellipsoid
-    turned = calibration.matrix @ ellipsoid.shape / calibration.field_strength  # a rotation, where one was estimated
-    down = turned.T @ np.array([0.0, 0.0, -1.0 if voyage.is_z_up else 1.0])
-    told["level"] = level_error(ellipsoid, judged.covariance, dip_deg=dip, down=down)
+    ellipsoid, down = log.judged.ellipsoid, _compass.down(log, voyage)
+    told["level"] = level_error(ellipsoid, covariance, dip_deg=dip, down=down)
     if voyage.tilt_deg >= 1.0:
-        told["tilted"] = tilted_error(ellipsoid, judged.covariance, dip_deg=dip, tilt_deg=voyage.tilt_deg, down=down)
+        told["tilted"] = tilted_error(ellipsoid, covariance, dip_deg=dip, tilt_deg=voyage.tilt_deg, down=down)
     return told
-
-
-def _own_dip(log: _compass.Log) -> float | None:
-    """The dip that the calibration of a level turn rests on: level headings are as good as that says, and no better."""
-    from flinders.compass import LEVEL
-
-    record = log.judged.record
-    if log.compass.formula != LEVEL or record is None or record.method != LEVEL or record.heading_error_deg is None:
-        return None
-    return record.heading_error_deg.dip_deg
 
 
 def summary(
@@ -206,6 +189,7 @@ def _tell(log: _compass.Log, voyage: Voyage, told: dict[str, Any], *, plausible:
                 declination_deg=log.compass.declination_deg,
                 claims=told,
                 plausible=plausible,
+                turned=log.compass.acceleration_axes,
             ),
             sys.stderr,
         )

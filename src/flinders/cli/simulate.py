@@ -233,7 +233,7 @@ def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, 
 
     Without -o nothing but the table is printed. Where noise or too few points leave no calibration that could be
     used, the table is printed all the same, and the exit code is 4. The recording has a third column that reads
-    nothing; calibrate it with --method level.
+    nothing; calibrate it with flinders two-axis.
     """
     from flinders.report.recovery import page
 

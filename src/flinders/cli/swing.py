@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,13 +15,39 @@ from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from flinders.arrays import Floats
-    from flinders.deviation import Deviation
+    from flinders.compass import Voyage
+    from flinders.deviation import Deviation, Expected
     from flinders.geomag import SiteField
     from flinders.rests import HalfTurn, Rest
 
 OF_A_RECORDING = ("headings", "rest_s", "is_level", "acceleration", "columns")
 """Options that a table has no use for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """What was found of a compass.
+
+    Attributes
+    ----------
+    deviation : Deviation, optional
+        Where headings are known.
+    site : SiteField, optional
+        Where the declination comes from.
+    rests, halves : tuple of Rest, of HalfTurn
+        Of a recording.
+    expected : Expected, optional
+        What its calibration claims, of a recording.
+    """
+
+    deviation: Deviation | None
+    site: SiteField | None
+    rests: tuple[Rest, ...] = ()
+    halves: tuple[HalfTurn, ...] = ()
+    expected: Expected | None = None
 
 
 @click.command(
@@ -62,7 +89,7 @@ Exit codes:
 )  # fmt: skip
 @click.option(
     "--target", "target_deg", type=_options.within(0, 180, "degrees above 0, up to 180"), default=1.0,
-    show_default=True, metavar="DEG", help="By how much a turn by 180° may miss.",
+    show_default=True, metavar="DEG", help="What a turn by 180° may miss, and 1 σ of the curve may be.",
 )  # fmt: skip
 @_compass.place
 @_compass.sensors
@@ -77,37 +104,33 @@ def command(context: click.Context, /, inputs: tuple[str, ...], as_json: bool, *
     one heading after another: --headings names them; without it, the half-turn test alone is made, which needs no
     known heading: where the sensor was turned by 180°, so should its heading have been.
     """
-    deviation: Deviation | None
-    found: tuple[Rest, ...]
-    halves: tuple[HalfTurn, ...]
     _check_outputs(inputs, as_json=as_json, **options)
     if len(inputs) == 1:
         for name in OF_A_RECORDING:
             if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
                 spelled = {"rest_s": "--rest", "is_level": "--level"}.get(name, f"--{name}")
                 raise UsageError(f"{spelled} is for a recording: flinders swing CALIBRATION LOG")
-        found, halves = (), ()
-        deviation, site = _of_table(inputs[0], **options)
+        swing = _of_table(inputs[0], **options)
     elif len(inputs) == 2:
-        deviation, site, found, halves = _of_log(*inputs, **options)
+        swing = _of_log(*inputs, **options)
     else:
         raise UsageError(f"{len(inputs)} files were given: need a table, or a calibration and a recording")
-    _write(deviation, **options)
+    _write(swing.deviation, **options)
     if as_json:
-        print_json(_as_dict(deviation, site, found, halves, options["target_deg"]))
+        print_json(_as_dict(swing, options["target_deg"]))
     else:
-        _show(deviation, site, found, halves, options)
-    return _code(deviation, halves, options["target_deg"])
+        _show(swing, options)
+    return _code(swing, options["target_deg"])
 
 
-def _code(deviation: Deviation | None, halves: tuple[HalfTurn, ...], target_deg: float) -> int:
+def _code(swing: Swing, target_deg: float) -> int:
     """How it ends."""
     from flinders.report.swing import limits
 
-    missed = any(abs(half.off_deg) > target_deg for half in halves)
-    if deviation is None:
+    missed = any(abs(half.off_deg) > target_deg for half in swing.halves)
+    if swing.deviation is None:
         return REFUSED if missed else GOOD
-    return LIMITED if missed or limits(deviation) else GOOD
+    return LIMITED if missed or limits(swing.deviation, target_deg) else GOOD
 
 
 def _check_outputs(
@@ -135,9 +158,7 @@ def _check_outputs(
                 refuse_existing(path, force=force)
 
 
-def _of_table(
-    path: str, *, sigma_deg: float | None, place: str | None, date: str | None, **_: Any
-) -> tuple[Deviation, SiteField | None]:
+def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: str | None, **_: Any) -> Swing:
     """Fit a table.
 
     Raises
@@ -157,6 +178,9 @@ def _of_table(
         raise UsageError("--date is for the declination at a place: give --at LAT,LON too")
     table = read_swing(path)
     columns, site = table.columns, None
+    for name in ("compass", "magnetic", "true", "deviation"):
+        places = [f"{name} in line {line} of {table.source}" for line in table.lines]
+        _refuse_no_heading(columns.get(name, ()), places)
     say(f"{table.source}: {len(table.lines)} headings; columns {', '.join(columns)}")
     if "true" in columns:
         if place is None:
@@ -172,12 +196,12 @@ def _of_table(
     if "sigma" in columns and sigma_deg is not None:
         raise UsageError(f"{path} has a column of sigma: leave --sigma out")
     sigma: Floats | float | None = columns.get("sigma", sigma_deg)
-    return fit(np.asarray(compass), np.asarray(deviation), sigma_deg=sigma), site
+    return Swing(fit(np.asarray(compass), np.asarray(deviation), sigma_deg=sigma), site)
 
 
 def _of_log(
     calibration: str, recording: str, *, headings: str | None, sigma_deg: float | None, rest_s: float, **options: Any
-) -> tuple[Deviation | None, SiteField | None, tuple[Rest, ...], tuple[HalfTurn, ...]]:
+) -> Swing:
     """Find the rests of a recording, fit their deviations where headings are known, and pair them.
 
     Raises
@@ -194,7 +218,7 @@ def _of_log(
     known = None if headings is None else _known(headings)
     if options["place"] is not None and known is None:
         raise UsageError("--at turns known headings from true into magnetic: give --headings too, or leave it out")
-    log, found = _rests(calibration, recording, rest_s, options)
+    log, found, expected = _rests(calibration, recording, rest_s, options)
     halves = half_turns(found)
     if known is None:
         if not halves:
@@ -202,7 +226,7 @@ def _of_log(
                 f"no turn by 180° in {recording}, {_listed(found)}: rest on a heading, turn by 180°, rest again; or "
                 "name the known headings with --headings"
             )
-        return None, log.site, found, halves
+        return Swing(None, log.site, found, halves, expected)
     if len(found) != len(known):
         raise FitError(
             f"--headings names {len(known)}, and {recording} holds {_listed(found)}: name one for each, in order, or "
@@ -210,13 +234,14 @@ def _of_log(
         )
     seen = np.array([rest.heading_deg for rest in found])
     magnetic = np.array(known) - (0.0 if log.site is None else log.site.declination_deg)
-    return fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg), log.site, found, halves
+    deviation = fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
+    return Swing(deviation, log.site, found, halves, expected)
 
 
 def _rests(
     calibration: str, recording: str, rest_s: float, options: dict[str, Any]
-) -> tuple[_compass.Log, tuple[Rest, ...]]:
-    """Go through a recording and find its rests."""
+) -> tuple[_compass.Log, tuple[Rest, ...], Expected | None]:
+    """Go through a recording and find its rests, and what its calibration claims for there."""
     import numpy as np
 
     from flinders.rests import LEAST_READINGS, rests
@@ -238,7 +263,20 @@ def _rests(
     steps = np.diff(np.concatenate(times)) if times else np.empty(0)
     step = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
     least = max(round(rest_s / step), 8) if step > 0.0 else LEAST_READINGS
-    return log, rests(heading, least_readings=least)
+    return log, rests(heading, least_readings=least), _expected(log, watched.voyage)
+
+
+def _expected(log: _compass.Log, voyage: Voyage) -> Expected | None:
+    """Deviation that the calibration's own uncertainty makes, where it states one."""
+    from flinders.deviation import Expected
+    from flinders.heading import deviation_covariance
+
+    if log.judged.covariance is None:
+        return None
+    dip, source = _compass.site_dip(log, voyage)
+    down = _compass.down(log, voyage)
+    covariance = deviation_covariance(log.judged.ellipsoid, log.judged.covariance, dip_deg=dip, down=down)
+    return Expected(covariance, dip, source)
 
 
 def _known(text: str) -> list[float]:
@@ -257,7 +295,21 @@ def _known(text: str) -> list[float]:
         known = [math.nan]
     if not all(map(math.isfinite, known)):
         raise UsageError(f"--headings {text!r}: need degrees, such as 0,45,90,135,180,225,270,315")
+    _refuse_no_heading(known, [f"number {place} of --headings" for place in range(1, len(known) + 1)])
     return known
+
+
+def _refuse_no_heading(angles: Iterable[float], places: Iterable[str]) -> None:
+    """Refuse what goes round more than once: a slip, such as a digit too many.
+
+    Raises
+    ------
+    UsageError
+        With the first of them, and where it stands.
+    """
+    for angle, place in zip(angles, places, strict=False):
+        if abs(angle) > 360.0:
+            raise UsageError(f"{place} is {angle:g}°: need degrees from −360 to 360")
 
 
 def _listed(found: tuple[Rest, ...]) -> str:
@@ -294,18 +346,18 @@ def _write(
             write_text(text, path, force=force)
 
 
-def _show(
-    deviation: Deviation | None,
-    site: SiteField | None,
-    found: tuple[Rest, ...],
-    halves: tuple[HalfTurn, ...],
-    options: dict[str, Any],
-) -> None:
+def _show(swing: Swing, options: dict[str, Any]) -> None:
     """Print the page; on standard error, where the card or the curve has standard output."""
     from flinders.report.swing import page
 
     content = page(
-        deviation, site=site, rests=found, halves=halves, target_deg=options["target_deg"], step_deg=options["step_deg"]
+        swing.deviation,
+        site=swing.site,
+        rests=swing.rests,
+        halves=swing.halves,
+        expected=swing.expected,
+        target_deg=options["target_deg"],
+        step_deg=options["step_deg"],
     )
     if "-" in {options["output"], options["svg"]}:
         say(drawn(content, sys.stderr))
@@ -316,22 +368,18 @@ def _show(
             say(f"written to {path}")
 
 
-def _as_dict(
-    deviation: Deviation | None,
-    site: SiteField | None,
-    found: tuple[Rest, ...],
-    halves: tuple[HalfTurn, ...],
-    target_deg: float,
-) -> dict[str, Any]:
+def _as_dict(swing: Swing, target_deg: float) -> dict[str, Any]:
     """JSON-ready."""
     from flinders.report.swing import limits
     from flinders.rests import hard_iron
 
+    deviation, halves = swing.deviation, swing.halves
     return {
         "deviation": None if deviation is None else deviation.as_dict(),
-        "limits": [] if deviation is None else list(limits(deviation)),
-        "site": None if site is None else site.as_dict(),
-        "rests": [rest.as_dict() for rest in found],
+        "limits": [] if deviation is None else list(limits(deviation, target_deg)),
+        "calibration": None if swing.expected is None else swing.expected.as_dict(deviation),
+        "site": None if swing.site is None else swing.site.as_dict(),
+        "rests": [rest.as_dict() for rest in swing.rests],
         "half_turns": [half.as_dict() for half in halves],
         "hard_iron_deg": None if (iron := hard_iron(halves)) is None else {"B": iron[0], "C": iron[1]},
         "half_turns_pass": all(abs(half.off_deg) <= target_deg for half in halves) if halves else None,

@@ -16,13 +16,22 @@ ellipsoid       10         constraints that are known to hold; parity with ellip
 axes            7          unequal gains, no soft iron; few readings
 sphere          5          a bare sensor; a base line
 minmax          7          parity with the recipe of the tutorials; no algebra
+two-step        7          parity with Gebre-Egziabher, Elkaim and Foster
+alonso-shuster  10         TWOSTEP: the field's strength is known at each reading and varies
+sequential      5          the same reading by reading: the offset, or all where the strength varies
+ekf             10         how a Kalman filter on board would settle
+forgetting      10         a stream whose offset wanders: old readings fade
+ladder          40         parity with firmware of NXP's and Freescale's, and when it takes what
+ellipse         6          one plane, of any axis: uneven turns, arcs
+two-axis        6          one plane, points equally spaced: parity with the ADIS recipe
 ==============  =========  ==============================================================================
 
 Each file holds the formula, when to use it and when not, its source and an example. `METHODS` maps
 names to classes.
 
 >>> sorted(METHODS)
-['algebraic', 'auto', 'axes', 'consistent', 'ellipsoid', 'level', 'li', 'likelihood', 'minmax', 'robust', 'sphere']
+['algebraic', 'alonso-shuster', 'auto', 'axes', 'consistent', 'ekf', 'ellipse', 'ellipsoid', 'forgetting', \
+'ladder', 'level', 'li', 'likelihood', 'minmax', 'robust', 'sequential', 'sphere', 'two-axis', 'two-step']
 """
 
 from __future__ import annotations
@@ -30,13 +39,20 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.estimators.algebraic import Algebraic, fit_error
+from flinders.estimators.alonso_shuster import AlonsoShuster
+from flinders.estimators.attitude_independent import at_one_strength
 from flinders.estimators.auto import Auto
 from flinders.estimators.axis_aligned import AxisAligned
-from flinders.estimators.bias import with_bias
+from flinders.estimators.bias import as_correlated, with_bias
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.constrained import Constrained
+from flinders.estimators.convergence import Convergence
 from flinders.estimators.drift import drift_of
+from flinders.estimators.ekf import Ekf
+from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.estimate import Estimate, Estimator
+from flinders.estimators.forgetting import Forgetting
+from flinders.estimators.ladder import Ladder
 from flinders.estimators.level import Level
 from flinders.estimators.li import Li
 from flinders.estimators.likelihood import Likelihood
@@ -44,31 +60,65 @@ from flinders.estimators.minmax import MinMax
 from flinders.estimators.rails import within_range
 from flinders.estimators.readings import Readings
 from flinders.estimators.robust import Robust
+from flinders.estimators.sequential import Sequential
 from flinders.estimators.sphere import Sphere
 from flinders.estimators.strays import strays_of
+from flinders.estimators.two_axis import TwoAxisRecipe
+from flinders.estimators.two_step import TwoStep
 
 METHODS: Final[dict[str, type[Estimator]]] = {
     method.name: method
-    for method in (Auto, Likelihood, Robust, Level, Consistent, Li, Algebraic, Constrained, AxisAligned, Sphere, MinMax)
+    for method in (
+        Auto,
+        Likelihood,
+        Robust,
+        Level,
+        Consistent,
+        Li,
+        Algebraic,
+        Constrained,
+        AxisAligned,
+        Sphere,
+        MinMax,
+        TwoStep,
+        AlonsoShuster,
+        Sequential,
+        Ekf,
+        Ellipse,
+        TwoAxisRecipe,
+        Forgetting,
+        Ladder,
+    )
 }
 """Every method by name, the one to try first at the top."""
 
 __all__ = [
     "METHODS",
     "Algebraic",
+    "AlonsoShuster",
     "Auto",
     "AxisAligned",
     "Consistent",
     "Constrained",
+    "Convergence",
+    "Ekf",
+    "Ellipse",
     "Estimate",
     "Estimator",
+    "Forgetting",
+    "Ladder",
     "Level",
     "Li",
     "Likelihood",
     "MinMax",
     "Readings",
     "Robust",
+    "Sequential",
     "Sphere",
+    "TwoAxisRecipe",
+    "TwoStep",
+    "as_correlated",
+    "at_one_strength",
     "drift_of",
     "fit_error",
     "strays_of",

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, Self
 
-from flinders.estimators.estimate import Estimator
+import numpy as np
+
+from flinders.estimators.estimate import Estimate, Estimator
+from flinders.quadric import Ellipsoid, symmetric, upper
 
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
@@ -36,8 +40,49 @@ class Convergence:
     sigmas: Floats
     stages: tuple[str, ...] = ()
 
+    @classmethod
+    def of(cls, counts: Sequence[int], estimates: Sequence[Estimate | None], stages: Sequence[str] = ()) -> Self:
+        """Put together what was found after so many readings; None where there was no ellipsoid yet.
+
+        >>> sphere = Ellipsoid(np.ones(3), 50.0 * np.eye(3))
+        >>> settling = Convergence.of([5, 10], [None, Estimate(sphere, np.eye(9), 1.0, "sphere")])
+        >>> settling.counts, settling.parameters[:, 0], settling.ellipsoid(1).radius
+        (array([ 5, 10]), array([nan,  1.]), 50.0)
+        """
+        unknown = np.full(9, np.nan)
+        parameters = [
+            unknown if found is None else np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)])
+            for found in estimates
+        ]
+        sigmas = [unknown if found is None else np.sqrt(np.diag(found.covariance)) for found in estimates]
+        return cls(
+            np.array(counts, dtype=np.int64).reshape(-1),
+            np.array(parameters).reshape(-1, 9),
+            np.array(sigmas).reshape(-1, 9),
+            tuple(stages),
+        )
+
+    @property
+    def is_known(self) -> NDArray[np.bool_]:
+        """(K,) where there was an ellipsoid."""
+        return np.asarray(np.isfinite(self.parameters).all(axis=1), dtype=np.bool_)
+
+    def ellipsoid(self, step: int) -> Ellipsoid:
+        """What was found at a step."""
+        return Ellipsoid(self.parameters[step, :3], symmetric(self.parameters[step, 3:]))
+
     def __len__(self) -> int:
         return len(self.counts)
+
+
+def spread_counts(readings: int, steps: int) -> list[int]:
+    """About so many counts from the first readings to all, closer together at the beginning, where most happens.
+
+    >>> spread_counts(1000, 5)
+    [40, 160, 360, 640, 1000]
+    """
+    shares = (np.arange(1, steps + 1) / steps) ** 2
+    return sorted({max(1, round(share * readings)) for share in shares.tolist()}) if readings else []
 
 
 class Sequential(Estimator, Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Protocol
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, Protocol
 
 import numpy as np
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.correlation import Correlation
     from flinders.estimators.readings import Readings
+    from flinders.planar import Plane
     from flinders.quadric import Ellipsoid
     from flinders.result import Stray
 
@@ -50,9 +51,14 @@ class Estimate:
         Distance from the surface beyond which readings were left out, in their unit.
     strays : tuple of Stray
         All that was left out: `used` and their rows add up to the readings there were.
+    plane : str, optional
+        ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on.
     strength : float, optional
         Length that the method gives to corrected readings where no field strength is known; None for that which
         makes the determinant of the matrix 1.
+    follows : str
+        ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests
+        on it; `strength` is then its mean, and known.
     """
 
     ellipsoid: Ellipsoid
@@ -68,6 +74,8 @@ class Estimate:
     rejected_beyond: float = np.inf
     strays: tuple[Stray, ...] = ()
     strength: float | None = None
+    plane: Plane | None = None
+    follows: Literal["", "constant", "varying"] = ""
 
 
 class Estimator(Protocol):

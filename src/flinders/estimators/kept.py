@@ -17,6 +17,7 @@ from flinders.samples import Joined, Samples, Wrapped
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from flinders.arrays import Floats
     from flinders.samples import Recording
 
 HELD: Final = 500_000
@@ -72,13 +73,19 @@ def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recor
 
 
 def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
-    """Field and time of the blocks of a recording; no time where one has none."""
+    """Field, time and strength of the blocks of a recording; no time or strength where one has none."""
     filled = [block for block in blocks if len(block)]
-    times = [block.time for block in filled if block.time is not None]
     return Samples(
         np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
         unit=recording.unit,
         axes=recording.axes,
-        time=np.concatenate(times) if times and len(times) == len(filled) else None,
+        time=_whole([block.time for block in filled]),
+        strength=_whole([block.strength for block in filled]),
         source=recording.source,
     )
+
+
+def _whole(columns: Sequence[Floats | None]) -> Floats | None:
+    """Put a column of several blocks together, if each has it."""
+    there = [column for column in columns if column is not None]
+    return np.concatenate(there) if there and len(there) == len(columns) else None

@@ -127,6 +127,7 @@ class Level:
             covariance=_carried(flat.covariance, raised, ellipsoid.radius),
             textbook=None if flat.textbook is None else _carried(flat.textbook, raised, ellipsoid.radius),
             method=self.name,
+            plane="xy",
         )
 
 
@@ -155,8 +156,9 @@ def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
     """
     some = readings if len(readings) <= SCORED else readings[rng.choice(len(readings), SCORED, replace=False)]
     origin = np.median(some, axis=0)
-    scale = float(np.median(np.linalg.norm(some - origin, axis=1)))
-    if scale == 0.0:
+    apart = np.linalg.norm(some - origin, axis=1)
+    scale = float(np.median(apart))
+    if not scale > THINNEST * float(apart.max()):
         raise NotAnEllipsoid((0.0, 0.0, 0.0), Level.name)
     points = (some[:, :2] - origin[:2]) / scale
     chosen = points[np.argsort(rng.random((DRAWS, len(points))), axis=1)[:, :POINTS]]

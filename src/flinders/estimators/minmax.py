@@ -64,9 +64,9 @@ class MinMax:
 
     Notes
     -----
-    The published script starts its minima and its maxima at zero: of an axis whose readings all have one sign, zero
-    then passes for an extreme. Nothing is started here but at the readings. Sketches that
-    calculate with integers also cut off the halves of offset and half-range, which is not repeated.
+    One published script starts its maxima at zero: of an axis whose readings are all negative, zero then passes for
+    an extreme. Nothing is started here but at the readings. (Copies of [1]_ start at ∓32767 and are right.) Sketches
+    that calculate with integers also cut off the halves of offset and half-range, which is not repeated.
 
     Covariance: each end is off by the noise of its one reading and by the gap to the next,
     σ² + 8 h² / ((K+1)(K+2)) for K places of readings, as coordinates of an even sphere are even along each axis. What
@@ -74,7 +74,8 @@ class MinMax:
 
     References
     ----------
-    .. [1] K. Winer, "Simple and Effective Magnetometer Calibration" (2017).
+    .. [1] K. Winer, "Simple and Effective Magnetometer Calibration", wiki of the repository ``kriswiner/MPU6050``. Seen
+       in the sketches that name and copy it; the page itself was not read.
 
     Examples
     --------

@@ -181,6 +181,7 @@ def read(
         rate=_joined([block.rate for block in blocks]),
         temperature=_joined([block.temperature for block in blocks]),
         current=_joined([block.current for block in blocks]),
+        strength=_joined([block.strength for block in blocks]),
         source=recording.source,
         skipped=(),
     )

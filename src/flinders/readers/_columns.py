@@ -21,12 +21,14 @@ from flinders.readers._names import (
     FACTORS,
     FIELD,
     RATE,
+    STRENGTH,
     TEMPERATURE,
     TIME,
     Meaning,
     field_stem,
     meaning,
 )
+from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,6 +57,8 @@ class Column:
         What one unit of it is in the unit used inside.
     start : float
         What is taken from it before, in its own unit.
+    unit : str
+        Of a strength, where its name states one; else it is in the unit of the field.
     """
 
     kind: str
@@ -62,6 +66,7 @@ class Column:
     names: tuple[str, ...]
     factor: float = 1.0
     start: float = 0.0
+    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +112,17 @@ class Columns:
     def needed(self) -> frozenset[int]:
         """Those without which a line cannot be used: the field."""
         return frozenset(self.field.cells)
+
+    def with_strength_in(self, unit: Unit) -> Columns:
+        """Scale the column of strengths to the unit of the field; without it where the two have nothing in common."""
+        strength = self.of_kind(STRENGTH)
+        if strength is None or not strength.unit:
+            return self
+        own, others = Unit.of(strength.unit), tuple(column for column in self.beside if column is not strength)
+        if own.inside == unit.inside:
+            return replace(self, beside=(*others, replace(strength, factor=own.scale / unit.scale)))
+        reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give --unit, or --scale)"
+        return replace(self, beside=others, left_out=(*self.left_out, reason))
 
     def taken(self, values: Floats, column: Column) -> Floats:
         """Pick one of the columns from what was read of `cells`."""
@@ -262,7 +278,7 @@ def _beside(
         if (cells := _triple(names, meanings, kind))
     ]
     left_out: list[str] = []
-    for kind in (TIME, TEMPERATURE, CURRENT):
+    for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH):
         places = [place for place, known in enumerate(meanings) if known.kind == kind and not known.axis]
         for place in sorted(places, key=lambda place: meanings[place].rank):
             if _numeric(values[:, place]):
@@ -274,6 +290,8 @@ def _beside(
         unit = meanings[column.cells[0]].unit
         if column.kind == TIME:
             scaled.append(_time(column, unit, values[:, column.cells[0]]))
+        elif column.kind == STRENGTH:
+            scaled.append(replace(column, unit=unit))
         elif column.kind == RATE and not unit:
             left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
         else:

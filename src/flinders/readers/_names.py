@@ -25,6 +25,7 @@ RATE: Final = "rate"
 TIME: Final = "time"
 TEMPERATURE: Final = "temperature"
 CURRENT: Final = "current"
+STRENGTH: Final = "strength"
 
 _DEGREES = math.pi / 180
 
@@ -44,6 +45,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     },
     TEMPERATURE: dict.fromkeys(("c", "°c", "degc", "celsius"), 1.0),
     CURRENT: {**dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0), "ma": 1e-3},
+    STRENGTH: {name: 1.0 for name in SPELLINGS if name != "raw"},
 }
 """Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`."""
 
@@ -54,6 +56,10 @@ _OTHERS: Final = re.compile(
     r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
 )
 """Words of columns that stand beside readings and are none."""
+_REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
+"""Where a strength comes from that is no length of the readings themselves."""
+_STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
+"""What such a column is called besides; not ``h``, which is the horizontal part in geomagnetism."""
 _CALIBRATED: Final = re.compile(r"(cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filtered)$")
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 _TIMES: Final = re.compile(r"(t|time.*|.*time|timestamp|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
@@ -72,11 +78,11 @@ class Meaning(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``field``, ``acceleration``, ``rate``, ``time``, ``temperature``, ``current``, or nothing.
+        ``field``, ``acceleration``, ``rate``, ``time``, ``temperature``, ``current``, ``strength``, or nothing.
     axis : str
         ``x``, ``y`` or ``z``; ``0`` to ``3`` where axes are counted; or nothing.
     unit : str
-        In lower case, as found in `FACTORS`; a field's as `Unit` calls it; or nothing.
+        In lower case, as found in `FACTORS`; that of a field or a strength as `Unit` calls it; or nothing.
     rank : int
         Which to take where there are several: the smallest.
     """
@@ -93,6 +99,8 @@ def meaning(name: str) -> Meaning:
     folded = [word.casefold() for word in words]
     if not folded and not units:
         return Meaning("")
+    if _is_strength(folded, units):
+        return Meaning(STRENGTH, "", _unit(STRENGTH, units))
     folded, axis = _without_axis(folded)
     if any(_OTHERS.match(word) for word in folded):
         return Meaning("")
@@ -198,11 +206,19 @@ def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
     return (TIME, 0 if _unit(TIME, units) else 1) if timed or alone or (units and "elapsed" in words) else ("", 0)
 
 
+def _is_strength(words: list[str], units: list[str]) -> bool:
+    """Tell whether a name is that of a strength known from elsewhere: where from, what, and nothing besides."""
+    named = {word for word in words if not word.isdigit()}
+    if not named & _REFERENCES or not named <= _REFERENCES | _STRENGTHS:
+        return False
+    return bool(named & _STRENGTHS or _unit(STRENGTH, units))
+
+
 def _unit(kind: str, units: list[str]) -> str:
     """Pick the unit that this kind of column can have, in the spelling of `FACTORS` or, for a field, of `Unit`."""
     for unit in units:
         folded = unit.casefold()
-        if kind == FIELD and folded != "raw":
+        if kind in (FIELD, STRENGTH) and folded != "raw":
             known = SPELLINGS.get(folded) or ("uT" if _BROKEN_MICRO.fullmatch(folded) else "")
             if known and not (known == "T" and unit == "t"):
                 return known

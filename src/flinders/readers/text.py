@@ -25,7 +25,7 @@ from flinders.readers._columns import wanted_acceleration
 from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
-from flinders.readers._names import ACCELERATION, CURRENT, RATE, TEMPERATURE, TIME
+from flinders.readers._names import ACCELERATION, CURRENT, RATE, STRENGTH, TEMPERATURE, TIME
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
@@ -126,7 +126,9 @@ class TextRecording:
         known = wanted_acceleration(columns, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known)
 
-    def corrected_lines(self, correct: Callable[[Floats], Floats], *, add: bool = False) -> Iterator[str]:
+    def corrected_lines(
+        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False
+    ) -> Iterator[str]:
         """Yield the lines of the file with corrected readings in place of the recorded ones.
 
         All else stays: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Lines that
@@ -140,16 +142,20 @@ class TextRecording:
             Takes and gives readings as in `Samples.field`: in `unit.inside` and in `axes`.
         add : bool
             Add three columns, named with ``_cal`` where there is a header, and keep the recorded ones.
+        timed : bool
+            Give `correct` the (N,) times of the readings too, or None where there are none.
 
         Raises
         ------
         UnreadableInput
             As `blocks`.
         """
-        for lines in self.corrected_blocks(correct, add=add):
+        for lines in self.corrected_blocks(correct, add=add, timed=timed):
             yield from lines
 
-    def corrected_blocks(self, correct: Callable[[Floats], Floats], *, add: bool = False) -> Iterator[list[str]]:
+    def corrected_blocks(
+        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False
+    ) -> Iterator[list[str]]:
         """Yield the lines of `corrected_lines`, those that were read together at a time.
 
         Of a recording opened with ``once=True`` they are those that arrived together: flush after each block, and
@@ -157,12 +163,14 @@ class TextRecording:
         """
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())
-        alone = replace(self.layout.columns, beside=())  # a reading without time is corrected all the same
-        for lines, rows, usable, _ in self._pass(alone):
+        time = self.layout.columns.time if timed else None
+        alone = replace(self.layout.columns, beside=() if time is None else (time,))
+        for lines, rows, usable, _ in self._pass(alone):  # a reading without time is corrected all the same
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any():
-                recorded = alone.taken(rows.values[usable], alone.field) * self.unit.scale
-                corrected[usable] = correct(self.axes.apply(recorded)) / self.unit.scale + 0.0  # no −0
+                recorded = self.axes.apply(alone.taken(rows.values[usable], alone.field) * self.unit.scale)
+                times = (None if time is None else alone.taken(rows.values[usable], time)[:, 0] * time.factor,)
+                corrected[usable] = correct(recorded, *times[:timed]) / self.unit.scale + 0.0  # no −0
             yield list(rewriter.lines(lines, rows, corrected))
 
     def describe(self) -> str:
@@ -212,6 +220,7 @@ class TextRecording:
             rate=self._beside(values, RATE),
             temperature=self._beside(values, TEMPERATURE),
             current=self._beside(values, CURRENT),
+            strength=self._beside(values, STRENGTH),
             source=self.source,
         )
 
@@ -279,7 +288,9 @@ def open_text(
         encoding, newline = "utf-8", "\n"
     opening, is_all = table.opening(encoding)
     layout = replace(sniff(file.name, opening, columns, names), encoding=encoding, newline=newline)
-    recording = TextRecording(table, layout, unit_of(layout.columns, file.name, unit, scale), axes)
+    settled = unit_of(layout.columns, file.name, unit, scale)
+    layout = replace(layout, columns=layout.columns.with_strength_in(settled))
+    recording = TextRecording(table, layout, settled, axes)
     if is_all:
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
             pass

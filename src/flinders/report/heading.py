@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.compass import LEVEL
+from flinders.axes import Axes
+from flinders.compass import AS_THEY_ARE, LEVEL
 from flinders.errors import counted
+from flinders.frames import OPPOSITE, remedy
 from flinders.report.text import MARKS, degrees
 
 if TYPE_CHECKING:
@@ -32,6 +34,7 @@ def page(
     declination_deg: float | None,
     claims: Mapping[str, Any],
     plausible: bool,
+    turned: Axes = AS_THEY_ARE,
 ) -> RenderableType:
     """Lay out a run for a rich console.
 
@@ -47,6 +50,8 @@ def page(
         ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which comes from ``dip_from``.
     plausible : bool
         Corrected readings are about as long as they should be.
+    turned : Axes
+        How the acceleration was turned.
     """
     from rich.console import Group
     from rich.table import Table
@@ -63,7 +68,7 @@ def page(
     if voyage.frames.readings and formula != LEVEL:
         grid.add_row("dip", _dip(voyage, site))
     notes = Table.grid(padding=(0, 1))
-    for severity, words in _notes(voyage, formula, site, claims, plausible=plausible):
+    for severity, words in _notes(voyage, formula, site, claims, plausible=plausible, turned=turned):
         mark, style = MARKS[severity]
         notes.add_row(Text(f"  {mark}", style=style), Text(words, style="dim" if style == "dim" else ""))
     return Group(grid, notes)
@@ -102,7 +107,13 @@ def _dip(voyage: Voyage, site: SiteField | None) -> str:
 
 
 def _notes(
-    voyage: Voyage, formula: str, site: SiteField | None, claims: Mapping[str, Any], *, plausible: bool
+    voyage: Voyage,
+    formula: str,
+    site: SiteField | None,
+    claims: Mapping[str, Any],
+    *,
+    plausible: bool,
+    turned: Axes,
 ) -> Iterator[tuple[str, str]]:
     """What limits the headings, and what to do."""
     if not plausible:
@@ -133,7 +144,7 @@ def _notes(
     if voyage.frames.readings and voyage.shaken > MANY * voyage.readings:
         share = voyage.shaken / voyage.readings
         yield "note", f"in {share:.0%} of the readings the acceleration was not that of gravity: their tilt is off"
-    yield from _dip_notes(voyage, site)
+    yield from _dip_notes(voyage, site, turned)
     yield "note", "a constant error of mounting is unseen: compare with a known heading"
 
 
@@ -145,7 +156,7 @@ def _is_z_up(voyage: Voyage, claims: Mapping[str, Any]) -> bool:
     return bool(seen * claims["dip_deg"] < 0.0 and abs(seen) > max(0.2, 2.0 * scatter))
 
 
-def _dip_notes(voyage: Voyage, site: SiteField | None) -> Iterator[tuple[str, str]]:
+def _dip_notes(voyage: Voyage, site: SiteField | None, turned: Axes) -> Iterator[tuple[str, str]]:
     """What the dip tells about iron, axes and the sign of the acceleration."""
     if not voyage.frames.readings:
         return
@@ -153,7 +164,8 @@ def _dip_notes(voyage: Voyage, site: SiteField | None) -> Iterator[tuple[str, st
     if site is None and dip < 0.0:
         words = (
             f"the field is seen to point up by {-dip:.0f}°: right in the south; north of the magnetic equator the "
-            "acceleration has the opposite sign, and headings run backwards: --acceleration-axes=-x,-y,-z; --at tells"
+            f"acceleration has the opposite sign, and headings run backwards: {remedy(Axes.of(OPPOSITE), turned)}; "
+            "--at or --dip tells"
         )
         yield "limits", words
     if site is not None and abs(dip - site.inclination_deg) > max(OFF_DEG, 2.0 * scatter):

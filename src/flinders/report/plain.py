@@ -21,7 +21,7 @@ from flinders.report.text import FINEST, degrees, matrix_entries, on_the_point, 
 from flinders.report.words import FINDINGS, REFUSALS
 from flinders.result import TILTS, Fit, Refused
 from flinders.units import label
-from flinders.verdict import HOLE_DEG, LEVEL, OF_THE_RECORDING, UPSIDE_DOWN, remedy, unseen_side
+from flinders.verdict import HOLE_DEG, OF_THE_RECORDING, UPSIDE_DOWN, remedy, unseen_side
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -147,7 +147,7 @@ def _attitudes(fit: Fit) -> str:
         tilt = next((tilt for tilt in TILTS if tilt > limit), UPSIDE_DOWN)
         level = "Held level only." if limit < 1.0 else f"Within the target of {target:g}° up to {limit:.0f}° of tilt."
         said = f"{level} {worse.format(tilt, degrees(fit.tilted_error(tilt).worst))}"
-    if fit.method == LEVEL or fit.coverage.hole_deg <= HOLE_DEG:
+    if fit.plane or fit.coverage.hole_deg <= HOLE_DEG:
         return said
     return (
         f"{said} Readings were taken in {fit.coverage.fraction:.0%} of all directions; the middle of what is missing "

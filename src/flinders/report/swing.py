@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.angles import folded, shown_heading
-from flinders.deviation import ADVISED, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
+from flinders.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.errors import counted
 from flinders.report.curve import dotted, scale
 from flinders.report.text import COLOURS, MARKS, with_uncertainty
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.deviation import Deviation
+    from flinders.deviation import Deviation, Expected
     from flinders.geomag import SiteField
     from flinders.rests import HalfTurn, Rest
 
@@ -44,6 +44,7 @@ def page(
     halves: Sequence[HalfTurn],
     target_deg: float,
     step_deg: float,
+    expected: Expected | None = None,
 ) -> RenderableType:
     """Lay out a swing for a rich console."""
     from rich.console import Group
@@ -52,7 +53,8 @@ def page(
     if rests:
         parts += ["", _rests(rests)]
     if deviation is not None:
-        parts += ["", _coefficients(deviation), "", _card(deviation, step_deg), "", _verdict(deviation, site)]
+        parts += ["", _coefficients(deviation, expected), "", _card(deviation, step_deg), ""]
+        parts.append(_verdict(deviation, site, expected, target_deg))
     if halves:
         parts += ["", _half_turns(halves, target_deg)]
     return Group(*parts)
@@ -69,8 +71,8 @@ def card(deviation: Deviation, step_deg: float) -> str:
     return "\n".join([*rows, ""])
 
 
-def limits(deviation: Deviation) -> tuple[str, ...]:
-    """What a curve falls short of, each with what to do; nothing of a good one."""
+def limits(deviation: Deviation, target_deg: float) -> tuple[str, ...]:
+    """What a curve falls short of, each with what to do; nothing of a good one that is known to `target_deg`."""
     found = []
     if deviation.covariance is None:
         found.append(
@@ -80,6 +82,17 @@ def limits(deviation: Deviation) -> tuple[str, ...]:
     if deviation.widest_gap_deg > WIDEST_GAP_DEG:
         found.append(
             f"no heading in {deviation.widest_gap_deg:.0f}° of the circle: the curve is a guess there; swing all round"
+        )
+    sigma = _sigma(deviation)
+    if sigma is not None and sigma > target_deg:
+        found.append(
+            f"the curve is known to {sigma:.2f}° (1 σ) at worst, the target is {target_deg:g}°: swing on more "
+            "headings, or read them better"
+        )
+    if not deviation.is_one_to_one:
+        found.append(
+            "the curve falls faster than the heading grows: one magnetic heading has several by compass, and no card "
+            "holds; compensate or calibrate first, then swing again"
         )
     worst = _worst(deviation)
     if worst is not None:
@@ -99,7 +112,13 @@ def _worst(deviation: Deviation) -> tuple[int, float] | None:
     return (place, float(ratios[place])) if ratios[place] > 3.0 else None
 
 
-def _coefficients(deviation: Deviation) -> RenderableType:
+def _sigma(deviation: Deviation) -> float | None:
+    """1 σ of the curve where it is known worst."""
+    sigma = deviation.sigma_at(np.arange(360.0))
+    return None if sigma is None else float(sigma.max())
+
+
+def _coefficients(deviation: Deviation, expected: Expected | None) -> RenderableType:
     from rich import box
     from rich.table import Table
 
@@ -109,12 +128,16 @@ def _coefficients(deviation: Deviation) -> RenderableType:
     eight, sigmas = deviation.eight, deviation.sigmas_deg
     if eight is not None:
         table.add_column("eight points", justify="right")
+    if expected is not None:
+        table.add_column("claimed", justify="right")
     table.add_column("what makes it", style="dim")
     rough = None if deviation.sigma_deg is None else eight_points_sigma(deviation.sigma_deg)
     for place, (name, meaning) in enumerate(zip(NAMES, MEANINGS, strict=True)):
         cells = [_angle(deviation.coefficients_deg[place], None if sigmas is None else sigmas[place])]
         if eight is not None:
             cells.append(_angle(eight[place], None if rough is None else rough[place]))
+        if expected is not None:
+            cells.append(f"± {max(expected.sigmas_deg[place - 1], 0.001):.2g}°" if place else "")
         table.add_row(name, *cells, meaning)
     return table
 
@@ -165,11 +188,13 @@ def _sided(angle: float) -> str:
     return f"{abs(rounded):.1f}° {side}"
 
 
-def _verdict(deviation: Deviation, site: SiteField | None) -> RenderableType:
+def _verdict(
+    deviation: Deviation, site: SiteField | None, expected: Expected | None, target_deg: float
+) -> RenderableType:
     from rich.table import Table
     from rich.text import Text
 
-    found = limits(deviation)
+    found = limits(deviation, target_deg)
     name = "limited" if found else "good"
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
@@ -180,15 +205,15 @@ def _verdict(deviation: Deviation, site: SiteField | None) -> RenderableType:
     mark = " " * (len(name) - 1)
     for limit in found:
         grid.add_row(Text(f"{mark}{MARKS['limits'][0]}", MARKS["limits"][1]), limit)
-    for note in _notes(deviation):
+    for note in (*_notes(deviation), *_claims(deviation, expected)):
         grid.add_row(Text(f"{mark}{MARKS['note'][0]}", "dim"), Text(note, "dim"))
     return grid
 
 
 def _words(deviation: Deviation) -> str:
     """The curve in a sentence."""
-    sigma = deviation.sigma_at(np.arange(360.0))
-    good = "" if sigma is None else f", known to {max(float(sigma.max()), 0.005):.2f}° (1 σ) at worst"
+    sigma = _sigma(deviation)
+    good = "" if sigma is None else f", known to {max(sigma, 0.005):.2f}° (1 σ) at worst"
     spread = deviation.sigma_deg
     scatter = "" if spread is None else f"; a heading scatters by {spread:.2f}°"
     count = counted(len(deviation.compass_deg), "heading")
@@ -207,6 +232,22 @@ def _notes(deviation: Deviation) -> Iterator[str]:
     if abs(a) > max(LARGE_A_DEG, 0.0 if sigmas is None else 3.0 * float(sigmas[0])):
         yield "A this large is seldom iron: look at how the compass sits, and at the reference of the headings"
     yield "the argument is the heading by compass; B and C change with the latitude"
+
+
+def _claims(deviation: Deviation, expected: Expected | None) -> Iterator[str]:
+    """What the calibration claims of B to E, and whether the swing bears it out."""
+    if expected is None:
+        return
+    held = expected.chance(deviation)
+    if held is not None and held[2] < CHANCE:
+        yield (
+            f"B to E are more than swing and calibration explain (χ² {held[0]:.0f} for {held[1]}): iron has come or "
+            "gone since it was made, or the known headings are off"
+        )
+    yield (
+        "claimed: what the calibration's own 1 σ makes of B to E, the same on all headings; it is in the curve, and "
+        "not in the 1 σ of that"
+    )
 
 
 def _rests(found: Sequence[Rest]) -> RenderableType:

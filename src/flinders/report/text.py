@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.errors import counted, figures
 from flinders.units import label
-from flinders.verdict import LEVEL, OF_THE_RECORDING, UPSIDE_DOWN, movement
+from flinders.verdict import OF_THE_RECORDING, UPSIDE_DOWN, movement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -150,7 +150,7 @@ def _verdict(fit: Fit) -> RenderableType:
         "limited": f"{within}, with these limits:",
         "refused": "not fit for use, nothing was written",
     }[fit.verdict]
-    seen = "" if fit.is_flat or fit.method == LEVEL else f", {fit.coverage.fraction:.0%} of the sphere seen"
+    seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     if fit.verdict != "refused":
         basis += f"; held level, dip {error.dip_deg:g}°"

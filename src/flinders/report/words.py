@@ -105,6 +105,11 @@ FINDINGS: Final = {
         "correction is; if the sensor was not turned all the way, the compass may be off by {angle} or more.",
         "Check the compass on known bearings, and record the readings where that can be done.",
     ),
+    "filtered": Words(
+        "The readings went through a filter, which moved the heading by {angle} at the worst.",
+        "If the filter moved the heading by more than the error given here, calibrate again without it, or turn the "
+        "sensor more slowly.",
+    ),
     "axis-ratio": Words(
         "One axis of the sensor reads {number:.1f} times as much as another, which is unusual.",
         "Check the gains of the axes, and that the right columns are read.",

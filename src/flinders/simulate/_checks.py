@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+
+
+MOST: Final = 5_000_000
+"""Readings of a simulated recording, which is held in memory: some 2 GB."""
 
 
 def positive(value: float, name: str) -> float:
@@ -41,6 +45,8 @@ def count(n: int, least: int = 1) -> int:
     """Let through a number of readings."""
     if n < least:
         raise UsageError(f"n is {n}: need at least {'one reading' if least == 1 else f'{least} readings'}")
+    if n > MOST:
+        raise UsageError(f"n is {n:.3g}: need at most {MOST:,} readings, as they are held in memory; simulate several")
     return n
 
 

@@ -68,4 +68,6 @@ def _columns(samples: Samples) -> Mapping[str, Floats]:
         columns["temperature_degC"] = samples.temperature
     if samples.current is not None:
         columns["current_A"] = samples.current
+    if samples.strength is not None:
+        columns[f"reference_strength_{samples.unit.inside}"] = samples.strength
     return columns

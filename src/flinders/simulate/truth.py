@@ -24,7 +24,7 @@ from msgspec import Meta, Struct
 
 from flinders.document import Count, NotNegative, Positive, Triple, gaps, in_words, lay_out
 from flinders.errors import UnreadableInput, UsageError
-from flinders.files import reason, write_text
+from flinders.files import read_bytes, write_text
 from flinders.simulate.rotations import north_and_down
 from flinders.simulate.sensor import Sensor
 
@@ -200,13 +200,7 @@ def read(path: str | os.PathLike[str]) -> Truth:
     UnreadableInput
         For a file that cannot be opened, or is none that this release understands.
     """
-    try:
-        with Path(path).open("rb") as file:
-            text = file.read(LARGEST + 1)
-    except (OSError, ValueError) as error:
-        raise UnreadableInput(f"{path}: cannot be read: {reason(error)}") from None
-    if len(text) > LARGEST:
-        raise UnreadableInput(f"{path}: more than {LARGEST // 2**20} MB is no truth of a recording: check the name")
+    text = read_bytes(path, largest=LARGEST, what="truth of a recording", refused=UnreadableInput)
     return loads(text, source=os.fspath(path))
 
 
@@ -218,6 +212,8 @@ def loads(text: str | bytes, *, source: str = "truth") -> Truth:
     UnreadableInput
         With the first thing that is wrong and where it stands.
     """
+    if not text.strip():
+        raise UnreadableInput(f"{source}: holds nothing: need the truth that `flinders simulate` wrote")
     try:
         raw = text.encode() if isinstance(text, str) else text
         content = msgspec.json.decode(raw.removeprefix(b"\xef\xbb\xbf"))  # a mark that some editors add

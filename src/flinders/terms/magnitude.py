@@ -80,6 +80,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     inverse = np.linalg.inv(ellipsoid.shape)
     metric = inverse @ inverse
     u = inverse @ (readings - ellipsoid.centre).T
+    u = u[:, np.any(u != 0.0, axis=0)]  # a reading at the centre has no direction
     u /= _lengths(u)
     normal = inverse @ u
     bent = metric @ u

@@ -1,0 +1,129 @@
+"""What a simple recipe costs in degrees: every method on the data sets and on real recordings, beside `auto`.
+
+    python -m benchmarks.recipes [--trials 40] [--sigma 0.5] [--methods auto,minmax] [--processes 2]
+
+First table: true heading error of a level turn (rms over trials and headings, its mean taken off) on the sets of
+`benchmarks.datasets`; in brackets how many of the trials gave no calibration at all, if any. Second table: real
+recordings, whose truth nobody knows: the cross-validated heading error (rms, ten blocks of time), and in brackets how
+far the heading is from that of `auto`. The recordings are looked for as `benchmarks.recordings` does. An angle of
+more than 90° is as good as none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from itertools import repeat
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from benchmarks.datasets import dataset, heading_error_deg
+from benchmarks.recordings import FOLDER
+from flinders.contest import compare_methods
+from flinders.errors import FitError
+from flinders.estimators import METHODS, Readings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.contest import Entry
+
+SETS: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7", "S8")
+
+RECORDINGS: Final = {
+    "fxos8700": "michaelwro_fxos8700/mag-readings.txt",
+    "icm20948": "jremington_icm20948/icm_20948_cal_mag.csv",
+    "icm20948 b": "jremington_icm20948/mag3_raw.csv",
+    "lis3mdl": "hightower70_magcal/mag.txt",
+    "hmc5883l": "sunsided_hmc5883l/full-sphere.csv",
+}
+"""Five sensors, by name and file."""
+
+HOPELESS: Final = 90.0
+
+
+def error_deg(method: str, name: str, sigma: float, trial: int) -> float:
+    """Heading error of one trial; NaN where the method gives nothing."""
+    recording = dataset(name, trial, sigma)
+    try:
+        found = METHODS[method]().estimate(Readings.of(recording.samples.field)).ellipsoid
+    except FitError:
+        return math.nan
+    return heading_error_deg(found.radius * np.linalg.inv(found.shape), found.centre, recording)
+
+
+def true_rows(methods: Sequence[str], sigma: float, trials: int, processes: int) -> Iterator[str]:
+    """Write the lines of the first table, each as soon as it is measured."""
+    yield f"| method | {' | '.join(SETS)} |"
+    yield "|---|" + "---:|" * len(SETS)
+    with ProcessPoolExecutor(processes) as pool:
+        for method in methods:
+            cells = []
+            for name in SETS:
+                several = repeat(method), repeat(name), repeat(sigma), range(trials)
+                cells.append(_rms(list(pool.map(error_deg, *several, chunksize=max(1, trials // (2 * processes))))))
+            yield f"| `{method}` | {' | '.join(cells)} |"
+
+
+def real_rows(methods: Sequence[str]) -> Iterator[str]:
+    """Write the lines of the second table."""
+    yield f"| method | {' | '.join(RECORDINGS)} |"
+    yield "|---|" + "---:|" * len(RECORDINGS)
+    columns = []
+    for path in RECORDINGS.values():
+        contest = compare_methods(flinders.read(FOLDER / path), methods=methods)
+        columns.append({entry.method: _cell(entry) for entry in contest.entries})
+    for method in methods:
+        yield f"| `{method}` | {' | '.join(column[method] for column in columns)} |"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser("python -m benchmarks.recipes", description="What simple recipes cost.")
+    parser.add_argument("--trials", type=int, default=40)
+    parser.add_argument("--sigma", type=float, default=0.5)
+    parser.add_argument("--methods", type=lambda text: text.split(","), default=list(METHODS), metavar="NAME,…")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args(arguments)
+    if unknown := [name for name in options.methods if name not in METHODS]:
+        sys.exit(f"no method {', '.join(unknown)}: there are {', '.join(METHODS)}")
+    for line in true_rows(options.methods, options.sigma, options.trials, options.processes):
+        print(line, flush=True)
+    if not FOLDER.is_dir():
+        sys.exit(f"no recordings in {FOLDER}: set FLINDERS_DATA to the folder that holds them")
+    print()
+    for line in real_rows(options.methods):
+        print(line, flush=True)
+
+
+def _rms(errors: Sequence[float]) -> str:
+    """Write the rms of those that are there, and how many are not."""
+    found = [error for error in errors if not math.isnan(error)]
+    if not found:
+        return "none"
+    missing = f" ({len(errors) - len(found)} of {len(errors)} none)" if len(found) < len(errors) else ""
+    return f"{_angle(math.sqrt(float(np.mean(np.square(found)))))}{missing}"
+
+
+def _cell(entry: Entry) -> str:
+    """Write a cell of the second table."""
+    if entry.fit is None:
+        return "none"
+    shown = "–" if entry.validation is None else _angle(entry.validation.heading_error_deg.rms)
+    apart = "" if entry.apart_deg is None else f" ({_angle(entry.apart_deg.rms)})"
+    return f"{shown}{apart}"
+
+
+def _angle(angle: float) -> str:
+    """Two digits, and no more than mean something."""
+    if angle > HOPELESS:
+        return "> 90°"
+    return f"{angle:.0f}°" if angle >= 9.95 else f"{angle:.1f}°" if angle >= 0.995 else f"{angle:.2g}°"
+
+
+if __name__ == "__main__":
+    main()

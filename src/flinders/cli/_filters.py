@@ -1,0 +1,214 @@
+"""``--filter``: readings through a filter, and what it did to the calibration."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from flinders.cli._talk import say
+from flinders.errors import FitError, UsageError, counted, figures
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.filters import Filter
+    from flinders.result import Finding, Fit
+    from flinders.samples import Recording, Samples
+
+UNKNOWN_DEG: Final = 180.0
+"""What a filter may have moved the heading by, where there is nothing to hold it against."""
+
+HIDDEN: Final = ("saturated", "stale-repeats")
+"""Findings about single readings, which a filter blurs: those of the readings as they were recorded are kept."""
+
+
+def _filter(value: str) -> Filter:
+    """Read the value of ``--filter``."""
+    from flinders.filters import Filter
+
+    try:
+        return Filter.of(value)
+    except UsageError as error:
+        raise click.BadParameter(str(error)) from None
+
+
+option = click.option(
+    "--filter", "by", type=_filter, metavar="NAME[:WIDTH]",
+    help="Filter the readings: moving-average, median or kalman, over WIDTH readings [default: 5].",
+)  # fmt: skip
+
+
+def fit_filtered(parts: Sequence[Recording], by: Filter, options: dict[str, Any]) -> Fit:
+    """Fit recordings with their readings filtered, and without; say in the first what the filter did.
+
+    Readings at a rail are left out before the filter could blur them.
+
+    Raises
+    ------
+    FitError
+        If there is no calibration with the filter; `Refused` says what the filter did, too.
+    """
+    from flinders.fitting import fit
+    from flinders.result import Refused
+
+    plain = _tried(parts, options)
+    passed = through(parts, by)
+    try:
+        found, is_refused = fit(passed, **options), False
+    except Refused as refused:
+        found, is_refused = refused.fit, True
+    except FitError:
+        if plain is not None and plain.verdict != "refused":
+            say("without the filter there is a calibration: leave --filter out")
+        raise
+    dropped = sum(_rows(_within_range(part)) for part in parts) - _rows(passed) if by.name == "kalman" else 0
+    judged = _with_findings(found, plain, filtered_finding(found, plain, by, dropped))
+    if is_refused:
+        raise Refused(judged)
+    return judged
+
+
+def _with_findings(found: Fit, plain: Fit | None, filtered: Finding) -> Fit:
+    """Add what the filter did, and what it hides, gravest first."""
+    from dataclasses import replace
+
+    from flinders.result import gravest_first
+
+    told = {finding.code for finding in found.findings}
+    hidden = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
+    kept = [finding for finding in hidden if finding.code not in told]
+    return replace(found, findings=gravest_first([*found.findings, *kept, filtered]))
+
+
+def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:
+    """By how much a filter moved a calibration, and how much smaller it made its field.
+
+    A note while that is within what is claimed; a limit beyond, and where the filter alone is why it is refused.
+
+    Parameters
+    ----------
+    found, plain : Fit
+        With the filter and without; None where there is none without.
+    by : Filter
+    dropped : int
+        Readings that it dropped.
+    """
+    import numpy as np
+
+    from flinders.heading import level_error
+    from flinders.planar import down_of
+    from flinders.quadric import upper
+    from flinders.result import Finding
+
+    claimed = found.heading_error_deg.worst
+    out = f", {counted(dropped, 'reading')} dropped" if dropped else ""
+    if plain is None:
+        return Finding(
+            "filtered", "limits", UNKNOWN_DEG, claimed,
+            f"filtered ({by}{out}); without the filter there is no calibration to hold this one against, so nobody "
+            "knows how far the filter has moved it: record again, turning slowly",
+        )  # fmt: skip
+    ours, theirs = found.ellipsoid, plain.ellipsoid
+    apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])
+    moved = level_error(
+        theirs, np.outer(apart, apart), dip_deg=found.heading_error_deg.dip_deg, down=down_of(found.plane)
+    ).worst
+    smaller = 1.0 - ours.radius / theirs.radius
+    size = f"{figures(abs(100 * smaller))}% {'smaller' if smaller > 0 else 'larger'}"
+    did = f"filtered ({by}{out}): that moves the heading by {figures(moved)}° at the worst and makes the field {size}"
+    if found.verdict == "refused" != plain.verdict:
+        return Finding(
+            "filtered", "limits", moved, claimed,
+            f"{did}; without the filter the verdict is {plain.verdict}: leave --filter out, or turn more slowly",
+        )  # fmt: skip
+    if moved <= claimed:
+        return Finding("filtered", "note", moved, claimed, f"{did}, within what is claimed")
+    return Finding(
+        "filtered", "limits", moved, claimed,
+        f"{did}, more than the {figures(claimed)}° that are claimed. A filter takes spikes off, and pulls the readings "
+        "of a turning sensor inside the ellipsoid: turn more slowly, or use 'auto' without --filter, which leaves "
+        "spikes out by itself",
+    )  # fmt: skip
+
+
+def through(parts: Sequence[Recording], by: Filter | None) -> Recording:
+    """Recordings as one, their readings filtered where there is a filter."""
+    from flinders.filters import filtered
+
+    return _joined(parts if by is None else [filtered(_within_range(part), by) for part in parts])
+
+
+class Smoother:
+    """Filters readings as they come, before something else is done with them: each result rests on what was before it.
+
+    Parameters
+    ----------
+    by : Filter
+    then : callable, optional
+        Takes and gives (N, 3) readings.
+    """
+
+    def __init__(self, by: Filter, then: Callable[[Floats], Floats] | None = None) -> None:
+        self._by, self._then = by, then
+        self._stream = by.start(centred=False)
+
+    def __call__(self, field: Floats, time: Floats | None = None) -> Floats:
+        """Take (N, 3) readings with their (N,) times, and give as many; in the place of a spike what was expected."""
+        smooth = self._stream.push(field, time).field
+        return smooth if self._then is None else self._then(smooth)
+
+    def smoothed(self, samples: Samples) -> Samples:
+        """The same samples with a smooth field."""
+        from dataclasses import replace
+
+        return replace(samples, field=self(samples.field, samples.time))
+
+    def as_dict(self) -> dict[str, str | int | float]:
+        """JSON-ready."""
+        return {
+            "name": self._by.name,
+            "width": self._by.width,
+            "lag_readings": self._by.lag,
+            "spikes": self._stream.dropped,
+            "restarts": self._stream.restarts,
+        }
+
+    def __str__(self) -> str:
+        spikes, restarts = self._stream.dropped, self._stream.restarts
+        dropped = f"; {counted(spikes, 'spike')} replaced by what was expected" if spikes else ""
+        again = f"; started afresh {counted(restarts, 'time')}" if restarts else ""
+        return f"filtered: {self._by}; what is written is {self._by.lag:g} readings late{dropped}{again}"
+
+
+def _tried(parts: Sequence[Recording], options: dict[str, Any]) -> Fit | None:
+    """The fit without a filter, also one that is refused; None where there is none."""
+    from flinders.fitting import fit
+    from flinders.result import Refused
+
+    try:
+        return fit(_joined(parts), **options)
+    except Refused as refused:
+        return refused.fit
+    except FitError:
+        return None
+
+
+def _within_range(part: Recording) -> Recording:
+    """A recording without the readings at a rail."""
+    from flinders.estimators.rails import WithinRange
+    from flinders.summary import Summary
+
+    rails = Summary.through(part).health.rails
+    return WithinRange(part, rails) if rails else part
+
+
+def _joined(parts: Sequence[Recording]) -> Recording:
+    from flinders.samples import Joined
+
+    return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
+
+
+def _rows(recording: Recording) -> int:
+    return sum(map(len, recording.blocks()))

@@ -1,0 +1,96 @@
+"""``flinders compare-methods``: every method on one recording."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._sources import saying_what_was_skipped
+from flinders.cli._talk import drawn, print_json, progress, say
+
+if TYPE_CHECKING:
+    from flinders.result import Verdict
+
+EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
+
+
+def _names(value: str) -> list[str]:
+    return [name for name in (word.strip() for word in value.split(",")) if name]
+
+
+@click.command(
+    "compare-methods",
+    short_help="Run all methods on a recording, side by side.",
+    epilog="""\b
+Example:
+  flinders compare-methods tumble.csv
+  flinders compare-methods tumble.csv --methods auto,minmax,sphere --blocks 5
+
+\b
+Exit codes:
+  0  one of them is good
+  3  the best of them is limited
+  4  none can be trusted on this recording
+""",
+)
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option(
+    "--methods", type=_names, metavar="NAME,NAME...",
+    help="Those of `flinders methods` to run, the first to hold the others against [default: all].",
+)  # fmt: skip
+@click.option(
+    "--blocks", type=click.IntRange(2, 1000), default=10, show_default=True, metavar="N",
+    help="Blocks of time for cross-validation.",
+)  # fmt: skip
+@click.option(
+    "--field-strength", type=_options.positive, metavar="F",
+    help="Strength of the field at the site, in µT (in counts for a recording in counts).",
+)  # fmt: skip
+@_options.judgement
+@_options.recording
+@_options.as_json
+def command(
+    recordings: tuple[str, ...],
+    methods: list[str] | None,
+    blocks: int,
+    field_strength: float | None,
+    target_deg: float,
+    dip_deg: float,
+    as_json: bool,
+    **reading: str | float | None,
+) -> int:
+    """Fit RECORDING by every method and print what each finds, claims and is worth.
+
+    The cross-validated error comes from readings that a method has not seen: each block of time is held back
+    once, and what it asks for is carried over to the heading. Methods that cannot be trusted on this recording say
+    why. Nothing is written; of several recordings of one sensor the blocks follow each other.
+    """
+    from flinders.contest import compare_methods
+    from flinders.readers import open_recording
+    from flinders.report.contest import page
+    from flinders.samples import Joined
+
+    _options.refuse_twice(recordings)
+    with progress("reading") as watch:
+        opened = open_recording(recordings, progress=watch, **reading)  # type: ignore[arg-type]
+        parts = opened.recordings if isinstance(opened, Joined) else (opened,)
+        for part in parts:
+            say(str(part))
+        with saying_what_was_skipped(parts):
+            contest = compare_methods(
+                opened,
+                methods=methods,
+                blocks=blocks,
+                field_strength=field_strength,
+                target_deg=target_deg,
+                dip_deg=dip_deg,
+            )
+    if as_json:
+        print_json(contest.as_dict())
+    else:
+        click.echo(drawn(page(contest), sys.stdout))
+    return EXITS[contest.verdict]

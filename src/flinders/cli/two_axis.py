@@ -1,0 +1,328 @@
+"""``flinders two-axis``: the recipe for two axes, of a turn in any plane; plane after plane makes three axes."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._calibration import agree, is_calibration, made_from
+from flinders.cli._program import LIMITED
+from flinders.cli._sources import saying_what_was_skipped, sha256
+from flinders.cli._talk import drawn, print_json, progress, say
+from flinders.errors import FitError, UnitError, UsageError
+
+if TYPE_CHECKING:
+    from flinders.calibration import Calibration
+    from flinders.document import Document
+    from flinders.judged import Judged
+    from flinders.planar import Turn
+    from flinders.result import Fit
+    from flinders.samples import Recording
+    from flinders.summary import Summary
+
+PLANES: Final = ("xy", "yz", "zx")
+"""Those of `flinders.planar`, so that help needs no NumPy; a test holds the two together."""
+
+FLAT: Final = 0.05
+"""Variance across over that along, below which readings lie in a plane."""
+
+
+@click.command(
+    "two-axis",
+    short_help="Hard and soft iron of one plane, by the two-axis recipe.",
+    epilog="""\b
+Example:
+  flinders two-axis turn.csv -o calibration.json --polar rose.svg
+  flinders two-axis arc.csv --method ellipse
+
+\b
+Three axes, one plane at a time, each loaded before the next is recorded:
+  flinders two-axis xy.csv -o first.json
+  flinders two-axis yz.csv --plane yz --after first.json -o second.json
+  flinders two-axis zx.csv --plane zx --after second.json -o third.json
+""",
+)
+@click.argument("recording", metavar="RECORDING")
+@click.option(
+    "--plane", type=click.Choice(PLANES), default="xy", show_default=True,
+    help="The two axes that see the field go round: xy for a turn about z.",
+)  # fmt: skip
+@click.option(
+    "--method", type=click.Choice(("two-axis", "ellipse")), default="two-axis", show_default=True,
+    help="Mean and scatter of equally spaced points, or least squares, which do not care.",
+)  # fmt: skip
+@click.option(
+    "--after", metavar="CALIBRATION",
+    help="RECORDING was made with this loaded: the result is the two of them, composed.",
+)  # fmt: skip
+@click.option("-o", "--output", metavar="FILE", help="Calibration file to write, or - for standard output.")
+@click.option("--polar", metavar="FILE", help="Also draw the points before and after, as SVG.")
+@click.option(
+    "--field-strength", type=_options.positive, metavar="F",
+    help="Strength of the field at the site, in µT (in counts for a recording in counts).",
+)  # fmt: skip
+@click.option("--sensor", metavar="NAME", help="Name or serial number to keep with the calibration.")
+@_options.judgement
+@_options.recording
+@_options.force
+@_options.as_json
+@click.pass_context
+def command(context: click.Context, /, recording: str, as_json: bool, **options: Any) -> int:
+    """Find hard and soft iron of two axes from a turn about the third one, which points up or down.
+
+    The mean of points equally spaced in heading is the offset; the eigenvalues and eigenvectors of their scatter are
+    the soft iron. Where the points turn out not to be equally spaced it says so, and by how many degrees the mean is
+    wrong: --method ellipse fits the ellipse of least squares instead. The result holds for this plane alone: exit
+    code 3, as of everything limited.
+    """
+    after, output, polar = options["after"], options["output"], options["polar"]
+    _check(recording, after, output, polar, force=options["force"], as_json=as_json)
+    first = None if after is None else _loaded(context, after, options)
+    with progress("reading") as watch:
+        source = _opened(recording, first, watch, options)
+        say(str(source))
+        with saying_what_was_skipped([source]):
+            turn = _turn(source, options["plane"], options["method"])
+            fit = _fit(source, turn, first, options, as_json=as_json)
+    composed = None if first is None else fit.calibration @ first.calibration
+    document = _document(fit, composed, first, source, len(turn.points))
+    _write(document, turn, fit, output, polar, force=options["force"])
+    _show(fit, turn, composed, options, as_json=as_json)
+    return LIMITED
+
+
+def _check(
+    recording: str, after: str | None, output: str | None, polar: str | None, *, force: bool, as_json: bool
+) -> None:
+    """Find what could not be read or written before anything is.
+
+    Raises
+    ------
+    UsageError
+        Where two results would go to one place, or over what is read; for a calibration in place of a recording.
+    OutputError
+        Where a file is in the way, or could not be written.
+    """
+    from flinders.files import refuse_existing
+
+    if (output == "-") + (polar == "-") + as_json > 1:
+        raise UsageError("two results would go to standard output: give all but one of them a file")
+    files = [path for path in (output, polar) if path and path != "-"]
+    if len(files) > 1 and Path(files[0]).resolve() == Path(files[1]).resolve():
+        raise UsageError(f"{output} is named for the calibration and for the drawing: give them two names")
+    for path in files:
+        _options.refuse_to_overwrite(path, [recording, *([after] if after else [])])
+        refuse_existing(path, force=force)
+    if is_calibration(recording):
+        raise UsageError(f"{recording} is a calibration: give the recording of a turn, and the calibration to --after")
+
+
+def _loaded(context: click.Context, after: str, options: dict[str, Any]) -> Judged:
+    """Load the calibration that the turn was recorded with, and let it say what it knows: scale, axes and dip.
+
+    Raises
+    ------
+    UsageError
+        For options that contradict it.
+    DocumentError
+        For what is no calibration file.
+    """
+    from flinders.judged import Judged
+
+    if after == "-":
+        raise UsageError("--after needs a file: standard input is for the recording")
+    first = Judged.load(after)
+    if options["axes"] != "x,y,z":
+        raise UsageError(f"readings made with {after} loaded are in its axes already: leave --axes out")
+    if options["field_strength"] is not None:
+        raise UsageError(f"{after} has set how long corrected readings are: leave --field-strength out")
+    error = first.record.heading_error_deg if first.record else None
+    dip = None if error is None else error.dip_deg
+    is_given = context.get_parameter_source("dip_deg") is click.core.ParameterSource.COMMANDLINE
+    if dip is not None and is_given and abs(abs(dip) - abs(options["dip_deg"])) > 1e-6:
+        raise UsageError(
+            f"--dip says {options['dip_deg']:g}°, and {after} was made for {dip:g}°: record all planes at one place, "
+            "and leave --dip out"
+        )
+    if dip is not None and not is_given:
+        options["dip_deg"] = dip
+    return first
+
+
+def _opened(recording: str, first: Judged | None, watch: Any, options: dict[str, Any]) -> Recording:  # noqa: ANN401 - progress
+    """Open the recording, in the unit of what was loaded.
+
+    Raises
+    ------
+    UnitError
+        Where the two are not of one kind.
+    UsageError
+        Where the calibration was made from this very recording.
+    """
+    from flinders.readers import open_recording
+
+    reading = {name: options[name] for name in ("columns", "unit", "scale", "axes")}
+    source = open_recording(recording, progress=watch, **reading)
+    if first is None:
+        return source
+    if options["unit"] is None and options["scale"] is None:
+        agree(first.calibration, source)
+    elif source.unit.inside != first.calibration.unit:
+        raise UnitError(f"{source.source} is in {source.unit.inside}, {first.name} in {first.calibration.unit}")
+    if made_from(first.name, [source]):
+        raise UsageError(
+            f"{first.name} was made from {source.source}, which cannot have been recorded with it loaded: record the "
+            f"next plane with {first.name} loaded, or correct a raw recording with flinders apply"
+        )
+    return source
+
+
+def _turn(source: Recording, plane: Any, method: str) -> Turn:  # noqa: ANN401 - one of the planes, as click has checked
+    """Go through the points of the plane, and the ellipse through them; of a long recording through some of them.
+
+    Raises
+    ------
+    FitError
+        Where no ellipse goes through them.
+    """
+    from flinders.estimators import Ellipse, Readings, within_range
+    from flinders.estimators.in_plane import require_turn
+    from flinders.estimators.likelihood import ENOUGH
+    from flinders.planar import PlaneEllipse, Turn, order_of
+
+    readings = within_range(Readings.of(source))
+    _doubt(readings.summary, plane)
+    require_turn(readings, Ellipse.unknowns, method, plane)
+    ellipsoid = Ellipse(plane, dip_deg=0.0).estimate(readings).ellipsoid
+    cells = list(order_of(plane)[:2])
+    points = readings.thinned(ENOUGH, Ellipse.name)[:, cells]
+    return Turn.of(plane, points, PlaneEllipse(ellipsoid.centre[cells], ellipsoid.shape[cells][:, cells]))
+
+
+def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - as above
+    """Say where the readings lie flat, but in another plane."""
+    import numpy as np
+
+    from flinders.planar import PLANES, across
+
+    if len(summary) < len(PLANES):
+        return
+    variances, axes = np.linalg.eigh(summary.moments.covariance)
+    about = "xyz"[int(np.abs(axes[:, 0]).argmax())]
+    if variances[0] < FLAT * variances[1] and about != across(plane):
+        lies = next(other for other in PLANES if across(other) == about)
+        say(f"! the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}")
+
+
+def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str, Any], *, as_json: bool) -> Fit:
+    """Fit by the method that was asked for; where that is refused, say how the points are spaced.
+
+    Raises
+    ------
+    FitError
+        As `flinders.fit`.
+    """
+    from dataclasses import replace
+
+    from flinders.fitting import fit
+    from flinders.report.two_axis import trust
+
+    given = {name: options[name] for name in ("method", "plane", "target_deg", "dip_deg", "sensor")}
+    strength = options["field_strength"] if first is None else first.calibration.field_strength
+    try:
+        found = fit(source, field_strength=strength, **given)
+    except FitError:
+        if not as_json:
+            say(trust(turn, options["target_deg"], is_mean=options["method"] == "two-axis"))
+        raise
+    if first is None:
+        return found
+    known = first.calibration.field_strength_known
+    return replace(found, calibration=replace(found.calibration, field_strength_known=known))
+
+
+def _document(fit: Fit, composed: Calibration | None, first: Judged | None, source: Recording, rows: int) -> Document:
+    """Make the calibration file: of this turn alone, or composed.
+
+    A composed one claims no covariance, and of the heading what all turns claim, each in its plane, together.
+    """
+    from datetime import UTC, datetime
+    from importlib.metadata import version
+
+    import msgspec
+
+    from flinders.document import Provenance, SourceFile
+
+    size = source.file.size  # type: ignore[attr-defined]
+    own = SourceFile(name=source.source, sha256=sha256(source), bytes=size, rows=rows)
+    provenance = Provenance(
+        flinders=version("flinders"),
+        date=datetime.now(UTC).replace(microsecond=0),
+        files=(*(first.files if first else ()), own),
+    )
+    document = fit.to_document(provenance)
+    if composed is None or document.fit is None or first is None:
+        return document
+    before = first.record.method if first.record else "a calibration"
+    told, error = first.record.heading_error_deg if first.record else None, document.fit.heading_error_deg
+    if told is not None and error is not None:
+        rms, worst = math.hypot(told.rms, error.rms), math.hypot(told.worst, error.worst)
+        error = msgspec.structs.replace(error, rms=rms, worst=worst)
+    record = msgspec.structs.replace(
+        document.fit, method=f"{before}, then {fit.method}", covariance=None, heading_error_deg=error
+    )
+    return composed.to_document(fit=record, provenance=provenance)
+
+
+def _write(document: Document, turn: Turn, fit: Fit, output: str | None, polar: str | None, *, force: bool) -> None:
+    """Write calibration and drawing where they were asked for."""
+    from flinders.document import dumps
+    from flinders.files import write_text
+    from flinders.report.rose import drawing
+
+    if output == "-":
+        click.echo(dumps(document), nl=False)
+    elif output:
+        write_text(dumps(document), output, force=force)
+    if polar:
+        picture = drawing(turn, fit)
+        if polar == "-":
+            click.echo(picture, nl=False)
+        else:
+            write_text(picture, polar, force=force)
+
+
+def _show(fit: Fit, turn: Turn, composed: Calibration | None, options: dict[str, Any], *, as_json: bool) -> None:
+    """Print the page; on standard error, where a result has standard output."""
+    from flinders.report.two_axis import page
+
+    output, polar = options["output"], options["polar"]
+    if as_json:
+        print_json(_as_dict(fit, turn, composed))
+    else:
+        taken = "-" in {output, polar}
+        text = drawn(page(fit, turn, composed=composed, after=options["after"]), sys.stderr if taken else sys.stdout)
+        if taken:
+            say(text)
+        else:
+            click.echo(text)
+    for path in (output, polar):
+        if path not in {None, "-"}:
+            say(f"written to {path}")
+    if output is None:
+        say("no calibration was written: name a file with -o calibration.json")
+
+
+def _as_dict(fit: Fit, turn: Turn, composed: Calibration | None) -> dict[str, Any]:
+    """JSON-ready: a fit, the turn, and what is to be loaded where it is composed."""
+    even = turn.spacing.is_even(within_deg=fit.target_deg)
+    return {
+        **fit.as_dict(),
+        "turn": {**turn.as_dict(), "mean_is_trusted": even},
+        "composed": None if composed is None else composed.as_dict(),
+    }

@@ -1,0 +1,302 @@
+"""Every method on one recording, side by side: what each finds, claims and is worth on readings that it has not seen.
+
+>>> from flinders import simulate
+>>> held = compare_methods(simulate.tumble(seed=1).samples, methods=["auto", "minmax"])
+>>> [(entry.method, entry.fit.verdict, entry.apart_deg is None) for entry in held.entries]
+[('auto', 'good', True), ('minmax', 'refused', False)]
+>>> held.entries[1].validation.heading_error_deg.rms > 20 * held.entries[0].validation.heading_error_deg.rms
+True
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.comparison import compare
+from flinders.coverage import Coverage
+from flinders.errors import FitError, NeedsSamples, UsageError
+from flinders.estimators import METHODS, Auto, Readings, within_range
+from flinders.estimators.kept import concatenated
+from flinders.fitting import estimator_of, fit
+from flinders.judged import Judged
+from flinders.result import VERDICTS, Refused
+from flinders.terms import magnitude
+from flinders.validation import BLOCKS, LEAST, NotValidated, cross_validated
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.estimators import Estimator
+    from flinders.heading import HeadingError
+    from flinders.result import Fit, Verdict
+    from flinders.samples import Recording, Samples
+    from flinders.validation import Validation
+
+VALIDATED: Final = 20_000
+"""Readings of a longer recording that are cross-validated, evenly spread over it."""
+
+OVERCLAIMS: Final = 2.0
+"""Cross-validated heading error over the claimed one beyond which a method does not know how wrong it is.
+
+In `tests/truth/test_validation.py` the cross-validated error of unbiased methods is 0.8 to 1.3 of the true one.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """What one method makes of a recording.
+
+    Attributes
+    ----------
+    method : str
+        As it was asked for; `fit.method` says what was run.
+    seconds : float
+        The method alone, sums of the readings included, without judging it.
+    fit : Fit, optional
+        None where it gives no ellipsoid.
+    validation : Validation, optional
+        None where one block of time less leaves nothing to fit, or the readings are too few.
+    apart_deg : HeadingError, optional
+        Heading difference from the first method that was compared; None for that one.
+    refusal : FitError, optional
+        Why there is no fit.
+    unvalidated : FitError, optional
+        Why there is no validation.
+    """
+
+    method: str
+    seconds: float
+    fit: Fit | None = None
+    validation: Validation | None = None
+    apart_deg: HeadingError | None = None
+    refusal: FitError | None = None
+    unvalidated: FitError | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """That of the fit; ``refused`` where there is none; never better than ``limited`` where it overclaims."""
+        if self.fit is None:
+            return "refused"
+        return "limited" if self.fit.verdict == "good" and self.overclaims else self.fit.verdict
+
+    @property
+    def overclaims(self) -> bool:
+        """Readings held back show an error far beyond the claimed one, and beyond the target."""
+        if self.fit is None or self.validation is None:
+            return False
+        claimed, shown = self.fit.heading_error_deg, self.validation.heading_error_deg
+        return shown.rms > OVERCLAIMS * claimed.rms and shown.worst > self.fit.target_deg
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not to be trusted on this recording, or not without limits."""
+        if self.fit is None:
+            return (str(self.refusal),)
+        told = [finding.advice for finding in self.fit.findings if finding.severity != "note"]
+        if self.overclaims and self.validation is not None:
+            shown, claimed = self.validation.heading_error_deg, self.fit.heading_error_deg
+            told.append(f"claims {claimed.rms:.2g}° of heading, rms; readings held back show {shown.rms:.2g}°")
+        if self.unvalidated is not None:
+            told.append(str(self.unvalidated))
+        return tuple(told)
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Stable names of the reasons, in their order."""
+        if self.fit is None:
+            return () if self.refusal is None else (self.refusal.code,)
+        told = [finding.code for finding in self.fit.findings if finding.severity != "note"]
+        told += ["overclaims"] * self.overclaims
+        return (*told, *(() if self.unvalidated is None else (self.unvalidated.code,)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready. Numbers of a refused calibration are given here, since they are compared and not used."""
+        found, checked = self.fit, self.validation
+        return {
+            "method": self.method,
+            "run": None if found is None else found.method,
+            "verdict": self.verdict,
+            "offset": None if found is None else found.calibration.offset.tolist(),
+            "matrix": None if found is None else found.calibration.matrix.tolist(),
+            "field_strength": None if found is None else found.calibration.field_strength,
+            "heading_error_deg": None if found is None else _rms_and_worst(found.heading_error_deg),
+            "validated_heading_error_deg": None if checked is None else _rms_and_worst(checked.heading_error_deg),
+            "validated_bias_deg": None if checked is None else checked.bias_deg,
+            "validated_scatter_deg": None if checked is None else checked.scatter_deg,
+            "misfit": None if checked is None else checked.misfit,
+            "apart_deg": None if self.apart_deg is None else _rms_and_worst(self.apart_deg),
+            "seconds": self.seconds,
+            "codes": list(self.codes),
+            "reasons": list(self.reasons),
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contest:
+    """All methods on one recording.
+
+    Attributes
+    ----------
+    entries : tuple of Entry
+        In the order of `flinders.estimators.METHODS`, or as they were named.
+    readings : int
+    blocks : int
+        Of time, for cross-validation; 0 where the readings were too few.
+    """
+
+    entries: tuple[Entry, ...]
+    readings: int
+    blocks: int
+
+    @property
+    def verdict(self) -> Verdict:
+        """The best of all."""
+        verdicts = {entry.verdict for entry in self.entries}
+        return next(verdict for verdict in reversed(VERDICTS.values()) if verdict in verdicts)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: what ``--json`` prints."""
+        return {
+            "verdict": self.verdict,
+            "readings": self.readings,
+            "blocks": self.blocks,
+            "methods": [entry.as_dict() for entry in self.entries],
+        }
+
+
+def compare_methods(
+    source: Recording | ArrayLike,
+    *,
+    methods: Sequence[str] | None = None,
+    blocks: int = BLOCKS,
+    field_strength: float | None = None,
+    target_deg: float = 1.0,
+    dip_deg: float = 60.0,
+) -> Contest:
+    """Fit a recording by every method, and cross-validate each by blocks of time.
+
+    Parameters
+    ----------
+    source : Recording or (N, 3) array-like
+        In the order of time.
+    methods : sequence of str, optional
+        Of `flinders.estimators.METHODS`, all by default; the first is what the others are held against.
+    blocks : int
+        Of time; fewer where there are not four readings in each.
+    field_strength, target_deg, dip_deg : float
+        As for `flinders.fit`.
+
+    Raises
+    ------
+    UsageError
+        For a method that is not known or named twice, fewer than two blocks, or numbers out of range.
+    ArrayError
+        For readings of the wrong shape.
+    FitError
+        That of the first method, where none gives an ellipsoid.
+    """
+    names = _known(methods)
+    if blocks < 2:
+        raise UsageError(f"{blocks} blocks of time: need 2 or more")
+    readings = within_range(Readings.of(source))
+    samples = _thinned(readings)
+    site = {"dip_deg": dip_deg, "field_strength": field_strength}
+    asked, facing = _settled(readings, samples, dip_deg)
+    held_back = min(blocks, len(samples) // LEAST)
+    entries: list[Entry] = []
+    for name in names:
+        estimator = estimator_of(name, {}, site)
+        entry = _fitted(estimator, readings, source, field_strength, target_deg, dip_deg)
+        if entry.fit is not None and held_back > 1:
+            entry = _validated(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=asked)
+        reference = next((other.fit for other in entries if other.fit is not None), None)
+        if entry.fit is not None and reference is not None:
+            apart = compare(Judged.from_fit(reference), Judged.from_fit(entry.fit), dip_deg=facing)
+            entry = replace(entry, apart_deg=apart.heading_difference_deg)
+        entries.append(entry)
+    if all(entry.fit is None for entry in entries) and entries[0].refusal is not None:
+        raise entries[0].refusal
+    return Contest(tuple(entries), len(readings), held_back if held_back > 1 else 0)
+
+
+def _known(methods: Sequence[str] | None) -> Sequence[str]:
+    """All methods, or those that were named.
+
+    Raises
+    ------
+    UsageError
+        For one that is not known, or named twice.
+    """
+    names = list(METHODS) if methods is None else list(methods)
+    unknown = [name for name in names if name not in METHODS]
+    if unknown:
+        raise UsageError(f"method {unknown[0]!r} is not known: use some of {', '.join(METHODS)}")
+    if len(set(names)) < len(names) or not names:
+        raise UsageError(f"methods are {', '.join(names) or 'none'}: name each once, and one at the least")
+    return names
+
+
+def _fitted(
+    estimator: Estimator,
+    readings: Readings,
+    source: Recording | ArrayLike,
+    field_strength: float | None,
+    target_deg: float,
+    dip_deg: float,
+) -> Entry:
+    """Fit by one method, and take the time that the method itself needs."""
+    begun = time.perf_counter()
+    try:
+        estimator.estimate(readings)
+        seconds = time.perf_counter() - begun
+        found = fit(
+            source, method=estimator.name, field_strength=field_strength, target_deg=target_deg, dip_deg=dip_deg
+        )
+    except Refused as refusal:
+        return Entry(estimator.name, seconds, refusal.fit)
+    except FitError as error:
+        return Entry(estimator.name, time.perf_counter() - begun, refusal=error)
+    return Entry(estimator.name, seconds, found)
+
+
+def _validated(entry: Entry, estimator: Estimator, samples: Samples, **options: Any) -> Entry:
+    """Cross-validate one method."""
+    try:
+        return replace(entry, validation=cross_validated(estimator, samples, **options))
+    except NotValidated as error:
+        return replace(entry, unvalidated=error)
+
+
+def _thinned(readings: Readings) -> Samples:
+    """At most so many readings, spread evenly over the recording, in memory."""
+    recording = readings.recording
+    if recording is None:
+        raise NeedsSamples("compare_methods")
+    stride = max(1, -(-len(readings) // VALIDATED))
+    seen, taken = 0, []
+    for block in recording.blocks():
+        taken.append(block[-seen % stride :: stride])
+        seen += len(block)
+    return concatenated(taken, recording)
+
+
+def _settled(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDArray[np.bool_] | None, float]:
+    """Readings that `Auto` keeps, which all methods are held against, and the dip with the sign that they show."""
+    try:
+        found = Auto(dip_deg=dip_deg).estimate(readings)
+    except FitError:
+        return None, dip_deg
+    near = np.abs(magnitude.distances(samples.field, found.ellipsoid)) <= found.rejected_beyond
+    coverage = Coverage.through(readings.summary.cloud, found.ellipsoid, within=found.rejected_beyond)
+    return near, coverage.facing(dip_deg)
+
+
+def _rms_and_worst(error: HeadingError) -> dict[str, float]:
+    """JSON-ready."""
+    return {"rms": error.rms, "worst": error.worst}

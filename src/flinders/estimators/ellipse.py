@@ -1,0 +1,106 @@
+"""Ellipse: least squares in one plane, for turns that were not even, not whole, or about any axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from flinders.errors import UsageError
+from flinders.estimators.in_plane import fitted_flat, laid_flat, raised, require_turn
+from flinders.planar import Plane, order_of
+from flinders.terms import prior
+
+if TYPE_CHECKING:
+    from flinders.estimators.estimate import Estimate
+    from flinders.estimators.readings import Readings
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """Ellipse of the readings in one plane: two offsets, two scales and their skew.
+
+    Minimises Σ s²/σ² as `Likelihood` does, s the distance of a reading from the ellipse to first order, with the
+    bias of curvature taken off, and robustly where the residuals ask for it. How the readings are spread around does
+    not matter: an arc, a turn that stops or 1.2 turns give the same ellipse, with the uncertainty that is theirs.
+
+    Use it in place of `TwoAxisRecipe` wherever headings were not equally spaced, and for a sweep about x or y.
+    `Level` finds the same ellipse of a turn about z, and places the offset along z by the dip; this one
+    leaves the third axis as it is.
+
+    Parameters
+    ----------
+    plane : str
+        ``"xy"``, ``"yz"`` or ``"zx"``: the third axis is the one that is turned about.
+    prior : float
+        See `Likelihood`; it matters only where less than a full turn was recorded.
+    dip_deg : float
+        Inclination of the field, towards the axis that is turned about.
+    field_strength : float, optional
+        Of the site.
+
+    Notes
+    -----
+    The centre includes what soft iron lends from the vertical field, b + sin I · F (S₁₃, S₂₃) for the plane xy: right
+    while the vehicle stays level, at this dip.
+
+    References
+    ----------
+    .. [1] P. D. Sampson, "Fitting conic sections to very scattered data", CGIP 18 (1982) 97–108.
+
+    Examples
+    --------
+    A third of a turn in y and z:
+
+    >>> import numpy as np
+    >>> from flinders.estimators.readings import Readings
+    >>> angle = np.linspace(0.0, 2.1, 60)
+    >>> arc = np.stack([np.full(60, 7.0), 30 * np.cos(angle) + 10, 20 * np.sin(angle) - 5], axis=1)
+    >>> found = Ellipse("yz").estimate(Readings.of(arc)).ellipsoid
+    >>> found.centre.round(3), (found.shape[1:, 1:] / 2).round(3).tolist()      # half, at a dip of 60°
+    (array([ 0., 10., -5.]), [[30.0, 0.0], [0.0, 20.0]])
+    """
+
+    plane: Plane = "xy"
+    prior: float = prior.SPREAD
+    dip_deg: float = 60.0
+    field_strength: float | None = None
+
+    name: ClassVar[str] = "ellipse"
+    unknowns: ClassVar[int] = 6
+    use: ClassVar[str] = "least-squares ellipse of one plane, for uneven turns and arcs; a sweep of any axis"
+    is_biased: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Refuse a plane or a prior that means nothing.
+
+        Raises
+        ------
+        UsageError
+            For either.
+        """
+        order_of(self.plane)
+        prior.check(self.prior)
+        if self.prior is None:
+            raise UsageError("ellipse needs a prior for what lies across the plane: leave prior=None out")
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit an ellipse to the readings of the plane.
+
+        Raises
+        ------
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
+            See `require_turn`.
+        NotAnEllipsoid
+            If half of the readings are in one place, or all on a line.
+        NeedsSamples
+            If only sums were given.
+        """
+        require_turn(readings, self.unknowns, self.name, self.plane)
+        return raised(
+            fitted_flat(laid_flat(readings, self.plane), self.prior),
+            self.plane,
+            name=self.name,
+            dip_deg=self.dip_deg,
+            field_strength=self.field_strength,
+            beside=float(readings.summary.moments.mean[order_of(self.plane)[2]]),
+        )

@@ -1,0 +1,164 @@
+"""Between one plane and three axes: readings laid flat, and what is found of them put back.
+
+In a plane an estimate is that of an ellipsoid whose equator holds the readings, as for `Level`: first and second axis
+of the plane are then x and y, and every reading is at height zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.errors import NotAnEllipsoid, Unmoved
+from flinders.estimators.level import THINNEST, ellipse_start
+from flinders.estimators.likelihood import ENOUGH, Likelihood
+from flinders.estimators.readings import FARTHEST, SMALLEST
+from flinders.estimators.robust import SEED, Robust, asks_for_it
+from flinders.planar import PlaneEllipse, order_of
+from flinders.quadric import Ellipsoid
+from flinders.samples import Wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.estimators.estimate import Estimate
+    from flinders.estimators.readings import Readings
+    from flinders.planar import Plane
+    from flinders.samples import Recording, Samples
+
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flat(Wrapped):
+    """A recording whose first and second column are a plane's axes, and whose third one is zero."""
+
+    recording: Recording
+    plane: Plane
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        first, second, _ = order_of(self.plane)
+        for block in self.recording.blocks():
+            field = np.zeros_like(block.field)
+            field[:, 0], field[:, 1] = block.field[:, first], block.field[:, second]
+            yield replace(block, field=field)
+
+
+def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -> None:
+    """Refuse what no method can work with in a plane.
+
+    Raises
+    ------
+    TooFewSamples, OutOfScale, StuckAxis, Unmoved
+        See `Readings.require`; the last one also where next to nothing varies in the plane.
+    """
+    readings.require(unknowns, method, axes=plane)
+    seen = list(order_of(plane)[:2])
+    moments = readings.summary.moments
+    spread = float(np.sqrt(np.diag(moments.covariance)[seen].sum().clip(min=0.0)))
+    size = float(np.linalg.norm(moments.mean[seen]))
+    if not (spread > SMALLEST and FARTHEST * spread > size):
+        raise Unmoved(spread=spread, size=size)
+
+
+def laid_flat(readings: Readings, plane: Plane) -> Readings:
+    """The readings of a plane, with the sums of all."""
+    return readings.through(lambda recording: Flat(recording, plane))
+
+
+def fitted_flat(flat: Readings, spread: float) -> Estimate:
+    """Fit an ellipse to readings laid flat, as `Likelihood` fits an ellipsoid; robustly where residuals ask for it.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        If half of the readings are in one place, or all on a line.
+    NeedsSamples
+        If only sums were given.
+    """
+    rng = np.random.default_rng(SEED)
+    points = flat.thinned(ENOUGH, "ellipse")
+    start = ellipse_start(flat.spread_out(points, rng), rng)
+    if not start.semi_axes[0] > max(SMALLEST, THINNEST * float(np.ptp(points, axis=0).max())):
+        raise NotAnEllipsoid((0.0, 0.0, 0.0), "ellipse")
+    try:  # a handful of readings, most of them in one place, can lead the steps out of all numbers
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            found = Likelihood(prior=spread).polish(flat, start)
+            if len(flat) >= Robust.unknowns and asks_for_it(flat, found.ellipsoid):
+                return Robust(prior=spread).majority(flat, ellipse_start)
+            return found
+    except (FloatingPointError, ZeroDivisionError):
+        raise NotAnEllipsoid((0.0, 0.0, 0.0), "ellipse") from None
+
+
+def equator(ellipse: PlaneEllipse) -> Ellipsoid:
+    """The ellipsoid whose equator is an ellipse, as wide across it as on average in it."""
+    shape = np.zeros((3, 3))
+    shape[:2, :2], shape[2, 2] = ellipse.shape, ellipse.radius
+    return Ellipsoid(np.append(ellipse.centre, 0.0), shape)
+
+
+def raised(
+    flat: Estimate, plane: Plane, *, name: str, dip_deg: float, field_strength: float | None, beside: float
+) -> Estimate:
+    """Take an ellipse to the ellipsoid of three axes whose third one has unit gain and no offset.
+
+    A vehicle that turns about the third axis, which points down, meets F (cos I cos ψ, −cos I sin ψ, sin I), and so
+    its ellipse has the shape cos I · S₂. Nothing is known across the plane but a prior: the offset in the plane
+    is the ellipse's centre less sin I times what the third axis lends to it, which is taken as nothing.
+
+    Parameters
+    ----------
+    flat : Estimate
+        Of readings laid flat.
+    plane : str
+    name : str
+        Of the method.
+    dip_deg : float
+        Inclination of the field, towards the third axis.
+    field_strength : float, optional
+        Where it is known the third axis gets it for its semi-axis, else the mean of those in the plane: the matrix has
+        a 1 there either way.
+    beside : float
+        Mean reading of the third axis: its offset is zero give or take this and the field.
+    """
+    dip = np.deg2rad(dip_deg)
+    level = equator(PlaneEllipse(flat.ellipsoid.centre[:2], flat.ellipsoid.shape[:2, :2]))
+    shape = level.shape / np.cos(dip)
+    if field_strength is not None:
+        shape[2, 2] = field_strength
+    lift = np.eye(9)
+    lift[3:, 3:] /= np.cos(dip)
+    lift[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
+    unclaimed = np.hypot(beside, shape[2, 2])
+    order = order_of(plane)
+    there = [order.index(axis) for axis in range(3)]
+    rows = _parameters(there)
+    return replace(
+        flat,
+        ellipsoid=Ellipsoid(level.centre[there], shape[np.ix_(there, there)]),
+        covariance=_lifted(flat.covariance, lift, unclaimed)[np.ix_(rows, rows)],
+        textbook=None if flat.textbook is None else _lifted(flat.textbook, lift, unclaimed)[np.ix_(rows, rows)],
+        bias=(lift @ flat.bias)[rows],
+        method=f"{name} {plane}",
+        plane=plane,
+    )
+
+
+def _lifted(covariance: Floats, lift: Floats, unclaimed: float) -> Floats:
+    """(9, 9) covariance of the raised ellipsoid; of the offset across nothing is claimed, whatever it was before."""
+    known = covariance.copy()
+    known[2, :] = known[:, 2] = 0.0
+    carried: Floats = lift @ known @ lift.T
+    carried[2, 2] += unclaimed**2
+    return carried
+
+
+def _parameters(there: list[int]) -> list[int]:
+    """Places among the nine parameters of a plane's frame, for those of the sensor's in their order."""
+    entries = [_ENTRIES.index((min(pair), max(pair))) for pair in ((there[i], there[j]) for i, j in _ENTRIES)]
+    return [*there, *(3 + entry for entry in entries)]

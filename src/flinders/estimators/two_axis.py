@@ -1,0 +1,145 @@
+"""Two-axis: the recipe for points equally spaced in heading, a mean and the eigenvectors of a 2 × 2 scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+
+from flinders.errors import NotAnEllipsoid
+from flinders.estimators.estimate import FINEST
+from flinders.estimators.in_plane import equator, fitted_flat, laid_flat, raised, require_turn
+from flinders.estimators.likelihood import ENOUGH
+from flinders.planar import Plane, PlaneEllipse, order_of
+from flinders.quadric import upper
+from flinders.terms import magnitude, prior
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.estimators.estimate import Estimate
+    from flinders.estimators.readings import Readings
+    from flinders.quadric import Ellipsoid
+
+IN_PLANE: Final = [0, 1, 3, 4, 6]
+"""Parameters that the readings of a plane tell, in its frame: b₁, b₂, S₁₁, S₂₂, S₁₂."""
+
+
+@dataclass(frozen=True, slots=True)
+class TwoAxisRecipe:
+    """Hard iron as the mean of the points, soft iron from the eigenvectors of their centred scatter.
+
+    Of N points p equally spaced in heading, with their mean m and the scatter C = Σ (p − m)(p − m)ᵀ / N = V Λ Vᵀ,
+
+        H = m,     semi-axes √(2λ),     S = r V (2Λ)^(−½) Vᵀ,     r² = 2 √det C
+
+    so that S (p − H) is a circle of the ellipse's area: the recipe of the frequently asked questions about the
+    ADIS16480 and ADIS16488, with its 36 points 10° apart. S₁₁, S₁₂, S₂₁, S₂₂, H₁ and H₂ are put in three axes with a
+    1 for the axis that is turned about.
+
+    Use it for such points, and for parity with the spreadsheet. Not where the turn stopped, had an
+    uneven rate, or ended before or after a whole number of turns: then the mean is not the centre, and
+    `Ellipse` is right. The two are compared here, and what separates them joins the covariance.
+
+    Parameters
+    ----------
+    plane : str
+        ``"xy"``, ``"yz"`` or ``"zx"``: the third axis is the one that is turned about.
+    dip_deg : float
+        Inclination of the field, towards the axis that is turned about.
+    field_strength : float, optional
+        Of the site.
+
+    Notes
+    -----
+    With white noise σ and N points on a circle of radius H the offset is off by σ/√N, less than the least
+    squares' σ √(2/N), since the spacing is taken for granted; a scale by (σ/H) √(2/N) instead of (σ/H) √(3/N), and the
+    skew by 2σ/(H√N) instead of 2√2 σ/(H√N). Noise also makes the ellipse wider by σ²/H, which no more points take
+    away. What is claimed is what `Ellipse` claims of these points, and d dᵀ on top, d what separates the two as far as
+    that does not explain it: with χ² = dᵀP⁻¹d over five parameters, the share max(0, 1 − 5/χ²).
+
+    References
+    ----------
+    .. [1] Analog Devices, ADIS16480 and ADIS16488 frequently asked questions, two-axis hard and soft iron. Known to us
+       by its description only.
+
+    Examples
+    --------
+    >>> from flinders.estimators.readings import Readings
+    >>> heading = np.radians(np.arange(0, 360, 10))
+    >>> turn = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5, np.full(36, 40.0)], axis=1)
+    >>> found = TwoAxisRecipe(dip_deg=0.0).estimate(Readings.of(turn)).ellipsoid
+    >>> found.centre.round(9) + 0.0, found.shape.diagonal().round(3)
+    (array([10., -5.,  0.]), array([30.   , 20.   , 24.495]))
+    """
+
+    plane: Plane = "xy"
+    dip_deg: float = 60.0
+    field_strength: float | None = None
+
+    name: ClassVar[str] = "two-axis"
+    unknowns: ClassVar[int] = 6
+    use: ClassVar[str] = "mean and scatter of points equally spaced in heading, in one plane: the ADIS recipe"
+    is_biased: ClassVar[bool] = False  # it is, where points are uneven: seen in the plane, and claimed already
+
+    def __post_init__(self) -> None:
+        """Refuse what is no plane."""
+        order_of(self.plane)
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Take mean and scatter, and hold them against the ellipse of least squares.
+
+        Raises
+        ------
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
+            See `require_turn`.
+        NotAnEllipsoid
+            If half of the readings are in one place, or all on a line.
+        NeedsSamples
+            If only sums were given: they do not tell how the points are spaced.
+        """
+        require_turn(readings, self.unknowns, self.name, self.plane)
+        flat = laid_flat(readings, self.plane)
+        reference = fitted_flat(flat, prior.SPREAD)
+        ellipse = PlaneEllipse.of_blocks(block[:, :2] for block in flat.blocks(self.name))
+        long, short = ellipse.semi_axes.tolist()
+        if not short > FINEST * long:
+            raise NotAnEllipsoid((0.0, 0.0, 0.0), self.name)
+        ellipsoid = equator(ellipse)
+        bias = _bias(ellipsoid, reference)
+        found = replace(
+            reference,
+            ellipsoid=ellipsoid,
+            covariance=reference.covariance + np.outer(bias, bias),
+            noise=_noise(flat.thinned(ENOUGH, self.name), ellipsoid),
+            bias=bias,
+            used=len(flat),
+            rejected_beyond=np.inf,
+            strays=(),
+        )
+        return raised(
+            found,
+            self.plane,
+            name=self.name,
+            dip_deg=self.dip_deg,
+            field_strength=self.field_strength,
+            beside=float(readings.summary.moments.mean[order_of(self.plane)[2]]),
+        )
+
+
+def _bias(ellipsoid: Ellipsoid, reference: Estimate) -> Floats:
+    """(9,) what separates an ellipse from that of least squares, beyond what the uncertainty of that explains."""
+    other = reference.ellipsoid
+    apart = np.concatenate([ellipsoid.centre - other.centre, upper(ellipsoid.shape - other.shape)])[IN_PLANE]
+    covariance = reference.covariance[np.ix_(IN_PLANE, IN_PLANE)]
+    surprise = float(apart @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ apart)
+    bias = np.zeros(9)
+    if surprise > 0.0:
+        bias[IN_PLANE] = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise))
+    return bias
+
+
+def _noise(points: Floats, ellipsoid: Ellipsoid) -> float:
+    """Standard deviation of the points' distance from the ellipse, in their unit; five parameters were found."""
+    distances = magnitude.distances(points, ellipsoid)
+    return float(np.sqrt(distances @ distances / max(len(distances) - 5, 1)))

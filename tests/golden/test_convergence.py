@@ -1,0 +1,150 @@
+"""How an estimate settles, to the letter: the drawing and the table that `--convergence` writes."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.cli import main
+from flinders.estimators import METHODS, Convergence, Ladder, Readings
+from flinders.report.convergence import COLOURS, ON_BLACK, Settling, drawing, table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from click.testing import Result
+
+    Golden = Callable[[str, str], None]
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+
+
+def record(name: str, *, n: int = 1000) -> None:
+    field = simulate.tumble(seed=2, motion="hand", n=n).samples.field
+    lines = [",".join(f"{value:.3f}" for value in row) for row in field]
+    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+
+
+def calibrate(*words: str) -> Result:
+    return CliRunner().invoke(main, ["calibrate", *words])
+
+
+@pytest.mark.parametrize("method", ["forgetting", "ladder"])
+def test_the_drawing(method: str, golden: Golden) -> None:
+    record("tumble.csv")
+    ended = calibrate("tumble.csv", "--method", method, "--convergence", "settling.svg")
+    assert ended.exit_code == 0, ended.output
+    assert "convergence written to settling.svg" in ended.output
+    golden(f"convergence/{method}.svg", Path("settling.svg").read_text(encoding="utf-8"))
+
+
+def test_the_table(golden: Golden) -> None:
+    """To four digits, on which all machines agree."""
+    record("tumble.csv")
+    assert calibrate("tumble.csv", "--method", "ladder", "--convergence", "settling.csv").exit_code == 0
+    text = Path("settling.csv").read_text(encoding="utf-8")
+    golden("convergence/ladder.csv", re.sub(r"-?\d+\.\d+(e-?\d+)?", lambda found: f"{float(found[0]):.4g}", text))
+
+
+@pytest.mark.parametrize("method", ["forgetting", "ladder"])
+def test_a_drawing_is_whole_and_fits_light_and_dark_pages(method: str) -> None:
+    """Well-formed, no number that is none, everything inside, as narrow as the page, and colours for both."""
+    record("tumble.csv")
+    calibrate("tumble.csv", "--method", method, "--convergence", "s.svg")
+    text = Path("s.svg").read_text(encoding="utf-8")
+    root = ET.fromstring(text)
+    assert "nan" not in text
+    assert "inf" not in text
+    assert "max-width: 100%" in root.attrib["style"]
+    wide, high = (float(number) for number in root.attrib["viewBox"].split()[2:])
+    for mark in root.iter("{http://www.w3.org/2000/svg}text"):
+        assert 0 <= float(mark.attrib["x"]) <= wide
+        assert 0 < float(mark.attrib["y"]) < high
+    assert "prefers-color-scheme: dark" in text
+    assert all(colour in text for colour in (*COLOURS, *ON_BLACK))
+
+
+def test_an_estimate_that_never_moves_can_be_drawn() -> None:
+    """No noise at all, one step, and a start without an ellipsoid."""
+    steps = Convergence(
+        np.array([10, 20]),
+        np.array([[np.nan] * 9, [1.0] * 3 + [50.0] * 3 + [0.0] * 3]),
+        np.array([[np.nan] * 9, [0.0] * 9]),
+    )
+    for settling in (Settling(steps, "x", "counts"), Settling(steps, "x", "uT", dip_deg=-60.0, target_deg=45.0)):
+        assert "nan" not in drawing(settling)
+        assert table(settling).splitlines()[1] == "10" + "," * 20
+        assert settling.heading_off_deg[1] == 0.0
+
+
+def test_stages_are_marked_once_each() -> None:
+    steps = Ladder().converge(Readings.of(simulate.tumble(seed=1, n=600).samples))
+    text = drawing(Settling(steps, "ladder", "uT"))
+    for name in ("sphere", "along axes", "ellipsoid"):
+        assert text.count(f">{name}</text>") == 1
+
+
+def test_a_refused_fit_can_be_watched_too() -> None:
+    field = simulate.tumble(seed=2, motion="level").samples.field[:, (2, 0, 1)]
+    np.savetxt("table.csv", field, delimiter=",", fmt="%.3f", header="mx_uT,my_uT,mz_uT", comments="")
+    ended = calibrate("table.csv", "--method", "ladder", "--convergence", "s.csv")
+    assert ended.exit_code == 4
+    assert Path("s.csv").exists() == ("convergence written" in ended.output)
+
+
+def test_several_recordings_are_watched_one_after_the_other() -> None:
+    record("a.csv")
+    record("b.csv", n=700)
+    ended = calibrate("a.csv", "b.csv", "--method", "forgetting", "--convergence", "s.csv", "--filter", "median:3")
+    assert ended.exit_code in {0, 3}, ended.output
+    assert Path("s.csv").read_text(encoding="utf-8").splitlines()[-1].startswith("1700,")
+
+
+def test_methods_that_cannot_be_watched_say_which_can() -> None:
+    record("tumble.csv")
+    watched = [name for name, method in METHODS.items() if hasattr(method, "converge")]
+    assert {"forgetting", "ladder"} <= set(watched)
+    for method in sorted(set(METHODS) - set(watched)):
+        ended = calibrate("tumble.csv", "--method", method, "--convergence", "s.svg")
+        assert ended.exit_code == 2
+        assert f"--convergence goes with --method {' or '.join(watched)}: {method} looks at all" in ended.output
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "match"),
+    [
+        (["--convergence", "s.png"], 2, "need a name that ends in .svg (drawing) or .csv (table)"),
+        (["--convergence", "s"], 2, "need a name that ends in"),
+        (["--convergence", "-"], 2, "need a name that ends in"),
+        (["--convergence", "tumble.csv"], 2, "tumble.csv is read, and would be written over"),
+        (["--convergence", "there.svg"], 6, "there.svg exists"),
+        (["--convergence", "no/where.svg"], 6, "no such folder"),
+        (["--convergence", "c.svg", "-o", "c.svg"], 2, "give them two names"),
+        (["--convergence", "c.svg", "--report-text", "./c.svg"], 2, "give them two names"),
+    ],
+)
+def test_what_cannot_be_written_is_found_before_anything_is_read(words: list[str], code: int, match: str) -> None:
+    record("tumble.csv")
+    Path("there.svg").write_text("mine", encoding="utf-8")
+    ended = calibrate("tumble.csv", "--method", "ladder", *words)
+    assert ended.exit_code == code, ended.output
+    assert match in ended.output
+    assert "columns" not in ended.output
+    assert Path("there.svg").read_text(encoding="utf-8") == "mine"
+
+
+def test_typed_extremes_cannot_be_watched() -> None:
+    ended = calibrate("--minmax", "-1,1,-1,1,-1,1", "--convergence", "s.svg")
+    assert ended.exit_code == 2
+    assert "--convergence needs readings" in ended.output
