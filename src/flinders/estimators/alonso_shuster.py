@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.errors import NotAnEllipsoid
+from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.attitude_independent import (
     COLLAPSED,
     ENOUGH_EXPLAINED,
@@ -132,6 +132,8 @@ class AlonsoShuster:
             Where there are only sums.
         WrongStrength
             If the strength told at each reading cannot be the field's.
+        Undetermined
+            If the readings leave parameters open, as two rings without noise do.
         NotAnEllipsoid
             If neither step 1 nor the consistent fit gives an ellipsoid to begin with.
         Collapsed
@@ -141,6 +143,8 @@ class AlonsoShuster:
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._given(reference) or reference.noise
         start = self.start(reference, Sums.of(reference, noise, self.weights))
+        if unseen := Sums.of(reference, noise, self.weights).unseen(start):
+            raise Undetermined(unseen)
         theta = start
         for _ in range(ROUNDS if self._given(reference) is None else 1):
             sums = Sums.of(reference, noise, self.weights)

@@ -68,6 +68,9 @@ COMPUTED: Final = 1e-4
 COLLAPSED: Final = 0.5
 """Of the gain that the fit began with: no noise halves it, the root at D = −I does."""
 
+ROUNDING: Final = 1e-12
+"""Of the information, its diagonal scaled to one: less is none."""
+
 _EYE: Final = np.eye(3)
 _BASIS: Final = np.array([symmetric(unit) for unit in np.eye(6)])
 
@@ -470,6 +473,13 @@ class Sums:
         """(9, 9) F = F̃ + (L̄ − ∂β)(L̄ − ∂β)ᵀ/s̄², of θ'."""
         across = self.means[:9] - beta(theta)[1]
         return self.centred[:9, :9] + np.outer(across, across) / self.variance
+
+    def unseen(self, theta: Floats) -> int:
+        """Combinations of parameters of which rounding leaves nothing, as where the readings lie on two rings."""
+        information = self.information(theta)
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        values = np.linalg.eigvalsh(information / np.outer(scale, scale))
+        return int(np.count_nonzero(values < ROUNDING))
 
     def gradient(self, theta: Floats) -> Floats:
         """(9,) half the gradient of the cost."""

@@ -1,0 +1,178 @@
+"""A log: a file that holds several instruments, and what it knows of their calibration, of the place and of the time.
+
+Every magnetometer in it is an `Instrument`, which is a `Recording`: what was measured, before the calibration that was
+in force on board was applied, or as it was logged.
+
+>>> from flinders.samples import Samples
+>>> from flinders.units import Unit
+>>> level = Instrument("flight.bin", "MAG 0", Unit.of("mG"), lambda _: iter([Samples.of([[1, 2, 3]], unit="mG")]))
+>>> log = Log("flight.bin", "ArduPilot DataFlash", (level,))
+>>> log.sensor("1").name, log.sensor("mag 0") is log.sensor("1")
+('MAG 0', True)
+>>> log.sensor("2")
+Traceback (most recent call last):
+flinders.errors.UsageError: flight.bin has no magnetometer 2: there is 1 (MAG 0)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.axes import Axes
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from datetime import datetime
+
+    from flinders.arrays import Floats
+    from flinders.samples import Samples
+    from flinders.units import Unit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stored:
+    """A calibration that was in force when a log was made: ``corrected = matrix @ (raw - offset)``, before mounting.
+
+    Attributes
+    ----------
+    matrix : (3, 3) float
+    offset : (3,) float, µT
+    mounting : (3, 3) float
+        Rotation from what `matrix` gives to what the log holds; identity where the sensor sits as the vehicle does.
+    words : str
+        What it is, as the target calls it: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``.
+    """
+
+    matrix: Floats
+    offset: Floats
+    mounting: Floats = field(default_factory=lambda: np.eye(3))
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Where a log was made.
+
+    Attributes
+    ----------
+    latitude_deg, longitude_deg : float
+        Degrees, north and east positive (WGS 84).
+    altitude_m : float
+        Above the sea; 0 where it is not known.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instrument:
+    """One magnetometer of a log.
+
+    Attributes
+    ----------
+    source : str
+        The file, for messages.
+    name : str
+        As the log calls it: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``.
+    unit : Unit
+        Of what `columns` yields.
+    columns : callable
+        Yields blocks of `Samples` from the first on, each time it is called; its argument says whether as logged
+        (True), or with what is `stored` un-applied (False).
+    stored : Stored, optional
+        What the log says was in force, where readings are logged after it.
+    axes : Axes
+    as_logged : bool
+    start, end : float, s
+        Only readings between these times are given.
+    notes : tuple of str
+        What to know about it, a sentence each.
+    """
+
+    source: str
+    name: str
+    unit: Unit
+    columns: Callable[[bool], Iterator[Samples]]
+    stored: Stored | None = None
+    axes: Axes = field(default_factory=Axes)
+    as_logged: bool = False
+    start: float = -np.inf
+    end: float = np.inf
+    notes: tuple[str, ...] = ()
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the readings, in `axes` and between `start` and `end`."""
+        for block in self.columns(self.as_logged):
+            kept = block if block.time is None else block[(block.time >= self.start) & (block.time <= self.end)]
+            yield turned(replace(kept, source=self.source), self.axes)
+
+    def describe(self) -> str:
+        """Say in one line what is used, and what was un-applied."""
+        told = f"{self.source}: {self.name} in {self.unit.name}"
+        if self.stored is not None:
+            told += f"; {'as logged, after' if self.as_logged else 'un-applied:'} {self.stored.words}"
+        return told if self.axes == Axes() else f"{told}; axes {self.axes}"
+
+    def __str__(self) -> str:
+        return self.describe()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Log:
+    """What a file holds.
+
+    Attributes
+    ----------
+    source : str
+        The file, for messages.
+    format : str
+        For people: ``ArduPilot DataFlash``.
+    instruments : tuple of Instrument
+        Its magnetometers, in the order of their numbers.
+    position : Position, optional
+    begun : datetime, optional
+        UTC.
+    notes : tuple of str
+        What to know about the file, a sentence each: that it was cut short, that its clock jumps.
+    """
+
+    source: str
+    format: str
+    instruments: tuple[Instrument, ...]
+    position: Position | None = None
+    begun: datetime | None = None
+    notes: tuple[str, ...] = ()
+
+    def sensor(self, wanted: str) -> Instrument:
+        """Look a magnetometer up by its number, counted from 1, or by its name.
+
+        Raises
+        ------
+        UsageError
+            For one that there is not; names those there are.
+        """
+        for number, instrument in enumerate(self.instruments, 1):
+            if wanted.strip().casefold() in (str(number), instrument.name.casefold()):
+                return instrument
+        there = ", ".join(f"{number} ({one.name})" for number, one in enumerate(self.instruments, 1))
+        verb = "is" if len(self.instruments) == 1 else "are"
+        raise UsageError(f"{self.source} has no magnetometer {wanted}: there {verb} {there or 'none'}")
+
+
+def turned(samples: Samples, axes: Axes) -> Samples:
+    """Map the axes of field, acceleration and rate; they must be as recorded."""
+    if axes == samples.axes:
+        return samples
+    return replace(
+        samples,
+        field=axes.apply(samples.field),
+        acceleration=None if samples.acceleration is None else axes.apply(samples.acceleration),
+        rate=None if samples.rate is None else axes.apply(samples.rate),
+        axes=axes,
+    )
