@@ -44,6 +44,7 @@ RECORDINGS: Final = {
 """Five sensors, by name and file."""
 
 HOPELESS: Final = 90.0
+NOTHING: Final = 1e-3
 
 
 def error_deg(method: str, name: str, sigma: float, trial: int) -> float:
@@ -122,6 +123,8 @@ def _angle(angle: float) -> str:
     """Two digits, and no more than mean something."""
     if angle > HOPELESS:
         return "> 90°"
+    if angle < NOTHING:
+        return "0°"
     return f"{angle:.0f}°" if angle >= 9.95 else f"{angle:.1f}°" if angle >= 0.995 else f"{angle:.2g}°"
 
 

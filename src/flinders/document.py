@@ -182,6 +182,11 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     coverage: dict[str, float] = {}
     findings: tuple[FindingRecord, ...] = ()
 
+    @property
+    def is_planar(self) -> bool:
+        """It rests on a turn in one plane, and on the dip of the field there."""
+        return any(finding.code == "level-plane" for finding in self.findings)
+
     def __post_init__(self) -> None:
         """Refuse a covariance that does not belong to its names; called when a file is read."""
         size = len(self.covariance_of)

@@ -12,6 +12,7 @@
     │   ├── NoMagnetometer           no-magnetometer   5    a readable file without a magnetometer in it
     │   ├── NoAccelerometer          no-accelerometer  5    one without an accelerometer, where headings need it
     │   ├── ForeignAxes              foreign-axes      5    accelerometer and magnetometer with unlike axes
+    │   ├── MissingExtra             missing-extra     5    a format whose optional package is not installed
     │   └── DocumentError            document          5    a calibration file that is not one
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4
@@ -123,6 +124,16 @@ class NoAccelerometer(InputError):
     """A readable recording in which no accelerometer was recognised, and tilt cannot be taken off without one."""
 
     code = "no-accelerometer"
+
+
+class MissingExtra(InputError):
+    """A format that needs a `package` that is not installed; `extra` is what to install for it."""
+
+    code = "missing-extra"
+
+    def __init__(self, package: str, extra: str, what: str) -> None:
+        self.package, self.extra = package, extra
+        super().__init__(f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]'")
 
 
 class DocumentError(InputError):

@@ -40,7 +40,7 @@ from flinders.quadric import Ellipsoid, symmetric, upper
 from flinders.repeats import Part, compared
 from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first
 from flinders.units import Unit, label
-from flinders.verdict import LEVEL, REFUSED_AT, contradiction, of_calibration
+from flinders.verdict import REFUSED_AT, contradiction, of_calibration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -385,7 +385,7 @@ def _refuse_pair(a: Judged, b: Judged) -> None:
             f"{a.name} and {b.name} were both made from {' and '.join(same)}: readings that are counted twice seem "
             "better than they are, leave one out"
         )
-    turns = [one.record is not None and one.record.method == LEVEL for one in (a, b)]
+    turns = [one.record is not None and one.record.is_planar for one in (a, b)]
     if turns[0] != turns[1]:
         level, other = (a, b) if turns[0] else (b, a)
         raise UsageError(

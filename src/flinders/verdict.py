@@ -92,9 +92,6 @@ SKIPPED: Final = 0.1
 LONG_STEP: Final = 20.0
 AXIS_RATIO: Final = 2.0
 EARTH_UT: Final = (22.0, 67.0)
-LEVEL: Final = "level"
-"""The method that fits a level turn, of which nothing else is expected."""
-
 UPSIDE_DOWN: Final = 180.0
 
 

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from flinders.errors import counted, figures
 from flinders.quadric import upper
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.contest import Contest, Entry
     from flinders.heading import HeadingError
+
+NOTHING: Final = 1e-4
+"""Degrees of heading that come from rounding alone."""
 
 
 def page(contest: Contest) -> RenderableType:
@@ -73,7 +76,9 @@ def _worth(contest: Contest) -> RenderableType:
 
 
 def _angle(error: HeadingError | None) -> str:
-    return "–" if error is None else degrees(error.rms)
+    if error is None:
+        return "–"
+    return degrees(error.rms) if error.rms > NOTHING else "0°"
 
 
 def _basis(contest: Contest) -> RenderableType:

@@ -51,8 +51,9 @@ FINDINGS: Final = {
         MOVE,
     ),
     "bias": Words(
-        "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor.",
-        "Calibrate again with the method auto.",
+        "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor, or not made "
+        "for a recording like this.",
+        "Calibrate again with the method auto, or of a level turn with the method ellipse.",
     ),
     "inflation": Words(
         "The readings lie on a small patch of what they should go round ({number:.1f} times as wide).", MOVE
@@ -157,6 +158,19 @@ REFUSALS: Final = {
         "The sensor was turned in too few ways. For {unseen} of the 9 numbers of the correction the recording tells "
         "nothing.",
         "Turn the sensor about all three of its axes.",
+    ),
+    "constant-strength": Words(
+        "The field has nearly one and the same strength at all readings. The method that was asked for needs one that "
+        "varies.",
+        "Use another method.",
+    ),
+    "wrong-strength": Words(
+        "The strength of the field that the recording tells beside its readings cannot be right.",
+        "Check where that column comes from, or take it out.",
+    ),
+    "collapsed": Words(
+        "The method that was asked for finds no correction near these readings.",
+        "Use another method, or turn the sensor onto all of its sides.",
     ),
 }
 """Each refusal that has no fit in plain words, and what to do about it."""

@@ -1,0 +1,587 @@
+"""ArduPilot's compass parameters: ``m = I ((r + OFS) SCALE) + MOT x``.
+
+r is what the compass reads, in mG, turned into the axes of the vehicle (forward, right, down) first; x is the battery
+current in A or the throttle from 0 to 1, as COMPASS_MOTCT says; I is symmetric, with DIA on its diagonal and ODI beside
+it. Ours is corrected = A (raw − b), so
+
+    SCALE = mean of the diagonal of A,   DIA, ODI = A / SCALE,   OFS = −b
+
+>>> from flinders.units import Unit
+>>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
+>>> for name, value in Parameters.of(found, compass=2).rows()[:5]:
+...     print(f"{name},{value:g}")
+COMPASS_OFS2_X,-100
+COMPASS_OFS2_Y,200
+COMPASS_OFS2_Z,0
+COMPASS_DIA2_X,1.1
+COMPASS_DIA2_Y,1
+>>> Parameters.of(found).apply([[100.0, -200.0, 500.0]])            # in mG: 10, −20 and 50 µT
+array([[  0.,   0., 450.]])
+
+Offsets are added here, and act after the mounting: PX4 and most others subtract them, in the axes of the sensor.
+
+Sources: ``AP_Compass_Backend::correct_field`` (ArduPilot, GPL-3; the formula was taken from it and none of its code);
+``AP_Math/rotations.h`` and MAVLink's ``MAV_SENSOR_ROTATION`` for the mountings; limits of ``CompassCalibrator`` and of
+the check before arming. Firmware before 4.0 added the motor term before I (seen in versions of 2015); both agree
+where I is the identity or there is no motor term.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, Literal, Self
+
+import numpy as np
+
+from flinders.arrays import Floats, floats, vectors
+from flinders.calibration import Calibration
+from flinders.conventions._recorded import in_recorded_axes
+from flinders.errors import ArrayError, InputError, NotExportable, UnitError, UsageError, counted, figures
+from flinders.units import MICROTESLA, PER_UNIT, Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import ArrayLike
+
+MG: Final = PER_UNIT["mG"]
+"""µT in one mG."""
+
+COMPASSES: Final = (1, 2, 3)
+MOST_OFFSET: Final = 1800.0
+"""COMPASS_OFFS_MAX as it is delivered, in mG: a vehicle with longer offsets does not arm."""
+LEAST_DIAGONAL, MOST_DIAGONAL = 0.2, 5.0
+MOST_OFF_DIAGONAL: Final = 1.0
+"""What ArduPilot's own calibrator accepts of DIA and ODI."""
+MOST_SCALE: Final = 1.5
+"""A COMPASS_SCALE beyond 1/1.5 to 1.5 counts as 1."""
+MOST_TURN_DEG: Final = 0.05
+"""A symmetric matrix cannot turn; a calibration that turns by more is refused."""
+
+Scheme = Literal["COMPASS_OFS2_X", "COMPASS2_OFS_X"]
+"""How the parameters of the second compass are named; the first one's are COMPASS_OFS_X or COMPASS1_OFS_X."""
+
+OFF, BY_THROTTLE, BY_CURRENT = 0, 1, 2
+"""What COMPASS_MOTCT says that COMPASS_MOT is multiplied by."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters:
+    """The parameters of one compass.
+
+    Attributes
+    ----------
+    offset : (3,) float, mG
+        COMPASS_OFS.
+    diagonal : (3,) float
+        COMPASS_DIA; all zero counts as all one.
+    off_diagonal : (3,) float
+        COMPASS_ODI: entries xy, xz and yz.
+    scale : float
+        COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1.
+    motor : (3,) float, mG/A or mG at full throttle
+        COMPASS_MOT.
+    motor_by : int
+        COMPASS_MOTCT: 0 off, 1 throttle, 2 current.
+    orientation : int
+        COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only.
+    external : bool
+        COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board.
+    compass : int
+        1, 2 or 3.
+    """
+
+    offset: Floats = field(default_factory=lambda: np.zeros(3))
+    diagonal: Floats = field(default_factory=lambda: np.ones(3))
+    off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
+    scale: float = 0.0
+    motor: Floats = field(default_factory=lambda: np.zeros(3))
+    motor_by: int = OFF
+    orientation: int = 0
+    external: bool = False
+    compass: int = 1
+
+    @classmethod
+    def of(
+        cls,
+        calibration: Calibration,
+        *,
+        compass: int = 1,
+        mounting: ArrayLike | None = None,
+        motor: ArrayLike | None = None,
+        motor_by: int = OFF,
+        orientation: int = 0,
+        external: bool = False,
+    ) -> Self:
+        """Turn a calibration into parameters.
+
+        Parameters
+        ----------
+        calibration : Calibration
+            In the axes of the vehicle, as a log of ArduPilot is; or in those of the sensor, with its `mounting`.
+        compass : int
+            1, 2 or 3.
+        mounting : (3, 3) array-like, optional
+            Rotation R from the axes of the sensor to those of the vehicle, `rotation` of COMPASS_ORIENT: what is
+            written is R A Rᵀ and R b.
+        motor : (3,) array-like, optional
+            COMPASS_MOT: what is added to a corrected reading, in mG for each A, or at full throttle.
+        motor_by : int
+            COMPASS_MOTCT: `BY_THROTTLE` or `BY_CURRENT`, where there is a `motor`.
+        orientation, external
+            As the attributes of the same name; kept, and not used.
+
+        Raises
+        ------
+        UnitError
+            For a calibration in counts.
+        NotExportable
+            For values that ArduPilot does not take: `beyond` names them, ``evidence["wanted"]`` holds them.
+        UsageError
+            For a compass that there is not, or a motor term without what it depends on.
+        """
+        if calibration.unit != MICROTESLA:
+            raise UnitError(
+                "the calibration is in counts, and ArduPilot's parameters are in mG: calibrate again with --unit mG "
+                "(or G, uT …), or with --scale where the microtesla in one count are known"
+            )
+        motor = np.zeros(3) if motor is None else vectors(motor, "motor")
+        if motor.any() and motor_by not in (BY_THROTTLE, BY_CURRENT):
+            raise UsageError("a motor term needs what it depends on: motor_by=1 for throttle, 2 for current")
+        matrix, centre = in_recorded_axes(calibration)
+        turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
+        held = turn @ _symmetric(matrix) @ turn.T
+        scale = float(np.trace(held) / 3)
+        if not 0 < scale < np.inf:
+            raise NotExportable(
+                f"COMPASS_SCALE would be {figures(scale, 4)}, and needs to be positive: the calibration turns an axis "
+                "round; map the axes of the recording instead",
+                beyond=(f"COMPASS_SCALE{_digit(compass)}",),
+                wanted={f"COMPASS_SCALE{_digit(compass)}": scale},
+            )
+        found = cls(
+            offset=-(turn @ centre) / MG,
+            diagonal=np.diag(held) / scale,
+            off_diagonal=held[[0, 0, 1], [1, 2, 2]] / scale,
+            scale=scale,
+            motor=motor,
+            motor_by=motor_by,
+            orientation=orientation,
+            external=external,
+            compass=_known(compass),
+        )
+        found.refuse_beyond()
+        return found
+
+    @classmethod
+    def read(cls, values: Mapping[str, float], compass: int = 1) -> Self:
+        """Take one compass out of a vehicle's parameters, in either scheme of names; what is not there is the default.
+
+        Examples
+        --------
+        >>> Parameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
+        1.1
+        """
+        digit = _digit(_known(compass))
+
+        def one(name: str, axis: str = "", default: float = 0.0) -> float:
+            short = "EXTERN" if name == "EXTERNAL" and digit else name
+            spelt = (
+                f"COMPASS_{short}{digit}{axis}",
+                f"COMPASS{compass}_{name}{axis}",
+                f"COMPASS{compass}_EXTERN{axis}",
+            )
+            found = [values[each] for each in spelt[: 3 if name == "EXTERNAL" else 2] if each in values]
+            return float(found[0]) if found else default
+
+        def three(name: str, default: float = 0.0) -> Floats:
+            return np.array([one(name, axis, default) for axis in ("_X", "_Y", "_Z")])
+
+        return cls(
+            offset=three("OFS"),
+            diagonal=three("DIA", 1.0),
+            off_diagonal=three("ODI"),
+            scale=one("SCALE"),
+            motor=three("MOT"),
+            motor_by=int(values.get("COMPASS_MOTCT", OFF)),
+            orientation=int(one("ORIENT")),
+            external=one("EXTERNAL") > 0,
+            compass=compass,
+        )
+
+    @property
+    def gain(self) -> float:
+        """SCALE as ArduPilot uses it: 1 where it is off or out of its range."""
+        return self.scale if 1 / MOST_SCALE <= self.scale <= MOST_SCALE else 1.0
+
+    @property
+    def iron(self) -> Floats:
+        """(3, 3) I, symmetric; with DIA all zero the identity with ODI beside it, as ArduPilot has it."""
+        diagonal = self.diagonal if self.diagonal.any() else np.ones(3)
+        xy, xz, yz = self.off_diagonal
+        return np.diag(diagonal) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) I SCALE: the A of corrected = A (raw − b)."""
+        return self.gain * self.iron
+
+    @property
+    def centre(self) -> Floats:
+        """(3,) −OFS in µT: the b of corrected = A (raw − b)."""
+        return -MG * self.offset + 0.0
+
+    @property
+    def is_identity(self) -> bool:
+        """Nothing is corrected."""
+        return not self.offset.any() and np.array_equal(self.matrix, np.eye(3))
+
+    def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
+        """Correct readings as ArduPilot does.
+
+        Parameters
+        ----------
+        raw : (..., 3) mG
+            Readings in the axes of the vehicle.
+        drive : (...) A or 0 to 1
+            Current or throttle, as `motor_by` says.
+
+        Returns
+        -------
+        (..., 3) mG
+        """
+        readings: Floats = (vectors(raw, "raw", finite=False) + self.offset) @ self.matrix.T + self._motor(drive)
+        return readings
+
+    def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
+        """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS.
+
+        Parameters
+        ----------
+        corrected : (..., 3) mG
+        drive : (...) A or 0 to 1
+            As for `apply`.
+        motor_offset : (..., 3) mG, optional
+            MOT x itself, where a log holds it.
+
+        Raises
+        ------
+        ArrayError
+            Where I flattens readings and cannot be undone.
+
+        Examples
+        --------
+        >>> set_up = Parameters(offset=np.array([-100.0, 0, 50]), off_diagonal=np.array([0.1, 0, 0]), scale=1.2)
+        >>> set_up.unapply(set_up.apply([1.0, 2.0, 3.0])).round(9)
+        array([1., 2., 3.])
+        """
+        added = self._motor(drive) if motor_offset is None else vectors(motor_offset, "motor_offset", finite=False)
+        try:
+            back = np.linalg.inv(self.matrix)
+        except np.linalg.LinAlgError:
+            raise ArrayError(
+                f"{self.words()}: this flattens all readings into a plane, so that what the compass read is lost"
+            ) from None
+        readings: Floats = (vectors(corrected, "corrected", finite=False) - added) @ back.T - self.offset
+        return readings
+
+    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
+        """The calibration that the parameters stand for, without the motor term, in the axes of the vehicle.
+
+        Parameters
+        ----------
+        field_strength : float, µT
+            Length of corrected readings, which parameters do not hold.
+        known : bool
+            It was given, and is no convention.
+        sensor : str, optional
+
+        Raises
+        ------
+        ArrayError
+            Where I flattens readings.
+        """
+        return Calibration(self.matrix, self.centre, field_strength, known, raw=Unit.of("mG"), sensor=sensor)
+
+    def rows(self, scheme: Scheme = "COMPASS_OFS2_X") -> tuple[tuple[str, float], ...]:
+        """Names and values to write: OFS, DIA, ODI, SCALE, and MOT with COMPASS_MOTCT where there is a motor term.
+
+        Values are rounded to the float32 that ArduPilot keeps.
+        """
+        columns = {"OFS": self.offset, "DIA": self.diagonal, "ODI": self.off_diagonal}
+        named = [
+            (self._name(group, scheme, f"_{axis}"), value)
+            for group, values in columns.items()
+            for axis, value in zip("XYZ", values, strict=True)
+        ]
+        named.append((self._name("SCALE", scheme), self.scale))
+        if self.motor.any():
+            named += [
+                (self._name("MOT", scheme, f"_{axis}"), value) for axis, value in zip("XYZ", self.motor, strict=True)
+            ]
+            named.append(("COMPASS_MOTCT", self.motor_by))
+        return tuple((name, float(np.float32(value)) + 0.0) for name, value in named)
+
+    def as_held(self) -> Self:
+        """The same after ArduPilot has kept each value as a float32."""
+        return type(self)(
+            *(np.float32(each).astype(float) for each in (self.offset, self.diagonal, self.off_diagonal)),
+            float(np.float32(self.scale)),
+            np.float32(self.motor).astype(float),
+            self.motor_by,
+            self.orientation,
+            self.external,
+            self.compass,
+        )
+
+    def words(self) -> str:
+        """Write what is in force on one line, with its names.
+
+        >>> Parameters(offset=np.array([-12.0, 40.5, -93.0]), compass=2).words()
+        'COMPASS_OFS2 -12, 40.5, -93 mG'
+        """
+        digit = _digit(self.compass)
+        told = [f"COMPASS_OFS{digit} {_listed(self.offset)} mG"]
+        if not np.array_equal(self.iron, np.eye(3)):
+            told.append(f"COMPASS_DIA{digit} {_listed(np.diag(self.iron))}")
+            told.append(f"COMPASS_ODI{digit} {_listed(self.off_diagonal)}")
+        if self.gain != 1.0:
+            told.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
+        return "; ".join(told)
+
+    def refuse_beyond(self) -> None:
+        """Raise `NotExportable` for values that ArduPilot ignores, does not arm with, or its calibrator refuses."""
+        digit = _digit(self.compass)
+        wanted: dict[str, float] = {}
+        told: list[str] = []
+        length = float(np.linalg.norm(self.offset))
+        if not length <= MOST_OFFSET:
+            wanted[f"COMPASS_OFS{digit}"] = length
+            told.append(
+                f"COMPASS_OFS{digit} would be {figures(length, 4)} mG long, and a vehicle arms with at most "
+                f"{MOST_OFFSET:,.0f} (COMPASS_OFFS_MAX)"
+            )
+        for name, values, low, high in (
+            ("DIA", self.diagonal, LEAST_DIAGONAL, MOST_DIAGONAL),
+            ("ODI", self.off_diagonal, -MOST_OFF_DIAGONAL, MOST_OFF_DIAGONAL),
+        ):
+            for axis, value in zip("XYZ", values, strict=True):
+                if not low < value < high:
+                    wanted[f"COMPASS_{name}{digit}_{axis}"] = float(value)
+                    told.append(
+                        f"COMPASS_{name}{digit}_{axis} would be {figures(value, 4)}, and needs to lie between {low:g} "
+                        f"and {high:g}"
+                    )
+        if not 1 / MOST_SCALE <= self.scale <= MOST_SCALE:
+            wanted[f"COMPASS_SCALE{digit}"] = self.scale
+            told.append(
+                f"COMPASS_SCALE{digit} would be {figures(self.scale, 4)}, and ArduPilot ignores what is not between "
+                f"{1 / MOST_SCALE:.3f} and {MOST_SCALE:g}: corrected readings would be {figures(1 / self.scale, 3)} "
+                "times as long. Check the unit of the recording and --field-strength"
+            )
+        if wanted:
+            raise NotExportable(
+                "; ".join(told)
+                + ". Take away or demagnetise what is near the compass, mount it elsewhere, or check the recording",
+                beyond=wanted,
+                wanted=wanted,
+            )
+
+    def _motor(self, drive: ArrayLike) -> Floats:
+        """(..., 3) mG: MOT x, where COMPASS_MOTCT turns it on."""
+        on = self.motor_by in (BY_THROTTLE, BY_CURRENT)
+        return floats(drive, "drive")[..., np.newaxis] * (self.motor if on else np.zeros(3))
+
+    def _name(self, group: str, scheme: Scheme, axis: str = "") -> str:
+        if scheme == "COMPASS2_OFS_X":
+            return f"COMPASS{self.compass}_{group}{axis}"
+        return f"COMPASS_{group}{_digit(self.compass)}{axis}"
+
+
+# mountings
+
+ORIENTATIONS: Final[tuple[tuple[str, float, float, float], ...]] = (
+    ("NONE", 0, 0, 0), ("YAW_45", 0, 0, 45), ("YAW_90", 0, 0, 90), ("YAW_135", 0, 0, 135),
+    ("YAW_180", 0, 0, 180), ("YAW_225", 0, 0, 225), ("YAW_270", 0, 0, 270), ("YAW_315", 0, 0, 315),
+    ("ROLL_180", 180, 0, 0), ("ROLL_180_YAW_45", 180, 0, 45), ("ROLL_180_YAW_90", 180, 0, 90),
+    ("ROLL_180_YAW_135", 180, 0, 135), ("PITCH_180", 0, 180, 0), ("ROLL_180_YAW_225", 180, 0, 225),
+    ("ROLL_180_YAW_270", 180, 0, 270), ("ROLL_180_YAW_315", 180, 0, 315), ("ROLL_90", 90, 0, 0),
+    ("ROLL_90_YAW_45", 90, 0, 45), ("ROLL_90_YAW_90", 90, 0, 90), ("ROLL_90_YAW_135", 90, 0, 135),
+    ("ROLL_270", 270, 0, 0), ("ROLL_270_YAW_45", 270, 0, 45), ("ROLL_270_YAW_90", 270, 0, 90),
+    ("ROLL_270_YAW_135", 270, 0, 135), ("PITCH_90", 0, 90, 0), ("PITCH_270", 0, 270, 0),
+    ("PITCH_180_YAW_90", 0, 180, 90), ("PITCH_180_YAW_270", 0, 180, 270), ("ROLL_90_PITCH_90", 90, 90, 0),
+    ("ROLL_180_PITCH_90", 180, 90, 0), ("ROLL_270_PITCH_90", 270, 90, 0), ("ROLL_90_PITCH_180", 90, 180, 0),
+    ("ROLL_270_PITCH_180", 270, 180, 0), ("ROLL_90_PITCH_270", 90, 270, 0), ("ROLL_180_PITCH_270", 180, 270, 0),
+    ("ROLL_270_PITCH_270", 270, 270, 0), ("ROLL_90_PITCH_180_YAW_90", 90, 180, 90), ("ROLL_90_YAW_270", 90, 0, 270),
+    ("ROLL_90_PITCH_68_YAW_293", 90, 68.8, 293.3), ("PITCH_315", 0, 315, 0), ("ROLL_90_PITCH_315", 90, 315, 0),
+    ("PITCH_7", 0, 7, 0), ("ROLL_45", 45, 0, 0), ("ROLL_315", 315, 0, 0),
+)  # fmt: skip
+"""Name, roll, pitch and yaw in degrees of COMPASS_ORIENT 0 to 43; number 38 is 68.8° and 293.3°, whatever its name."""
+
+CUSTOM: Final = {100: "CUST_ROT", 101: "CUST_ROT1", 102: "CUST_ROT2"}
+"""Numbers of mountings that are set by parameters: roll, pitch and yaw in degrees, with _ROLL, _PITCH and _YAW."""
+
+
+def rotation(orientation: int, values: Mapping[str, float] | None = None) -> Floats:
+    """(3, 3) R of a COMPASS_ORIENT or AHRS_ORIENTATION: vehicle = R sensor, with R = R_z(yaw) R_y(pitch) R_x(roll).
+
+    Parameters
+    ----------
+    orientation : int
+        A row of `ORIENTATIONS`, or 101 and 102 for a custom rotation.
+    values : mapping, optional
+        Parameters of the vehicle; those of a custom rotation are CUST_ROT1_ROLL, CUST_ROT1_PITCH and so on.
+
+    Raises
+    ------
+    UsageError
+        For a number that is not known, or a custom rotation whose angles are not among `values`.
+
+    Examples
+    --------
+    >>> rotation(2) @ [1, 0, 0]                                             # YAW_90: its x points to the right
+    array([0., 1., 0.])
+    """
+    if 0 <= orientation < len(ORIENTATIONS):
+        return euler(*ORIENTATIONS[orientation][1:])
+    if orientation not in CUSTOM:
+        raise UsageError(
+            f"orientation {orientation} is not known: it is 0 (NONE) to {len(ORIENTATIONS) - 1} "
+            f"({ORIENTATIONS[-1][0]}), or {', '.join(map(str, CUSTOM))} for one of your own"
+        )
+    names = [f"{CUSTOM[orientation]}_{angle}" for angle in ("ROLL", "PITCH", "YAW")]
+    if missing := [name for name in names if name not in (values or {})]:
+        raise UsageError(
+            f"orientation {orientation} is a rotation of its own, and {', '.join(missing)} are not among the "
+            "parameters: give those as well"
+        )
+    return euler(*(values[name] for name in names)) if values else np.eye(3)
+
+
+def euler(roll: float, pitch: float, yaw: float) -> Floats:
+    """(3, 3) R_z(yaw) R_y(pitch) R_x(roll), angles in degrees; right angles are exact.
+
+    >>> euler(90, 0, 0) @ [0, 1, 0]
+    array([0., 0., 1.])
+    """
+    (cr, cp, cy), (sr, sp, sy) = np.cos(turns := np.deg2rad([roll, pitch, yaw])), np.sin(turns)
+    turned = np.array([
+        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
+        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
+        [-sp, sr * cp, cr * cp],
+    ])  # fmt: skip
+    return np.where(np.abs(turned) < 1e-15, 0.0, turned) + 0.0
+
+
+def orientation_name(orientation: int) -> str:
+    """Name a COMPASS_ORIENT.
+
+    >>> orientation_name(8), orientation_name(101), orientation_name(77)
+    ('ROLL_180', 'CUST_ROT1', 'not known')
+    """
+    if 0 <= orientation < len(ORIENTATIONS):
+        return ORIENTATIONS[orientation][0]
+    return CUSTOM.get(orientation, "not known")
+
+
+# parameter files
+
+NAME: Final = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
+"""A parameter has a name of up to 16 characters."""
+
+
+def parse(text: str, source: str = "parameters") -> dict[str, float]:
+    r"""Read a parameter file, as Mission Planner, MAVProxy or QGroundControl write it.
+
+    Parameters
+    ----------
+    text : str
+        ``NAME,value`` or ``NAME value`` a line, or the five columns of QGroundControl with the name in the third; what
+        follows # is a remark. Of a name that comes twice, the last counts.
+    source : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        For lines that are no parameters; names the first, and how many there are.
+
+    Examples
+    --------
+    >>> parse("# my boat\nCOMPASS_OFS_X,-12.5\nCOMPASS_OFS_Y  40\n1\t1\tCOMPASS_OFS_Z\t-93.0\t9\n")
+    {'COMPASS_OFS_X': -12.5, 'COMPASS_OFS_Y': 40.0, 'COMPASS_OFS_Z': -93.0}
+    """
+    values: dict[str, float] = {}
+    bad: list[tuple[int, str]] = []
+    for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1):
+        parts = [part for part in re.split(r"[,=\s]+", line.split("#", 1)[0].strip()) if part]
+        if not parts:
+            continue
+        name, value = (parts[2], parts[3]) if len(parts) == 5 else (parts[0], parts[1] if len(parts) > 1 else "")
+        try:
+            if not (NAME.fullmatch(name) and np.isfinite(float(value))):
+                raise ValueError
+            values[name] = float(value)
+        except ValueError:
+            bad.append((number, line.strip()))
+    if bad:
+        number, line = bad[0]
+        raise InputError(
+            f"{source} line {number} is no parameter ({line[:40]!r}; {counted(len(bad), 'such line')}): need NAME,value "
+            "a line, such as COMPASS_OFS_X,-12.5"
+        )
+    return values
+
+
+def compasses(values: Iterable[str]) -> tuple[int, ...]:
+    """Tell of which compasses there are parameters, by their names.
+
+    >>> compasses(["COMPASS_OFS_X", "COMPASS_OFS3_X", "COMPASS_USE2"])
+    (1, 3)
+    """
+    names = set(values)
+    return tuple(
+        compass for compass in COMPASSES if {f"COMPASS_OFS{_digit(compass)}_X", f"COMPASS{compass}_OFS_X"} & names
+    )
+
+
+def _known(compass: int) -> int:
+    if compass not in COMPASSES:
+        raise UsageError(f"compass {compass}: ArduPilot keeps parameters of compass 1, 2 and 3")
+    return compass
+
+
+def _digit(compass: int) -> str:
+    """What a compass's number looks like in COMPASS_OFS2_X; the first has none."""
+    return "" if compass == 1 else str(compass)
+
+
+def _symmetric(matrix: Floats) -> Floats:
+    """Let through the symmetric part of what does not turn; with A = Q P, Q a rotation, the angle of Q is judged."""
+    if np.array_equal(matrix, matrix.T):
+        return matrix
+    left, sizes, right = np.linalg.svd(matrix)
+    cosine = (np.trace(left @ right) - 1) / 2
+    angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
+    if angle > MOST_TURN_DEG:
+        raise NotExportable(
+            f"the calibration turns readings by {figures(angle)}°, and ArduPilot's symmetric matrix cannot: set the "
+            "mounting with COMPASS_ORIENT or a custom rotation, and calibrate without aligning to other sensors",
+            beyond=("COMPASS_ODI",),
+            turn_deg=angle,
+        )
+    held: Floats = right.T @ np.diag(sizes) @ right
+    return (held + held.T) / 2
+
+
+def _rotation_matrix(mounting: ArrayLike) -> Floats:
+    """Let through a rotation."""
+    turn = floats(mounting, "mounting")
+    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
+        raise UsageError("mounting is not a rotation: need a (3, 3) matrix R with R Rᵀ = 1 and determinant 1")
+    return turn
+
+
+def _listed(values: Iterable[float]) -> str:
+    return ", ".join(f"{value + 0.0:.6g}" for value in values)
