@@ -17,6 +17,7 @@ from flinders.errors import ArrayError, OutputExists, UnreadableInput, UsageErro
 from flinders.simulate import (
     MOTIONS,
     Disturbance,
+    FieldStep,
     Imu,
     MotorCurrent,
     PassingMagnet,
@@ -195,6 +196,19 @@ def test_a_step_comes_once_and_stays() -> None:
     npt.assert_allclose(off[760:], np.broadcast_to([1.0, 2.0, 3.0], (2240, 3)), atol=1e-9)
 
 
+def test_a_step_of_the_field_makes_it_stronger_and_leaves_offset_noise_and_path_alone() -> None:
+    sensor = Sensor(offset=np.array([10.0, 20.0, 30.0]))
+    plain, stepped = (
+        tumble(4, n=200, motion="uniform", sensor=sensor, noise=0.0, disturbances=some)
+        for some in ([], [FieldStep(0.5, at=0.4)])
+    )
+    ratio = np.linalg.norm(stepped.samples.field - sensor.offset, axis=1) / 50.0
+    npt.assert_allclose(ratio[:79], 1.0, rtol=1e-12)
+    npt.assert_allclose(ratio[81:], 1.5, rtol=1e-12)
+    npt.assert_array_equal(plain.samples.field[:79], stepped.samples.field[:79])
+    assert stepped.disturbances == ("field-step",)
+
+
 def test_a_passing_magnet_is_gone_after_a_while_and_its_readings_are_strays() -> None:
     recording, off = moved(PassingMagnet(200.0, at=0.5, seconds=4.0))
     length = np.linalg.norm(off, axis=1)
@@ -244,6 +258,7 @@ def test_saturation_comes_after_all_that_moves_the_reading() -> None:
         ({"motion": "drive", "tilt_deg": 100.0}, "tilt is 100°"),
         ({"dip_deg": 91.0}, "dip is 91°"),
         ({"disturbances": [Step(-1.0)]}, "by is -1 µT"),
+        ({"disturbances": [FieldStep(-1.0)]}, "by is -1: need a share above −1"),
         ({"disturbances": [Step([1.0, 2.0])]}, "by has shape"),
         ({"disturbances": [Step(1.0, at=2.0)]}, "at is 2: need a share of the recording"),
         ({"disturbances": [MotorCurrent(1.0, hold=0.0)]}, "hold is 0"),

@@ -171,6 +171,10 @@ Example:
 @click.option("--motor", type=size, metavar="UT", help="Field of motors, in µT per ampere; adds their current.")
 @click.option("--drift", type=size, metavar="UT", help="Drift of the offset, in µT per kelvin; adds the temperature.")
 @click.option("--step", type=size, metavar="UT", help="Step of the offset half way: something was moved.")
+@click.option(
+    "--field-step", type=_options.within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
+    help="From half way on the earth's field is stronger by this share.",
+)  # fmt: skip
 @click.option("--magnet", type=size, metavar="UT", help="A magnet passes after a third, so strong at its peak.")
 @click.option(
     "--gyro-bias", type=_several(3, "three numbers, such as 0.01,0,-0.02"), metavar="X,Y,Z",
@@ -299,12 +303,13 @@ class _Swung:
 
 def _tumbled(options: dict[str, Any]) -> Simulated:
     """Record, with what the options ask for."""
-    from flinders.simulate import Imu, MotorCurrent, PassingMagnet, Step, ThermalDrift, tumble
+    from flinders.simulate import FieldStep, Imu, MotorCurrent, PassingMagnet, Step, ThermalDrift, tumble
 
     kinds: dict[str, Callable[[float], Disturbance]] = {
         "motor": MotorCurrent,
         "drift": ThermalDrift,
         "step": Step,
+        "field_step": FieldStep,
         "magnet": lambda peak: PassingMagnet(peak, at=1 / 3),
     }
     wanted = {name: options.pop(name) for name in kinds}

@@ -60,6 +60,7 @@ from flinders.simulate.directions import hemisphere as hemisphere
 from flinders.simulate.directions import uniform as uniform
 from flinders.simulate.disturbances import Disturbance as Disturbance
 from flinders.simulate.disturbances import Effect as Effect
+from flinders.simulate.disturbances import FieldStep as FieldStep
 from flinders.simulate.disturbances import MotorCurrent as MotorCurrent
 from flinders.simulate.disturbances import PassingMagnet as PassingMagnet
 from flinders.simulate.disturbances import Step as Step

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
+from flinders.errors import UsageError
 from flinders.simulate._checks import not_negative, positive, share, triple
 from flinders.simulate.directions import uniform
 
@@ -49,12 +50,15 @@ class Effect:
         What the sensor's thermometer says.
     strays : (N,) bool, optional
         Readings that are of no use.
+    gain : (N,) float, optional
+        What the earth's field is multiplied by.
     """
 
     shift: Floats
     current: Floats | None = None
     temperature: Floats | None = None
     strays: NDArray[np.bool_] | None = None
+    gain: Floats | None = None
 
 
 class Disturbance(Protocol):
@@ -159,6 +163,31 @@ class Step:
         """What it does to readings taken at (N,) times in s."""
         after = _progress(time) >= share(self.at, "at", "the recording")
         return Effect(np.outer(after, _vector(self.by, rng, "by")))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldStep:
+    """Another place: from some moment on the earth's field is stronger or weaker, as indoors beside a beam.
+
+    Attributes
+    ----------
+    by : float
+        By which share of it: −0.1 for a tenth less.
+    at : float
+        When, as a share of the recording.
+    """
+
+    kind: ClassVar[str] = "field-step"
+
+    by: float
+    at: float = 0.5
+
+    def on(self, time: Floats, rng: Generator) -> Effect:  # noqa: ARG002 - nothing is left to chance
+        """What it does to readings taken at (N,) times in s; nothing is drawn."""
+        if not -1.0 < self.by < np.inf:
+            raise UsageError(f"by is {self.by:g}: need a share above −1, such as −0.1 for a tenth less")
+        after = _progress(time) >= share(self.at, "at", "the recording")
+        return Effect(np.zeros((len(time), 3)), gain=np.where(after, 1.0 + self.by, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

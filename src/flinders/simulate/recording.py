@@ -159,7 +159,7 @@ def tumble(
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
     disturbances : sequence of Disturbance
-        `MotorCurrent`, `ThermalDrift`, `Step`, `PassingMagnet`, or anything with their two names.
+        `MotorCurrent`, `ThermalDrift`, `Step`, `FieldStep`, `PassingMagnet`, or anything with their two names.
     imu : Imu, optional
         Another gyro and accelerometer than the usual ones.
 
@@ -189,7 +189,7 @@ def tumble(
     time = np.arange(course.n) / course.rate_hz
     effects = [one.on(time, rng) for one, rng in zip(disturbances, of_disturbances, strict=True)]
     shift = sum((effect.shift for effect in effects[1:]), effects[0].shift) if effects else None
-    true = positive(field_strength, "field_strength") * (path.directions + stray)
+    true = positive(field_strength, "field_strength") * (path.directions * _gain(effects, course.n) + stray)
     samples = Samples.of(
         sensor.read(true, of_noise, shift=shift),
         unit="uT",
@@ -289,6 +289,13 @@ def _turned(path: Path, imu: Imu, rng: Generator) -> Floats | None:
     if path.rate is None:
         return None
     return path.rate + imu.gyro_bias + imu.gyro_noise * rng.standard_normal(path.rate.shape)
+
+
+def _gain(effects: Sequence[Effect], n: int) -> Floats:
+    """(n, 1) what the earth's field is multiplied by."""
+    gains = [effect.gain for effect in effects if effect.gain is not None]
+    product: Floats = np.prod([np.ones(n), *gains], axis=0)
+    return product[:, np.newaxis]
 
 
 def _last(effects: Sequence[Effect], name: str) -> Floats | None:
