@@ -15,7 +15,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
@@ -230,6 +230,9 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
     both calibrations were given the strength of their field, both ellipsoids are therefore brought to one radius,
     their common scale is taken out of the covariances, and chi-square has a degree of freedom less.
 
+    One that rests on a level turn knows x and y alone: both are then held against each other as that turn reads
+    them, at the dip of the level turn, and the direction is that of a level vehicle's horizontal field.
+
     Parameters
     ----------
     a, b : Judged
@@ -250,15 +253,21 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+    dip = dip_deg
+    if "xy" in (a.plane, b.plane) and a.calibration.rotation == b.calibration.rotation == "symmetric":
+        refuse_unlike(a, b)
+        a, b, dip_deg = a.level(dip_deg), b.level(dip_deg), 0.0
     pair = _Pair.of(a, b)
     heading, mean = pair.heading_difference(dip_deg)
     chi_square, freedom = chi_square_of(pair.difference, pair.covariance)
     stated = a.covariance is not None or b.covariance is not None
     return Comparison(
-        heading_difference_deg=heading,
+        heading_difference_deg=replace(heading, dip_deg=float(dip)),
         heading_mean_deg=mean,
-        claimed_deg=level_error(pair.middle, pair.covariance, dip_deg=dip_deg) if stated else None,
-        direction_difference_deg=pair.direction_difference(),
+        claimed_deg=replace(level_error(pair.middle, pair.covariance, dip_deg=dip_deg), dip_deg=float(dip))
+        if stated
+        else None,
+        direction_difference_deg=pair.direction_difference() if dip == dip_deg else math.hypot(heading.rms, mean),
         offset_difference=b.calibration.offset - a.calibration.offset,
         offset_sigma=np.sqrt(np.diag(pair.covariance)[:3]) if stated else None,
         field_strength=pair.middle.radius,

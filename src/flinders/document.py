@@ -183,9 +183,12 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     findings: tuple[FindingRecord, ...] = ()
 
     @property
-    def is_planar(self) -> bool:
-        """It rests on a turn in one plane, and on the dip of the field there."""
-        return any(finding.code == "level-plane" for finding in self.findings)
+    def plane(self) -> Literal["xy", "yz", "zx"] | None:
+        """The plane of the one turn that it rests on, beside the dip of the field; None for all attitudes."""
+        if not any(finding.code == "level-plane" for finding in self.findings):
+            return None
+        named: tuple[Literal["xy", "yz", "zx"], ...] = ("xy", "yz", "zx")
+        return next((plane for plane in named if self.method.endswith(f" {plane}")), "xy")
 
     def __post_init__(self) -> None:
         """Refuse a covariance that does not belong to its names; called when a file is read."""

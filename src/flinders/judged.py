@@ -9,8 +9,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.calibration import Calibration
 from flinders.document import PARAMETERS, read
+from flinders.equator import equator, to_equator
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError
 from flinders.quadric import Ellipsoid, upper
 from flinders.units import label
@@ -108,6 +110,35 @@ class Judged:
         shape = self.calibration.shape
         squares, axes = np.linalg.eigh(shape @ shape.T)
         return Ellipsoid(self.calibration.offset, (axes * np.sqrt(squares)) @ axes.T)
+
+    @property
+    def plane(self) -> str | None:
+        """The plane of the one turn that it rests on; None for all attitudes, or where nobody said."""
+        return None if self.record is None else self.record.plane
+
+    def level(self, dip_deg: float) -> Judged:
+        """What it says of a turn in x and y, and nothing else: an ellipsoid whose equator is the ellipse of that turn.
+
+        Parameters
+        ----------
+        dip_deg : float
+            Inclination of the field at the turn, positive where it points along +z of the mapped axes; one that rests
+            on a level turn has its own.
+        """
+        own = None if self.plane is None or self.record is None else self.record.heading_error_deg
+        if own is not None and own.dip_deg is not None:
+            dip_deg = own.dip_deg
+        flat, rows = equator(self.ellipsoid, "xy", dip_deg=dip_deg), to_equator("xy", dip_deg=dip_deg)
+        known = self.calibration.field_strength_known
+        calibration = Calibration.from_ellipsoid(
+            flat.centre,
+            flat.shape,
+            field_strength=self.calibration.field_strength * math.cos(math.radians(dip_deg)) if known else None,
+            raw=self.calibration.raw,
+            axes=self.calibration.axes,
+        )
+        covariance = None if self.covariance is None else rows @ self.covariance @ rows.T
+        return replace(self, calibration=replace(calibration, frame=self.calibration.frame), covariance=covariance)
 
     @property
     def samples(self) -> int:

@@ -385,7 +385,7 @@ def _refuse_pair(a: Judged, b: Judged) -> None:
             f"{a.name} and {b.name} were both made from {' and '.join(same)}: readings that are counted twice seem "
             "better than they are, leave one out"
         )
-    turns = [one.record is not None and one.record.is_planar for one in (a, b)]
+    turns = [one.record is not None and one.record.plane is not None for one in (a, b)]
     if turns[0] != turns[1]:
         level, other = (a, b) if turns[0] else (b, a)
         raise UsageError(

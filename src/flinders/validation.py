@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.equator import equator
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings
 from flinders.heading import level_error
@@ -142,7 +143,8 @@ def cross_validated(
             raise NotValidated(number, blocks, error) from error
         ellipsoid, seen = found.ellipsoid, samples.field[held][asked[held]]
         if found.plane is not None:
-            ellipsoid, seen = _laid_flat(ellipsoid, seen, found.plane, getattr(estimator, "dip_deg", dip_deg))
+            ellipsoid = equator(ellipsoid, found.plane, dip_deg=getattr(estimator, "dip_deg", dip_deg))
+            seen = _laid_flat(seen, found.plane)
         planes.add(found.plane)
         if len(planes) > 1:
             raise NotValidated(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")
@@ -162,21 +164,11 @@ def cross_validated(
     )
 
 
-def _laid_flat(ellipsoid: Ellipsoid, field: Floats, plane: Plane, dip_deg: float) -> tuple[Ellipsoid, Floats]:
-    """The ellipse that a sensor reads which is turned about the axis across a plane, as an equator; readings beside it.
-
-    With the field u = (cos I cos ψ, −cos I sin ψ, sin I) in the order of the plane it is b + sin I S₃ + cos I S₂ u₂.
-    """
-    first, second, third = order_of(plane)
-    dip, inside = np.deg2rad(dip_deg), np.ix_([first, second], [first, second])
-    centre = ellipsoid.centre + np.sin(dip) * ellipsoid.shape[:, third]
-    centre[third] = 0.0
-    shape = np.zeros((3, 3))
-    shape[inside] = np.cos(dip) * ellipsoid.shape[inside]
-    shape[third, third] = np.trace(shape) / 2.0
+def _laid_flat(field: Floats, plane: Plane) -> Floats:
+    """(N, 3) readings without what they read along the axis that is turned about."""
     flat = field.copy()
-    flat[:, third] = 0.0
-    return Ellipsoid(centre, shape), flat
+    flat[:, order_of(plane)[2]] = 0.0
+    return flat
 
 
 def _turn(plane: Plane | None, dip_deg: float) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from flinders.document import PARAMETERS, Fitted
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.judged import Judged
 from flinders.pooling import chance_of
+from flinders.samples import Samples
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -252,3 +253,32 @@ def test_the_strength_of_readings_adds() -> None:
     assert found.readings == len(field)
     assert [found.mean, found.spread] == pytest.approx([lengths.mean(), lengths.std()])
     assert (Strength().mean, Strength().spread) == (0.0, 0.0)
+
+
+def level_and_all_round(seed: int, axes: str = "x,y,z") -> tuple[Judged, Judged]:
+    """A sensor tumbled, and turned level on another day; `axes` turns it over."""
+    sensor = simulate.Sensor.random(np.random.default_rng(seed), noise=0.5)
+    tumble = simulate.tumble(seed=seed, motion="uniform", n=1000, sensor=sensor)
+    turn = simulate.tumble(seed=seed + 1000, motion="level", n=400, sensor=sensor)
+    fits = (flinders.fit(Samples.of(one.samples.field, unit="uT", axes=axes)) for one in (tumble, turn))
+    return tuple(Judged.from_fit(fit) for fit in fits)  # type: ignore[return-value]
+
+
+def test_a_level_turn_is_held_against_a_calibration_in_the_plane_that_it_knows() -> None:
+    """As often beyond chance as chance is, and off by what both claim: it says nothing of what it has not seen."""
+    pairs = [level_and_all_round(seed) for seed in range(60)]
+    found = [compare(*pair) for pair in pairs]
+    assert all(one.freedom == 4 for one in found)
+    assert sum(one.p_value is not None and one.p_value < 0.05 for one in found) <= 9
+    ratios = [one.ratio for one in found if one.ratio is not None]
+    assert 0.7 < float(np.sqrt(np.mean(np.square(ratios)))) < 1.3
+    assert all(one.is_telling for one in found)
+
+
+@pytest.mark.parametrize("axes", ["x,y,z", "x,-y,-z"])
+def test_a_shift_across_the_deck_is_seen_by_a_level_turn_and_one_along_the_mast_is_not(axes: str) -> None:
+    full, turn = level_and_all_round(3, axes)
+    dip = 60.0 if axes == "x,y,z" else -60.0
+    for shift, verdict in (([1.0, 0.0, 0.0], "contradict"), ([0.0, 0.0, 5.0], "agree")):
+        moved = replace(full, calibration=replace(full.calibration, offset=full.calibration.offset + shift))
+        assert compare(moved, turn, dip_deg=dip).verdict == verdict

@@ -287,7 +287,7 @@ def _own_dip(log: Log) -> float | None:
     from flinders.compass import LEVEL
 
     record = log.judged.record
-    if log.compass.formula != LEVEL or record is None or not record.is_planar or record.heading_error_deg is None:
+    if log.compass.formula != LEVEL or record is None or record.plane != "xy" or record.heading_error_deg is None:
         return None
     return record.heading_error_deg.dip_deg
 

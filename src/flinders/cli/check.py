@@ -17,6 +17,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.comparison import Strength
+    from flinders.result import Fit
     from flinders.samples import Joined
 
 
@@ -40,14 +41,16 @@ Exit codes:
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @_options.judgement
 @_options.columns
+@_options.sensor
+@_options.log
 @_options.as_json
 def command(
     calibration: str,
     recordings: tuple[str, ...],
     target_deg: float,
     dip_deg: float,
-    columns: str | None,
     as_json: bool,
+    **reading: Any,
 ) -> int:
     """Fit RECORDING afresh and say how far CALIBRATION is from that, and whether it is more than chance.
 
@@ -63,7 +66,7 @@ def command(
 
     known = load("check", calibration, recordings)
     with progress("reading") as watch:
-        recording = _open(known.calibration, recordings, columns=columns, progress=watch)
+        recording = _open(known.calibration, recordings, progress=watch, **reading)
         found = _strength(known.calibration, recording)
         if known.covariance is None:
             say(f"{calibration} states no uncertainty: it is taken as exact")
@@ -77,7 +80,7 @@ def command(
             )
             raise
         renewed = _strength(fresh.calibration, recording)
-    dip = fresh.heading_error_deg.dip_deg
+    dip = _dip(known.calibration, recording, fresh)
     comparison = compare(known, Judged.from_fit(fresh, name="fresh fit"), dip_deg=dip, target_deg=target_deg)
     own = made_from(calibration, recording.recordings)
     if as_json:
@@ -113,6 +116,15 @@ def _open(calibration: Calibration, paths: tuple[str, ...], **options: Any) -> J
         agree(calibration, part)
         say(str(part))
     return Joined(parts)
+
+
+def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
+    """The dip with the sign that the recording shows: a level turn alone does not tell which side is up."""
+    dip = fresh.heading_error_deg.dip_deg
+    if fresh.plane is None:
+        return dip
+    down = sum(float(calibration.apply(block.field)[:, 2].sum()) for block in recording.blocks())
+    return -dip if down * dip < 0.0 else dip
 
 
 def _strength(calibration: Calibration, recording: Joined) -> Strength:
