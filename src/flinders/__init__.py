@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from flinders.fitting import fit as fit
     from flinders.judged import Judged as Judged
     from flinders.merging import merge as merge
+    from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
     from flinders.result import Finding as Finding
@@ -55,6 +56,7 @@ _HOMES: Final = {
     "estimators": "",
     "fit": "fitting",
     "merge": "merging",
+    "open_log": "readers",
     "open_recording": "readers",
     "read": "readers",
     "simulate": "",

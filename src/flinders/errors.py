@@ -13,6 +13,7 @@
     │   ├── NoAccelerometer          no-accelerometer  5    one without an accelerometer, where headings need it
     │   ├── ForeignAxes              foreign-axes      5    accelerometer and magnetometer with unlike axes
     │   ├── MissingExtra             missing-extra     5    a format whose optional package is not installed
+    │   ├── LinkError                link              5    a sensor or vehicle that is not there or is gone
     │   └── DocumentError            document          5    a calibration file that is not one
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4
@@ -26,8 +27,10 @@
     │   ├── Refused                  refused           4    a fit exists, its verdict is "refused"
     │   └── NotMerged                not-merged        4    calibrations that contradict each other
     ├── NotExportable                not-exportable    4    values that the target cannot hold
+    ├── NotSent                      not-sent          4    a vehicle that must not be given these values now
     └── OutputError                  output            6    the result cannot be written
-        └── OutputExists             output-exists     6    a file is there already
+        ├── OutputExists             output-exists     6    a file is there already
+        └── NotConfirmed             not-confirmed     6    sent, and the other end did not confirm it
 
 Every error has a stable `code`, the `exit_code` with which the command line ends, and the numbers
 it speaks of as attributes. `FitError` carries `evidence`, a mapping of those numbers, so that a
@@ -134,6 +137,12 @@ class MissingExtra(InputError):
     def __init__(self, package: str, extra: str, what: str) -> None:
         self.package, self.extra = package, extra
         super().__init__(f"{what} needs {package}, which is not installed: pip install 'flinders[{extra}]'")
+
+
+class LinkError(InputError):
+    """A port, sensor or vehicle that is not there, does not answer, or has gone away."""
+
+    code = "link"
 
 
 class DocumentError(InputError):
@@ -271,6 +280,12 @@ class NotExportable(FlindersError):
         super().__init__(message)
 
 
+class NotSent(FlindersError):
+    """A vehicle that must not be given these values as it is: armed, or with another compass than is meant."""
+
+    code, exit_code = "not-sent", 4
+
+
 class OutputError(FlindersError):
     """A result that cannot be written where it was asked for."""
 
@@ -285,3 +300,9 @@ class OutputExists(OutputError):
     def __init__(self, path: object) -> None:
         self.path = path
         super().__init__(f"{path} exists: give another name, or overwrite it with --force")
+
+
+class NotConfirmed(OutputError):
+    """Values were sent and not confirmed; the message says what the other end holds now."""
+
+    code = "not-confirmed"

@@ -67,6 +67,12 @@ def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) 
         file.write(text)
 
 
+def write_bytes(content: bytes, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a file of bytes; as `replacing`."""
+    with replacing(path, force=force, encoding="latin-1", newline="") as file:  # a character for each byte
+        file.write(content.decode("latin-1"))
+
+
 def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:
     """Find out before a long run whether a file could be written at its end.
 

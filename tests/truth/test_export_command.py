@@ -14,6 +14,7 @@ from flinders import document, simulate
 from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.conventions.adis16480 import NAMES, Registers
+from flinders.exporters import EXPORTERS
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -158,8 +159,9 @@ def test_saturation_ends_with_4_writes_nothing_and_says_what_would_be_lost() -> 
 def test_the_targets_are_listed() -> None:
     listed = export("--list")
     assert listed.exit_code == 0
-    assert "adis16488   registers of the Analog Devices ADIS16488" in listed.stdout
-    assert set(json.loads(export("--list", "--json").stdout)) == {"adis16480", "adis16488"}
+    assert "adis16488         ADIS16488 registers" in listed.stdout
+    assert listed.stdout == CliRunner().invoke(main, ["targets"]).stdout
+    assert set(json.loads(export("--list", "--json").stdout)) == set(EXPORTERS)
 
 
 @pytest.mark.parametrize(
@@ -168,7 +170,7 @@ def test_the_targets_are_listed() -> None:
         ("", 2, "need a calibration file and a target"),
         ("calibration.json", 2, "need a calibration file and a target"),
         ("--to adis16480", 2, "need a calibration file and a target"),
-        ("--to px5 calibration.json", 2, "'px5' is not known: use one of adis16480, adis16488"),
+        ("--to px5 calibration.json", 2, "'px5' is not known: use one of ardupilot, px4"),
         ("--to adis16480 counts.json", 2, "--unit mG"),
         ("--to adis16480 -", 2, "must be a file"),
         (

@@ -77,9 +77,9 @@ def agree(calibration: Calibration, recording: Recording) -> None:
     UnitError
         If one is in counts and the other in microtesla.
     """
-    from flinders.readers import TextRecording
+    from flinders.readers import TableRecording, TextRecording
 
-    if isinstance(recording, TextRecording) and not recording.layout.columns.stated:
+    if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
         recording.unit = calibration.raw
     if recording.unit.inside != calibration.unit:
         raise UnitError(

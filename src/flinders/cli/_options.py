@@ -7,7 +7,7 @@ import os
 import stat
 import sys
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
@@ -47,8 +47,38 @@ columns = click.option(
 )
 
 
+sensor = click.option(
+    "--sensor", metavar="N|NAME", help="Which magnetometer of a log, by number from 1 or by name [default: the first]."
+)
+
+OF_A_LOG: Final = ("topic", "start", "end", "as_logged")
+"""What `log` adds."""
+READING: Final = ("columns", "unit", "scale", "axes", *OF_A_LOG)
+"""What `recording` adds: arguments of `flinders.open_recording`."""
+
+
+def log(function: Function) -> Function:
+    """Which part of a recording is read, and of a log with several instruments."""
+    for option in (
+        click.option(
+            "--as-logged", is_flag=True,
+            help="Take the readings of a log as they are: leave on what the vehicle had corrected.",
+        ),
+        click.option(
+            "--to", "end", type=float, metavar="S", help="Leave out what comes later, in seconds from the beginning."
+        ),
+        click.option(
+            "--from", "start", type=float, metavar="S", help="Leave out what comes before, in seconds."
+        ),
+        click.option("--topic", metavar="NAME", help="Topic of a bag, or member of a ZIP archive."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
 def recording(function: Function) -> Function:
     """How a recording is to be read."""
+    function = log(function)
     for option in (
         click.option(
             "--axes", default="x,y,z", show_default=True, metavar="AXES",

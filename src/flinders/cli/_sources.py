@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from flinders.errors import TooFewSamples
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from flinders.samples import Recording
+    from flinders.document import Provenance, SourceFile
+    from flinders.samples import Recording, Samples
 
 
 def sha256(recording: Recording) -> str:
@@ -37,3 +38,47 @@ def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
     except TooFewSamples as error:
         skipped = [entry for recording in recordings for entry in getattr(recording, "skipped", ())]
         raise TooFewSamples(found=error.found, needed=error.needed, method=error.method, skipped=skipped) from None
+
+
+class Counted:
+    """A recording that knows how many rows its last pass gave.
+
+    Attributes
+    ----------
+    recording : Recording
+    rows : int
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self.source = recording, recording.source
+        self.unit, self.axes = recording.unit, recording.axes
+        self.rows = 0
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        self.rows = 0
+        for block in self.recording.blocks():
+            self.rows += len(block)
+            yield block
+
+
+def provenance(parts: Sequence[Counted]) -> Provenance:
+    """Which release made it, when, from which files."""
+    from datetime import UTC, datetime
+    from importlib.metadata import version
+
+    from flinders.document import Provenance
+
+    return Provenance(
+        flinders=version("flinders"),
+        date=datetime.now(UTC).replace(microsecond=0),
+        files=tuple(_source_file(part) for part in parts),
+    )
+
+
+def _source_file(part: Counted) -> SourceFile:
+    """Name, hash and size of a file, and how many readings it gave."""
+    from flinders.document import SourceFile
+
+    size = part.recording.file.size  # type: ignore[attr-defined]
+    return SourceFile(name=part.source, sha256=sha256(part.recording), bytes=size, rows=part.rows)

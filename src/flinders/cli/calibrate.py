@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _convergence, _extremes, _filters, _options
+from flinders.cli import _convergence, _extremes, _filters, _options, _sensors, export
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli._sources import saying_what_was_skipped, sha256
+from flinders.cli._sources import Counted, provenance, saying_what_was_skipped
 from flinders.cli._talk import print_fit, print_json, progress, say
 from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
-    from flinders.document import Provenance, SourceFile
     from flinders.filters import Filter
     from flinders.result import Fit
-    from flinders.samples import Recording, Samples
+    from flinders.samples import Recording
 
 
 def _spread(value: str) -> float | str:
@@ -36,6 +35,7 @@ Example:
   flinders calibrate tumble.csv -o calibration.json
   flinders calibrate monday.csv tuesday.csv --columns mx,my,mz --unit mG -o calibration.json
   flinders calibrate tumble.csv --method minmax --option variant=largest
+  flinders calibrate flight.bin --sensor all -o compass-{sensor}.json
 """,
 )
 @click.argument("recordings", nargs=-1, metavar="RECORDING...")
@@ -71,11 +71,18 @@ Example:
     "--alignment-sigma", "alignment_sigma_deg", type=_options.positive, metavar="DEG",
     help="How well the mounting is known, 1 σ about each axis: its heading error is told on its own.",
 )  # fmt: skip
-@click.option("--sensor", metavar="NAME", help="Name or serial number to keep with the calibration.")
+@click.option(
+    "--sensor", metavar="NAME|all",
+    help="Name or serial number to keep; of a log, which magnetometer, by number or name, or all of them.",
+)  # fmt: skip
 @_filters.option
 @click.option(
     "--convergence", metavar="FILE",
     help="Also draw (FILE.svg) or list (FILE.csv) how the estimate settles, for methods that can be watched.",
+)  # fmt: skip
+@click.option(
+    "--export", "exported", metavar="TARGET[:FILE]",
+    help="Also write it for one of `flinders targets` [FILE: the target's name with its ending].",
 )  # fmt: skip
 @_options.judgement
 @_options.recording
@@ -93,15 +100,16 @@ def command(
     minmax: str | None,
     by: Filter | None,
     convergence: str | None,
+    exported: str | None,
     **options: Any,
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
 
     Turn the sensor slowly through all directions, away from iron, while recording. RECORDING is text with
     three columns of field (comma, semicolon, tab or spaces; with or without a header), the output of a
-    phone logger or MotionCal, or - for standard input. Several recordings of one sensor are fitted together.
+    phone logger or MotionCal, a table, a vehicle's log, or - for standard input: see `flinders info`. Several
+    recordings of one sensor are fitted together.
     """
-    from flinders.readers import open_recording
     from flinders.result import Refused
     from flinders.samples import Joined
 
@@ -109,7 +117,9 @@ def command(
         options["prior"] = None if prior == "none" else prior
     if robust:
         options["robust"] = True
+    target, to = export.named(exported)
     if minmax is not None:
+        export.refuse_with(exported, "--minmax")
         return _extremes.calibrate(
             minmax,
             recordings=recordings,
@@ -124,12 +134,17 @@ def command(
     _check(recordings, options)
     _add(options, method_options)
     _convergence.refuse(convergence, options["method"])
-    files = {"the calibration": output, "the report": report, "the convergence": convergence}
+    files = {"the calibration": output, "the report": report, "the convergence": convergence, "the export": to}
+    reading = {name: options.pop(name) for name in _options.READING}
+    if _sensors.is_all(recordings, options["sensor"]):
+        beside = {"--report-text": report, "--convergence": convergence, "--export": exported}
+        return _sensors.calibrate(
+            recordings, output, beside, by=by, reading=reading, options=options, force=force, as_json=as_json
+        )
     _check_outputs(recordings, files, force=force, as_json=as_json)
-    reading = {name: options.pop(name) for name in ("columns", "unit", "scale", "axes")}
     with progress("reading") as watch:
-        opened = open_recording(recordings, progress=watch, **reading)
-        parts = [_Counted(part) for part in (opened.recordings if isinstance(opened, Joined) else (opened,))]
+        opened = _sensors.opened(recordings, options, progress=watch, **reading)
+        parts = [Counted(part) for part in (opened.recordings if isinstance(opened, Joined) else (opened,))]
         for part in parts:
             say(str(part.recording))
         try:
@@ -142,10 +157,12 @@ def command(
             raise
     _write(fit, output, parts, force=force)
     _convergence.write(convergence, _filters.through(parts, by), options, force=force)
+    if target and to:
+        export.beside(fit, target, to, force=force)
     if as_json:
         print_json(fit.as_dict())
     elif report != "-":
-        print_fit(fit, err=output == "-")
+        print_fit(fit, err="-" in {output, to})
     _report(fit, report, parts, force=force)
     if output != "-":
         say(f"written to {output}" if output else "nothing was written: name a file with -o calibration.json")
@@ -223,71 +240,33 @@ def _check_outputs(recordings: tuple[str, ...], results: dict[str, str | None], 
     for name, path in results.items():
         if not path or path == "-":
             continue
+        _options.refuse_to_overwrite(path, recordings)
+        refuse_existing(path, force=force)
         if other := files.get(Path(path).resolve()):
             raise UsageError(f"{path} is named for {other} and for {name}: give them two names")
         files[Path(path).resolve()] = name
-        _options.refuse_to_overwrite(path, recordings)
-        refuse_existing(path, force=force)
 
 
-def _write(fit: Fit, output: str | None, parts: list[_Counted], *, force: bool) -> None:
+def _write(fit: Fit, output: str | None, parts: list[Counted], *, force: bool) -> None:
     """Write the calibration where it was asked for."""
     from flinders.document import dumps
 
     if output == "-":
-        click.echo(dumps(fit.to_document(_provenance(parts))), nl=False)
+        click.echo(dumps(fit.to_document(provenance(parts))), nl=False)
     elif output:
-        fit.save(output, force=force, provenance=_provenance(parts))
+        fit.save(output, force=force, provenance=provenance(parts))
 
 
-def _report(outcome: Fit | FitError, path: str | None, parts: list[_Counted], *, force: bool) -> None:
+def _report(outcome: Fit | FitError, path: str | None, parts: list[Counted], *, force: bool) -> None:
     """Write the page of plain words where it was asked for."""
     from flinders.files import write_text
     from flinders.report.plain import page
 
     if path is None:
         return
-    text = page(outcome, _provenance(parts))
+    text = page(outcome, provenance(parts))
     if path == "-":
         click.echo(text, nl=False)
     else:
         write_text(text, path, force=force)
         say(f"report written to {path}")
-
-
-class _Counted:
-    """A recording that knows how many rows its last pass gave."""
-
-    def __init__(self, recording: Recording) -> None:
-        self.recording, self.source = recording, recording.source
-        self.unit, self.axes = recording.unit, recording.axes
-        self.rows = 0
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
-        self.rows = 0
-        for block in self.recording.blocks():
-            self.rows += len(block)
-            yield block
-
-
-def _provenance(parts: list[_Counted]) -> Provenance:
-    """Which release made it, when, from which files."""
-    from datetime import UTC, datetime
-    from importlib.metadata import version
-
-    from flinders.document import Provenance
-
-    return Provenance(
-        flinders=version("flinders"),
-        date=datetime.now(UTC).replace(microsecond=0),
-        files=tuple(_source_file(part) for part in parts),
-    )
-
-
-def _source_file(part: _Counted) -> SourceFile:
-    """Name, hash and size of a file, and how many readings it gave."""
-    from flinders.document import SourceFile
-
-    size = part.recording.file.size  # type: ignore[attr-defined]
-    return SourceFile(name=part.source, sha256=sha256(part.recording), bytes=size, rows=part.rows)

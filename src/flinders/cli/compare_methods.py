@@ -52,6 +52,7 @@ Exit codes:
 )  # fmt: skip
 @_options.judgement
 @_options.recording
+@_options.sensor
 @_options.as_json
 def command(
     recordings: tuple[str, ...],

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _options, targets
 from flinders.cli._calibration import is_recording
-from flinders.cli._talk import drawn, print_json, say
+from flinders.cli._talk import print_json, say
 from flinders.errors import DocumentError, NotExportable, UsageError, figures
 
 if TYPE_CHECKING:
+    from flinders.exporters import Export
     from flinders.judged import Judged
+    from flinders.result import Fit
 
 
 @click.command(
@@ -21,8 +23,9 @@ if TYPE_CHECKING:
     short_help="Write a calibration for what uses it.",
     epilog="""\b
 Example:
-  flinders export --list
-  flinders export --to adis16480 calibration.json -o registers.txt
+  flinders targets
+  flinders export --to ardupilot --compass 2 calibration.json -o compass.param
+  flinders export --to c calibration.json -o calibration.h
 
 \b
 Exit codes:
@@ -30,32 +33,48 @@ Exit codes:
 """,
 )
 @click.argument("calibration", required=False, metavar="CALIBRATION")
-@click.option("--to", "target", metavar="TARGET", help="What to write it for, one of those that --list names.")
-@click.option("--list", "listed", is_flag=True, help="List the targets.")
+@click.option("--to", "target", metavar="TARGET", help="What to write it for, one of those of `flinders targets`.")
+@click.option("--list", "listed", is_flag=True, help="List the targets, as `flinders targets` does.")
+@click.option(
+    "--compass", type=click.IntRange(0, 3), metavar="N",
+    help="Which compass it is for: ArduPilot's 1 to 3 [default: 1], PX4's 0 to 3 [default: 0].",
+)  # fmt: skip
+@click.option(
+    "--lossy", is_flag=True, help="Write it also where what the target cannot hold costs more than 1° of heading."
+)
 @click.option("-o", "--output", metavar="FILE", help="Where to write [default: standard output].")
 @_options.force
 @_options.as_json
 def command(
-    calibration: str | None, target: str | None, listed: bool, output: str | None, force: bool, as_json: bool
+    calibration: str | None,
+    target: str | None,
+    listed: bool,
+    compass: int | None,
+    lossy: bool,
+    output: str | None,
+    force: bool,
+    as_json: bool,
 ) -> None:
-    """Write CALIBRATION for a target: registers to program into a sensor, with their codes.
+    """Write CALIBRATION for a target: parameters of an autopilot, registers of a sensor, code to compile in.
 
     What is written is checked first: the target's own formula is run on fields of all directions with the
     numbers as they are written, and the largest error found is told. A value that the target cannot hold is
-    refused, not cut.
+    refused, not cut, and so is a target without room for soft iron that matters.
     """
-    from flinders.exporters import find
-    from flinders.files import refuse_existing, write_text
+    from flinders.exporters import Asked, find
+    from flinders.files import refuse_existing
 
     if listed:
-        _list(as_json=as_json)
+        targets.show(as_json=as_json)
         return
     if not calibration or not target:
         raise UsageError(
-            "need a calibration file and a target: flinders export --to adis16480 calibration.json; "
-            "flinders export --list names the targets"
+            "need a calibration file and a target: flinders export --to ardupilot calibration.json; "
+            "flinders targets names them"
         )
     exporter = find(target)
+    if compass is not None and not exporter.compasses:
+        raise UsageError(f"--compass goes with ardupilot, px4 and px4-shell: {exporter.name} holds one compass only")
     if output == "-" and as_json:
         raise UsageError("--json and the text would both go to standard output: name a file with -o")
     _options.refuse_to_overwrite(output, [calibration])
@@ -63,14 +82,15 @@ def command(
     if to_file:
         refuse_existing(to_file, force=force)
     judged = _load(calibration)
-    export = exporter.render(judged.calibration, target=exporter.name, about=_about(judged))
+    asked = Asked(compass=compass, lossy=lossy)
+    export = exporter.render(judged.calibration, target=exporter.name, about=about(judged), asked=asked)
     if to_file:
-        write_text(export.text, to_file, force=force)
+        save(export, to_file, force=force)
     if as_json:
         print_json(export.fields)
     elif not to_file:
-        click.echo(export.text, nl=False)
-    if to_file or as_json:
+        show(export)
+    if to_file or as_json or not export.told:
         say(export.checked)
         for warning in (*_limits(judged), *export.warnings):
             say(f"! {warning}")
@@ -78,23 +98,87 @@ def command(
         say(f"written to {to_file}")
 
 
-def _list(*, as_json: bool) -> None:
-    """Print what a calibration can be written for."""
-    from flinders.exporters import EXPORTERS
+def named(value: str | None) -> tuple[str | None, str | None]:
+    """Split the value of ``calibrate --export``: the target, and the file, which has the target's name by default.
 
-    if as_json:
-        print_json({row.name: {"use": row.use, "suffix": row.suffix, "docs": row.docs} for row in EXPORTERS.values()})
+    Raises
+    ------
+    UsageError
+        For a target that there is not.
+
+    Examples
+    --------
+    >>> named("ardupilot"), named("c:mag.h"), named(None)
+    (('ardupilot', 'ardupilot.param'), ('c', 'mag.h'), (None, None))
+    """
+    if value is None:
+        return None, None
+    from flinders.exporters import find
+
+    target, _, path = value.partition(":")
+    exporter = find(target)
+    return exporter.name, path or f"{exporter.name}{exporter.suffix}"
+
+
+def refuse_with(value: str | None, option: str) -> None:
+    """Refuse ``calibrate --export`` beside an option that it does not go with.
+
+    Raises
+    ------
+    UsageError
+    """
+    if value is not None:
+        raise UsageError(f"--export does not go with {option}: write the calibration with -o, then use flinders export")
+
+
+def beside(fit: Fit, target: str, path: str, *, force: bool) -> None:
+    """Write a fit for a target, beside its calibration file.
+
+    Raises
+    ------
+    NotExportable, UnitError
+        Where the target cannot hold it; the calibration file is written by then.
+    """
+    from flinders.exporters import find
+    from flinders.judged import Judged
+
+    judged = Judged.from_fit(fit, name="flinders calibrate")
+    export = find(target).render(judged.calibration, target=target, about=about(judged))
+    if path == "-":
+        show(export)
+    else:
+        save(export, path, force=force)
+    say(f"{target}: {export.checked}")
+    for warning in export.warnings:
+        say(f"! {warning}")
+    if path != "-":
+        say(f"written to {path}")
+
+
+def save(export: Export, path: str, *, force: bool) -> None:
+    """Write the file, whole or not at all; raises as `files.replacing`."""
+    from flinders.files import write_bytes, write_text
+
+    if export.data is None:
+        write_text(export.text, path, force=force)
+    else:
+        write_bytes(export.data, path, force=force)
+
+
+def show(export: Export) -> None:
+    """Print what would be in the file.
+
+    Raises
+    ------
+    UsageError
+        For bytes, where a person would see them.
+    """
+    if export.data is None:
+        click.echo(export.text, nl=False)
         return
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    table.add_column("target", style="bold")
-    for heading in ("what is written", "file", "more in docs"):
-        table.add_column(heading)
-    for row in EXPORTERS.values():
-        table.add_row(row.name, row.use, f"*{row.suffix}", row.docs)
-    click.echo(drawn(table, sys.stdout))
+    if sys.stdout.isatty():
+        raise UsageError(f"{export.target} is {len(export.data)} bytes, and no text: name a file with -o")
+    click.echo(export.data, nl=False)
 
 
 def _load(path: str) -> Judged:
@@ -126,7 +210,7 @@ def _load(path: str) -> Judged:
     return judged
 
 
-def _about(judged: Judged) -> list[str]:
+def about(judged: Judged) -> list[str]:
     """Tell where the numbers come from, and what is claimed of them."""
     sensor = f", sensor {judged.calibration.sensor}" if judged.calibration.sensor else ""
     told = [f"from {judged.name}{sensor}"]

@@ -50,6 +50,8 @@ Example:
     help="How tilt is taken off; all but exact are for comparison.",
 )  # fmt: skip
 @_compass.sensors
+@_options.sensor
+@_options.log
 @_filters.option
 @_options.force
 @_options.as_json

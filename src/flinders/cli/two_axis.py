@@ -66,7 +66,9 @@ Three axes, one plane at a time, each loaded before the next is recorded:
     "--field-strength", type=_options.positive, metavar="F",
     help="Strength of the field at the site, in µT (in counts for a recording in counts).",
 )  # fmt: skip
-@click.option("--sensor", metavar="NAME", help="Name or serial number to keep with the calibration.")
+@click.option(
+    "--sensor", metavar="NAME", help="Name or serial number to keep; of a log, which magnetometer, by number or name."
+)
 @_options.judgement
 @_options.recording
 @_options.force
@@ -164,10 +166,13 @@ def _opened(recording: str, first: Judged | None, watch: Any, options: dict[str,
     UsageError
         Where the calibration was made from this very recording.
     """
-    from flinders.readers import open_recording
+    from flinders.readers import Instrument, holds_log, open_recording
 
-    reading = {name: options[name] for name in ("columns", "unit", "scale", "axes")}
-    source = open_recording(recording, progress=watch, **reading)
+    reading = {name: options[name] for name in _options.READING}
+    chosen = options["sensor"] if holds_log(recording) else None
+    source = open_recording(recording, flat=options["plane"], sensor=chosen, progress=watch, **reading)
+    if isinstance(source, Instrument):
+        options["sensor"] = source.name
     if first is None:
         return source
     if options["unit"] is None and options["scale"] is None:

@@ -22,14 +22,14 @@ Offsets are added here, and act after the mounting: PX4 and most others subtract
 
 Sources: ``AP_Compass_Backend::correct_field`` (ArduPilot, GPL-3; the formula was taken from it and none of its code);
 ``AP_Math/rotations.h`` and MAVLink's ``MAV_SENSOR_ROTATION`` for the mountings; limits of ``CompassCalibrator`` and of
-the check before arming. Firmware before 4.0 added the motor term before I (seen in versions of 2015); both agree
-where I is the identity or there is no motor term.
+the check before arming. Older firmware added the motor term before I, from which version on it does not was not seen;
+both agree where I is the identity or there is no motor term.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
@@ -37,6 +37,7 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.calibration import Calibration
 from flinders.conventions._recorded import in_recorded_axes
+from flinders.conventions._rotations import ROTATIONS, euler, without_turn
 from flinders.errors import ArrayError, InputError, NotExportable, UnitError, UsageError, counted, figures
 from flinders.units import MICROTESLA, PER_UNIT, Unit
 
@@ -141,6 +142,7 @@ class Parameters:
         UsageError
             For a compass that there is not, or a motor term without what it depends on.
         """
+        digit = _digit(_known(compass))
         if calibration.unit != MICROTESLA:
             raise UnitError(
                 "the calibration is in counts, and ArduPilot's parameters are in mG: calibrate again with --unit mG "
@@ -157,8 +159,8 @@ class Parameters:
             raise NotExportable(
                 f"COMPASS_SCALE would be {figures(scale, 4)}, and needs to be positive: the calibration turns an axis "
                 "round; map the axes of the recording instead",
-                beyond=(f"COMPASS_SCALE{_digit(compass)}",),
-                wanted={f"COMPASS_SCALE{_digit(compass)}": scale},
+                beyond=(f"COMPASS_SCALE{digit}",),
+                wanted={f"COMPASS_SCALE{digit}": scale},
             )
         found = cls(
             offset=-(turn @ centre) / MG,
@@ -169,42 +171,39 @@ class Parameters:
             motor_by=motor_by,
             orientation=orientation,
             external=external,
-            compass=_known(compass),
+            compass=compass,
         )
         found.refuse_beyond()
         return found
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 1) -> Self:
-        """Take one compass out of a vehicle's parameters, in either scheme of names; what is not there is the default.
+        """Take one compass out of a vehicle's parameters, in either scheme of names.
+
+        What is not there, or not finite, is the default.
 
         Examples
         --------
         >>> Parameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
         1.1
         """
-        digit = _digit(_known(compass))
+        _known(compass)
 
-        def one(name: str, axis: str = "", default: float = 0.0) -> float:
-            short = "EXTERN" if name == "EXTERNAL" and digit else name
-            spelt = (
-                f"COMPASS_{short}{digit}{axis}",
-                f"COMPASS{compass}_{name}{axis}",
-                f"COMPASS{compass}_EXTERN{axis}",
-            )
-            found = [values[each] for each in spelt[: 3 if name == "EXTERNAL" else 2] if each in values]
-            return float(found[0]) if found else default
+        def one(group: str, axis: str = "", default: float = 0.0) -> float:
+            found = (float(values.get(name, np.nan)) for name in names(group, compass, axis))
+            return next((value for value in found if np.isfinite(value)), default)
 
-        def three(name: str, default: float = 0.0) -> Floats:
-            return np.array([one(name, axis, default) for axis in ("_X", "_Y", "_Z")])
+        def three(group: str, default: float = 0.0) -> Floats:
+            return np.array([one(group, axis, default) for axis in ("_X", "_Y", "_Z")])
 
+        kind = values.get("COMPASS_MOTCT", OFF)
         return cls(
             offset=three("OFS"),
             diagonal=three("DIA", 1.0),
             off_diagonal=three("ODI"),
             scale=one("SCALE"),
             motor=three("MOT"),
-            motor_by=int(values.get("COMPASS_MOTCT", OFF)),
+            motor_by=BY_CURRENT if kind == BY_CURRENT else BY_THROTTLE if kind == BY_THROTTLE else OFF,
             orientation=int(one("ORIENT")),
             external=one("EXTERNAL") > 0,
             compass=compass,
@@ -220,7 +219,8 @@ class Parameters:
         """(3, 3) I, symmetric; with DIA all zero the identity with ODI beside it, as ArduPilot has it."""
         diagonal = self.diagonal if self.diagonal.any() else np.ones(3)
         xy, xz, yz = self.off_diagonal
-        return np.diag(diagonal) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+        held: Floats = np.diag(diagonal) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+        return held
 
     @property
     def matrix(self) -> Floats:
@@ -283,7 +283,8 @@ class Parameters:
             raise ArrayError(
                 f"{self.words()}: this flattens all readings into a plane, so that what the compass read is lost"
             ) from None
-        readings: Floats = (vectors(corrected, "corrected", finite=False) - added) @ back.T - self.offset
+        with np.errstate(invalid="ignore", over="ignore"):
+            readings: Floats = (vectors(corrected, "corrected", finite=False) - added) @ back.T - self.offset
         return readings
 
     def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
@@ -325,14 +326,13 @@ class Parameters:
 
     def as_held(self) -> Self:
         """The same after ArduPilot has kept each value as a float32."""
-        return type(self)(
-            *(np.float32(each).astype(float) for each in (self.offset, self.diagonal, self.off_diagonal)),
-            float(np.float32(self.scale)),
-            np.float32(self.motor).astype(float),
-            self.motor_by,
-            self.orientation,
-            self.external,
-            self.compass,
+        return replace(
+            self,
+            offset=_single(self.offset),
+            diagonal=_single(self.diagonal),
+            off_diagonal=_single(self.off_diagonal),
+            scale=float(np.float32(self.scale)),
+            motor=_single(self.motor),
         )
 
     def words(self) -> str:
@@ -394,30 +394,23 @@ class Parameters:
         return floats(drive, "drive")[..., np.newaxis] * (self.motor if on else np.zeros(3))
 
     def _name(self, group: str, scheme: Scheme, axis: str = "") -> str:
-        if scheme == "COMPASS2_OFS_X":
-            return f"COMPASS{self.compass}_{group}{axis}"
-        return f"COMPASS_{group}{_digit(self.compass)}{axis}"
+        return names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"]
 
 
 # mountings
 
-ORIENTATIONS: Final[tuple[tuple[str, float, float, float], ...]] = (
-    ("NONE", 0, 0, 0), ("YAW_45", 0, 0, 45), ("YAW_90", 0, 0, 90), ("YAW_135", 0, 0, 135),
-    ("YAW_180", 0, 0, 180), ("YAW_225", 0, 0, 225), ("YAW_270", 0, 0, 270), ("YAW_315", 0, 0, 315),
-    ("ROLL_180", 180, 0, 0), ("ROLL_180_YAW_45", 180, 0, 45), ("ROLL_180_YAW_90", 180, 0, 90),
-    ("ROLL_180_YAW_135", 180, 0, 135), ("PITCH_180", 0, 180, 0), ("ROLL_180_YAW_225", 180, 0, 225),
-    ("ROLL_180_YAW_270", 180, 0, 270), ("ROLL_180_YAW_315", 180, 0, 315), ("ROLL_90", 90, 0, 0),
-    ("ROLL_90_YAW_45", 90, 0, 45), ("ROLL_90_YAW_90", 90, 0, 90), ("ROLL_90_YAW_135", 90, 0, 135),
-    ("ROLL_270", 270, 0, 0), ("ROLL_270_YAW_45", 270, 0, 45), ("ROLL_270_YAW_90", 270, 0, 90),
-    ("ROLL_270_YAW_135", 270, 0, 135), ("PITCH_90", 0, 90, 0), ("PITCH_270", 0, 270, 0),
-    ("PITCH_180_YAW_90", 0, 180, 90), ("PITCH_180_YAW_270", 0, 180, 270), ("ROLL_90_PITCH_90", 90, 90, 0),
-    ("ROLL_180_PITCH_90", 180, 90, 0), ("ROLL_270_PITCH_90", 270, 90, 0), ("ROLL_90_PITCH_180", 90, 180, 0),
-    ("ROLL_270_PITCH_180", 270, 180, 0), ("ROLL_90_PITCH_270", 90, 270, 0), ("ROLL_180_PITCH_270", 180, 270, 0),
-    ("ROLL_270_PITCH_270", 270, 270, 0), ("ROLL_90_PITCH_180_YAW_90", 90, 180, 90), ("ROLL_90_YAW_270", 90, 0, 270),
-    ("ROLL_90_PITCH_68_YAW_293", 90, 68.8, 293.3), ("PITCH_315", 0, 315, 0), ("ROLL_90_PITCH_315", 90, 315, 0),
-    ("PITCH_7", 0, 7, 0), ("ROLL_45", 45, 0, 0), ("ROLL_315", 315, 0, 0),
-)  # fmt: skip
-"""Name, roll, pitch and yaw in degrees of COMPASS_ORIENT 0 to 43; number 38 is 68.8° and 293.3°, whatever its name."""
+EXACT_38: Final = (90, 68.8, 293.3)
+"""ArduPilot's angles of ROLL_90_PITCH_68_YAW_293, from the entries of its matrix."""
+
+ORIENTATIONS: Final = (
+    *ROTATIONS[:38],
+    (ROTATIONS[38][0], *EXACT_38),
+    *ROTATIONS[39:],
+    ("PITCH_7", 0, 7, 0),
+    ("ROLL_45", 45, 0, 0),
+    ("ROLL_315", 315, 0, 0),
+)
+"""Name, roll, pitch and yaw in degrees of COMPASS_ORIENT 0 to 43."""
 
 CUSTOM: Final = {100: "CUST_ROT", 101: "CUST_ROT1", 102: "CUST_ROT2"}
 """Numbers of mountings that are set by parameters: roll, pitch and yaw in degrees, with _ROLL, _PITCH and _YAW."""
@@ -457,21 +450,6 @@ def rotation(orientation: int, values: Mapping[str, float] | None = None) -> Flo
             "parameters: give those as well"
         )
     return euler(*(values[name] for name in names)) if values else np.eye(3)
-
-
-def euler(roll: float, pitch: float, yaw: float) -> Floats:
-    """(3, 3) R_z(yaw) R_y(pitch) R_x(roll), angles in degrees; right angles are exact.
-
-    >>> euler(90, 0, 0) @ [0, 1, 0]
-    array([0., 0., 1.])
-    """
-    (cr, cp, cy), (sr, sp, sy) = np.cos(turns := np.deg2rad([roll, pitch, yaw])), np.sin(turns)
-    turned = np.array([
-        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
-        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
-        [-sp, sr * cp, cr * cp],
-    ])  # fmt: skip
-    return np.where(np.abs(turned) < 1e-15, 0.0, turned) + 0.0
 
 
 def orientation_name(orientation: int) -> str:
@@ -515,21 +493,20 @@ def parse(text: str, source: str = "parameters") -> dict[str, float]:
     values: dict[str, float] = {}
     bad: list[tuple[int, str]] = []
     for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1):
-        parts = [part for part in re.split(r"[,=\s]+", line.split("#", 1)[0].strip()) if part]
-        if not parts:
+        words = [word for word in re.split(r"[,=\s]+", line.split("#", 1)[0].strip()) if word]
+        if not words:
             continue
-        name, value = (parts[2], parts[3]) if len(parts) == 5 else (parts[0], parts[1] if len(parts) > 1 else "")
-        try:
-            if not (NAME.fullmatch(name) and np.isfinite(float(value))):
-                raise ValueError
-            values[name] = float(value)
-        except ValueError:
+        name, value = (words[2:4] if len(words) == 5 else [*words, ""])[:2]
+        parsed = _number(value)
+        if NAME.fullmatch(name) and parsed is not None:
+            values[name] = parsed
+        else:
             bad.append((number, line.strip()))
     if bad:
         number, line = bad[0]
         raise InputError(
-            f"{source} line {number} is no parameter ({line[:40]!r}; {counted(len(bad), 'such line')}): need NAME,value "
-            "a line, such as COMPASS_OFS_X,-12.5"
+            f"{source} line {number} is no parameter ({line[:40]!r}; {counted(len(bad), 'such line')}): need "
+            "NAME,value a line, such as COMPASS_OFS_X,-12.5"
         )
     return values
 
@@ -540,10 +517,19 @@ def compasses(values: Iterable[str]) -> tuple[int, ...]:
     >>> compasses(["COMPASS_OFS_X", "COMPASS_OFS3_X", "COMPASS_USE2"])
     (1, 3)
     """
-    names = set(values)
-    return tuple(
-        compass for compass in COMPASSES if {f"COMPASS_OFS{_digit(compass)}_X", f"COMPASS{compass}_OFS_X"} & names
-    )
+    there = set(values)
+    return tuple(compass for compass in COMPASSES if there.intersection(names("OFS", compass, "_X")))
+
+
+def names(group: str, compass: int, axis: str = "") -> tuple[str, str]:
+    """What a parameter of a compass is called, in each scheme.
+
+    >>> names("OFS", 2, "_X"), names("EXTERNAL", 3)
+    (('COMPASS_OFS2_X', 'COMPASS2_OFS_X'), ('COMPASS_EXTERN3', 'COMPASS3_EXTERN'))
+    """
+    short = "EXTERN" if group == "EXTERNAL" else group
+    first = f"COMPASS_{group}" if compass == 1 else f"COMPASS_{short}{compass}"
+    return f"{first}{axis}", f"COMPASS{compass}_{short}{axis}"
 
 
 def _known(compass: int) -> int:
@@ -558,12 +544,8 @@ def _digit(compass: int) -> str:
 
 
 def _symmetric(matrix: Floats) -> Floats:
-    """Let through the symmetric part of what does not turn; with A = Q P, Q a rotation, the angle of Q is judged."""
-    if np.array_equal(matrix, matrix.T):
-        return matrix
-    left, sizes, right = np.linalg.svd(matrix)
-    cosine = (np.trace(left @ right) - 1) / 2
-    angle = float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
+    """Let through the symmetric part of what does not turn."""
+    held, angle = without_turn(matrix)
     if angle > MOST_TURN_DEG:
         raise NotExportable(
             f"the calibration turns readings by {figures(angle)}°, and ArduPilot's symmetric matrix cannot: set the "
@@ -571,8 +553,7 @@ def _symmetric(matrix: Floats) -> Floats:
             beyond=("COMPASS_ODI",),
             turn_deg=angle,
         )
-    held: Floats = right.T @ np.diag(sizes) @ right
-    return (held + held.T) / 2
+    return held
 
 
 def _rotation_matrix(mounting: ArrayLike) -> Floats:
@@ -581,6 +562,19 @@ def _rotation_matrix(mounting: ArrayLike) -> Floats:
     if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
         raise UsageError("mounting is not a rotation: need a (3, 3) matrix R with R Rᵀ = 1 and determinant 1")
     return turn
+
+
+def _single(values: Floats) -> Floats:
+    """The same as ArduPilot's floats hold them."""
+    return np.asarray(values, np.float32).astype(np.float64)
+
+
+def _number(text: str) -> float | None:
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    return number if np.isfinite(number) else None
 
 
 def _listed(values: Iterable[float]) -> str:

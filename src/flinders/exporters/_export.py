@@ -1,4 +1,4 @@
-"""What an exporter gives: text for a file, the same as fields, and how far the target's own formula is off."""
+"""What an exporter gives: content of a file, the same as fields, and how far the target's own formula is off."""
 
 from __future__ import annotations
 
@@ -17,12 +17,35 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.conventions._affine import Acts
 
 DIRECTIONS = 400
 """Test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
 
 COARSEST_DEG = 1.0
-"""Nothing is written for a target whose numbers cost as much as this angle does, in any direction."""
+"""Nothing is written unasked that costs such a heading error, or as much of the length."""
+
+DIP_DEG = 60.0
+"""Inclination of the field that heading errors are told for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is asked of an exporter besides the calibration.
+
+    Attributes
+    ----------
+    compass : int, optional
+        Which one, as the target counts; its first where it is not given.
+    lossy : bool
+        Write also what costs more than a degree of heading.
+    """
+
+    compass: int | None = None
+    lossy: bool = False
+
+
+NOTHING_MORE = Asked()
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +57,7 @@ class Deviation:
     vectors : int
         Fields of the calibration's strength, in all directions, that it was tried on.
     worst : float, in the calibration's unit
-        Largest length of the difference.
+        Largest length of the difference; where the target's lengths are its own, once they were scaled.
     worst_deg : float, degrees
         Largest angle between both.
     """
@@ -44,29 +67,54 @@ class Deviation:
     worst_deg: float
 
     @classmethod
-    def of(cls, calibration: Calibration, target: Callable[[Floats], Floats]) -> Self:
+    def of(
+        cls,
+        calibration: Calibration,
+        target: Callable[[Floats], Floats],
+        *,
+        acts: Acts = "recorded",
+        relative: bool = False,
+        lacks: str = "",
+        lossy: bool = False,
+    ) -> Self:
         """Run the target's formula on what the sensor reads.
 
         Parameters
         ----------
         calibration : Calibration
         target : callable
-            (N, 3) readings in recorded axes to (N, 3) corrected ones in the same, both in the calibration's unit.
+            (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts` names.
+        acts : str
+            ``recorded``: in the axes as recorded; ``mapped``: in the calibration's; ``across``: from those to these.
+        relative : bool
+            Lengths are the target's own: what it gives is scaled to the calibration's field before it is compared.
+        lacks : str
+            What the target cannot hold, for the message of a refusal.
+        lossy : bool
+            Accept any heading error.
 
         Raises
         ------
         NotExportable
-            Where the target's numbers are so coarse that they cost as much as a degree does.
+            Where the target's numbers cost as much as a degree does, of heading or of length.
         """
         back = calibration.axes.apply(np.eye(3))  # Pᵀ, from mapped axes to recorded ones
         strength, expected = calibration.field_strength, fibonacci(DIRECTIONS)
         with np.errstate(all="ignore"):
             raw = calibration.unapply(strength * expected)
-            found = calibration.axes.apply(target(raw @ back.T)) / strength
+            found = target(raw if acts == "mapped" else raw @ back.T) / strength
+            if acts == "recorded":
+                found = calibration.axes.apply(found)
+            if relative:
+                found = found * (np.sum(found * expected) / np.sum(found**2))
             across = np.linalg.norm(np.cross(found, expected), axis=1)
             angle = float(np.rad2deg(np.arctan2(across, np.sum(found * expected, axis=1))).max())
             share = float(np.linalg.norm(found - expected, axis=1).max())
-        if not share <= math.sin(math.radians(COARSEST_DEG)):
+        deviation = cls(DIRECTIONS, strength * share, angle)
+        if lacks:
+            if not math.isfinite(share) or (deviation.heading_deg > COARSEST_DEG and not lossy):
+                raise deviation._lost(lacks)
+        elif not share <= math.sin(math.radians(COARSEST_DEG)) and not (lossy and math.isfinite(share)):
             off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
             raise NotExportable(
                 f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
@@ -75,7 +123,24 @@ class Deviation:
                 beyond=(),
                 error=strength * share,
             )
-        return cls(DIRECTIONS, strength * share, angle)
+        return deviation
+
+    @property
+    def heading_deg(self) -> float:
+        """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
+        if not self.worst_deg < 90:
+            return 180.0
+        return math.degrees(math.atan(math.tan(math.radians(self.worst_deg)) / math.cos(math.radians(DIP_DEG))))
+
+    def _lost(self, lacks: str) -> NotExportable:
+        off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
+        return NotExportable(
+            f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). Use a "
+            "target that holds the whole matrix (flinders targets), correct the readings in your own code, or write "
+            "it all the same with --lossy",
+            beyond=("matrix",),
+            heading_deg=self.heading_deg,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +152,17 @@ class Export:
     target : str
         Name of the exporter.
     text : str
-        Content of the file.
+        Content of the file; of one in bytes, what is in it, for people.
     fields : dict
         The same for programs, ready for JSON.
     checked : str
         How far it is off, in words.
     warnings : tuple of str
         What to see to before it is used.
+    data : bytes, optional
+        Content of the file where it is no text.
+    told : bool
+        The text says what is known of it in comments; otherwise that has to be said beside it.
     """
 
     target: str
@@ -101,10 +170,14 @@ class Export:
     fields: dict[str, Any]
     checked: str
     warnings: tuple[str, ...] = ()
+    data: bytes | None = None
+    told: bool = True
 
 
 class Render(Protocol):
     """How a row of the table turns a calibration into an `Export`."""
 
-    def __call__(self, calibration: Calibration, *, target: str, about: Sequence[str] = ()) -> Export:
+    def __call__(
+        self, calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
+    ) -> Export:
         """Render; `target` is the name of the row, `about` are lines that tell where it comes from."""

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.conventions.adis16480 import HARD_IRON_STEP_MG, MG, SOFT_IRON_STEP, Register, Registers
 from flinders.errors import figures
-from flinders.exporters._export import Deviation, Export
+from flinders.exporters._export import NOTHING_MORE, Asked, Deviation, Export
+from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,8 +37,18 @@ UNVERIFIED: Final = (
 
 WIDTH: Final = 78
 
+SHEET: Final = Sheet(
+    title="ADIS16480 and ADIS16488",
+    formula=FORMULA,
+    unit="mG",
+    keeps="all",
+    storage="int16: H in 0.1 mG to +/-3276.7, S in 1/32768 to +/-100 %",
+    source="data sheets, ADIS16480 Rev. H page 35 and ADIS16488 Rev. B page 25",
+    unverified=(UNVERIFIED,),
+)
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = ()) -> Export:
+
+def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
     """Write the twelve registers of the device that `target` names.
 
     Raises
@@ -48,7 +59,7 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = ()) 
         Where a register cannot hold its value.
     """
     registers = Registers.of(calibration)
-    deviation = Deviation.of(calibration, lambda raw: MG * registers.apply(raw / MG))
+    deviation = Deviation.of(calibration, lambda raw: MG * registers.apply(raw / MG), lossy=asked.lossy)
     strength = calibration.field_strength / MG
     checked = (
         f"checked: its own formula on {deviation.vectors} fields of {figures(strength, 4)} mG, at most "
@@ -73,6 +84,7 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = ()) 
             "field_mG": strength,
             "worst_mG": deviation.worst / MG,
             "worst_deg": deviation.worst_deg,
+            "heading_deg": deviation.heading_deg,
         },
         "notes": [*about, *notes],
         "unverified": [UNVERIFIED],

@@ -19,38 +19,52 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.errors import UnitError, UnreadableInput, UsageError
+from flinders.errors import NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._kinds import foreign_kind
+from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._skipping import added
-from flinders.readers._source import Source, find
+from flinders.readers._source import File, Source, find, on_disk
+from flinders.readers._span import Span
+from flinders.readers._table import TableRecording
+from flinders.readers.arrays import open_mat, open_npy, open_npz, sniff_mat, sniff_npy, sniff_npz
+from flinders.readers.dataflash import open_dataflash, sniff_dataflash
+from flinders.readers.parquet import open_arrow, open_parquet, sniff_arrow, sniff_parquet
+from flinders.readers.ros import METADATA, is_bag_folder, open_ros, sniff_ros
 from flinders.readers.text import Progress, TextRecording, open_text, sniff_text
+from flinders.readers.tlog import open_tlog, sniff_tlog
+from flinders.readers.ulog import open_ulog, sniff_ulog
+from flinders.readers.zipped import open_zip, sniff_zip
 from flinders.samples import Joined, Recording, Samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
-    from flinders.units import Unit
 
-__all__ = ["READERS", "Reader", "TextRecording", "open_recording", "read"]
+__all__ = [
+    "READERS",
+    "Instrument",
+    "Log",
+    "Position",
+    "Reader",
+    "Stored",
+    "TableRecording",
+    "TextRecording",
+    "holds_log",
+    "open_log",
+    "open_recording",
+    "read",
+]
 
 AnyPath: TypeAlias = "str | os.PathLike[str]"
-
-
-class FileRecording(Recording, Protocol):
-    """What every reader gives: a recording that knows its unit and can say what it recognised."""
-
-    @property
-    def unit(self) -> Unit:
-        """What the magnetometer's readings were written in."""
-
-    def describe(self) -> str:
-        """Say in one line what was recognised and is used."""
+FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
+"""What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
 
 class Open(Protocol):
@@ -58,7 +72,7 @@ class Open(Protocol):
 
     def __call__(
         self,
-        file: Source,
+        file: File,
         /,
         *,
         columns: str | None,
@@ -66,7 +80,7 @@ class Open(Protocol):
         scale: float | None,
         axes: Axes,
         progress: Progress | None,
-    ) -> FileRecording:
+    ) -> TextRecording | TableRecording:
         """As `open_recording`."""
 
 
@@ -77,26 +91,56 @@ class Reader:
     Attributes
     ----------
     name : str
+        In one word.
+    title : str
         For people.
     suffixes : tuple of str
         Endings that such files usually have; the content decides.
     sniff : callable
         Tells from the first bytes, unpacked, whether this reader should try.
-    open : callable
-        Opens what `sniff` accepted.
+    open : callable, optional
+        Opens a table that `sniff` accepted: one magnetometer, in columns.
+    log : callable, optional
+        Or opens a log: several instruments, which know their units.
     extra : str
         The optional dependency it needs, or nothing.
+    takes_unit : bool
+        Of a log: it may hold readings whose unit it does not know, and takes one.
     """
 
     name: str
+    title: str
     suffixes: tuple[str, ...]
     sniff: Callable[[bytes], bool]
-    open: Open
+    open: Open | None = None
+    log: Callable[..., Log] | None = None
     extra: str = ""
+    takes_unit: bool = False
+
+
+def _sniff_ros(head: bytes) -> bool:
+    """Tell a recording of ROS, or the description in the folder of one."""
+    return sniff_ros(head) or head.startswith(b"rosbag2_bagfile_information:")
+
+
+def _open_ros(file: File, *, unit: str | None = None) -> Log:
+    """Open a recording of ROS; one in a folder goes by its description."""
+    is_folder = file.path.name == METADATA
+    return open_ros(replace(file, path=file.path.parent) if is_folder else file, unit=unit)
 
 
 READERS: Final = (
-    Reader("text", (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"), sniff_text, open_text),
+    Reader("npy", "NumPy array", (".npy",), sniff_npy, open_npy),
+    Reader("npz", "NumPy archive", (".npz",), sniff_npz, open_npz),
+    Reader("mat", "MATLAB 5 to 7", (".mat",), sniff_mat, open_mat, extra="scipy"),
+    Reader("parquet", "Parquet", (".parquet",), sniff_parquet, open_parquet, extra="parquet"),
+    Reader("arrow", "Arrow, Feather 2", (".arrow", ".feather"), sniff_arrow, open_arrow, extra="parquet"),
+    Reader("dataflash", "ArduPilot DataFlash", (".bin", ".log"), sniff_dataflash, log=open_dataflash),
+    Reader("tlog", "MAVLink telemetry", (".tlog",), sniff_tlog, log=open_tlog, extra="mavlink"),
+    Reader("ros", "ROS bag, MCAP", (".bag", ".mcap", ".db3"), _sniff_ros, log=_open_ros, extra="ros", takes_unit=True),
+    Reader("ulog", "PX4 ULog", (".ulg",), sniff_ulog, log=open_ulog, extra="px4"),
+    Reader("zip", "phone logger's archive", (".zip",), sniff_zip, open_zip),
+    Reader("text", "text", (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"), sniff_text, open_text),
 )
 """Asked in this order."""
 
@@ -108,6 +152,12 @@ def open_recording(
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
+    sensor: str | None = None,
+    topic: str | None = None,
+    as_logged: bool = False,
+    start: float | None = None,
+    end: float | None = None,
+    flat: str | None = None,
     once: bool = False,
     progress: Progress | None = None,
 ) -> Recording:
@@ -125,6 +175,17 @@ def open_recording(
         Microtesla in one count.
     axes : str
         Where each new axis comes from, such as ``"x,-y,-z"``.
+    sensor : str, optional
+        Which magnetometer of a log, by its number from 1 or its name; by default the first, which says what others
+        there are.
+    topic : str, optional
+        The member of an archive, or the topic of a bag, which is the name of a magnetometer.
+    as_logged : bool
+        Of a log, the readings as they were logged; by default the calibration that was in force is taken off.
+    start, end : float, optional
+        Only what lies between these times, in seconds from the beginning of the recording, or of the log.
+    flat : str, optional
+        Columns may be two, those of a level turn in this plane: ``xy``, ``yz`` or ``zx``; the third axis reads 0.
     once : bool
         It will be gone through once. Standard input or a pipe is then not copied to a temporary file, may be
         endless, and gives its readings as they arrive; a second pass raises `UsageError`.
@@ -142,11 +203,19 @@ def open_recording(
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
-    turned = Axes.of(axes)
-    opened = [
-        _open(find(each, once=once), columns=columns, unit=unit, scale=scale, axes=turned, progress=progress)
-        for each in paths
-    ]
+    asked = _Asked(
+        columns=columns,
+        unit=unit,
+        scale=scale,
+        axes=Axes.of(axes),
+        sensor=sensor,
+        topic=topic,
+        as_logged=as_logged,
+        span=Span.of(start, end),
+        flat=flat,
+        progress=progress,
+    )
+    opened = [_open(_found(each, once=once), asked) for each in paths]
     if len(opened) == 1:
         return opened[0]
     for other in opened[1:]:
@@ -158,6 +227,70 @@ def open_recording(
     return Joined(tuple(opened))
 
 
+def open_log(
+    path: AnyPath,
+    *,
+    columns: str | None = None,
+    unit: str | None = None,
+    scale: float | None = None,
+    axes: str = "x,y,z",
+    topic: str | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    progress: Progress | None = None,
+) -> Log:
+    r"""Recognise all that a file holds: each of its magnetometers, place and time, the calibration that was in force.
+
+    Parameters and errors are those of `open_recording`. A table has one magnetometer, and knows no place.
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> tumble = Path(tempfile.mkdtemp()) / "tumble.csv"
+    >>> _ = tumble.write_text("t_s,mag_x_mG,mag_y_mG,mag_z_mG\n0.0,217,4,-586\n0.1,217,2,-587\n")
+    >>> log = open_log(tumble)
+    >>> log.format, [instrument.name for instrument in log.instruments]
+    ('text', ['columns mag_x_mG, mag_y_mG, mag_z_mG'])
+    """
+    asked = _Asked(
+        columns=columns,
+        unit=unit,
+        scale=scale,
+        axes=Axes.of(axes),
+        topic=topic,
+        span=Span.of(start, end),
+        progress=progress,
+    )
+    file = _found(path)
+    reader = _reader_of(file)
+    if reader.log is not None:
+        return _log_of(file, reader, asked)
+    table = _table_of(file, reader, asked)
+    names = table.layout.columns.field.names if isinstance(table, TextRecording) else table.columns.field.names
+    alone = Instrument(
+        source=table.source,
+        name=f"columns {', '.join(names)}",
+        unit=table.unit,
+        columns=lambda _: table.blocks(),
+        axes=table.axes,
+        readings=table.readings if isinstance(table, TableRecording) else None,
+        file=table.file,
+    )
+    return Log(table.source, reader.title, (alone,), notes=(table.describe().removeprefix(f"{table.source}: "),))
+
+
+def holds_log(path: AnyPath) -> bool:
+    """Tell whether a path leads to a log, which may have several magnetometers, and not to a table; never for a pipe.
+
+    Raises
+    ------
+    UnreadableInput
+        For what is not there, or of no kind that is read.
+    """
+    if os.fspath(path) == "-" or not (Path(path).is_file() or is_bag_folder(Path(path))):
+        return False  # what cannot be looked at twice is left alone
+    return _reader_of(_found(path)).log is not None
+
+
 def read(
     path: AnyPath | Sequence[AnyPath],
     *,
@@ -165,13 +298,30 @@ def read(
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
+    sensor: str | None = None,
+    topic: str | None = None,
+    as_logged: bool = False,
+    start: float | None = None,
+    end: float | None = None,
     progress: Progress | None = None,
 ) -> Samples:
     """Read a whole recording into memory; parameters and errors as `open_recording`.
 
     Of several recordings, columns that some do not have are left out.
     """
-    recording = open_recording(path, columns=columns, unit=unit, scale=scale, axes=axes, progress=progress)
+    recording = open_recording(
+        path,
+        columns=columns,
+        unit=unit,
+        scale=scale,
+        axes=axes,
+        sensor=sensor,
+        topic=topic,
+        as_logged=as_logged,
+        start=start,
+        end=end,
+        progress=progress,
+    )
     blocks = list(recording.blocks())
     joined = replace(
         blocks[0],
@@ -190,23 +340,122 @@ def read(
     return joined
 
 
-def _open(
-    file: Source,
-    *,
-    columns: str | None,
-    unit: str | None,
-    scale: float | None,
-    axes: Axes,
-    progress: Progress | None,
-) -> FileRecording:
-    """Open a file with the first reader that accepts its first bytes."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """What the caller wants of a file, as `open_recording` names it."""
+
+    columns: str | None
+    unit: str | None
+    scale: float | None
+    axes: Axes
+    topic: str | None
+    span: Span
+    progress: Progress | None
+    sensor: str | None = None
+    as_logged: bool = False
+    flat: str | None = None
+
+
+def _open(file: Source, asked: _Asked) -> FileRecording:
+    """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
+    reader = _reader_of(file)
+    if reader.log is not None:
+        return _chosen(_log_of(file, reader, asked), asked)
+    if asked.sensor is not None:
+        raise UsageError(f"{file.name} has one magnetometer: leave --sensor out; its columns are chosen with --columns")
+    return _table_of(file, reader, asked)
+
+
+def _found(path: AnyPath, *, once: bool = False) -> Source:
+    """Find what a path names; a folder of ROS goes by the description in it, and weighs what all in it does."""
+    if os.fspath(path) != "-" and is_bag_folder(Path(path)):
+        folder = Path(path)
+        size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
+        return File(folder.name, folder / METADATA, size)
+    return find(path, once=once)
+
+
+def _reader_of(file: Source) -> Reader:
     head = file.head()
     for reader in READERS:
         if reader.sniff(head):
-            return reader.open(file, columns=columns, unit=unit, scale=scale, axes=axes, progress=progress)
+            return reader
     kind = foreign_kind(head)
     found = f"{kind.name}: {kind.advice}" if kind else "of no known kind: give a text recording"
     raise UnreadableInput(f"{file.name} is {found}")
+
+
+def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | TableRecording:
+    """Open one magnetometer's columns."""
+    options: dict[str, Any] = {
+        "columns": asked.columns,
+        "unit": asked.unit,
+        "scale": asked.scale,
+        "axes": asked.axes,
+        "progress": asked.progress,
+    }
+    if asked.flat is not None and reader.name in {"text", "zip"}:
+        options["flat"] = asked.flat
+    if asked.topic is not None:
+        if reader.name != "zip":
+            raise UsageError(f"{file.name} has no topics and no members: leave --topic out")
+        options["topic"] = asked.topic
+    if reader.open is open_text:
+        recording: TextRecording | TableRecording = open_text(file, **options)
+    else:
+        disk = on_disk(file)
+        recording = reader.open(disk, **options)  # type: ignore[misc]
+        if isinstance(recording, TableRecording):
+            recording.file, recording.kept = file, (*recording.kept, disk)
+    recording.span = asked.span
+    return recording
+
+
+def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
+    """Open a log, which knows its units and columns."""
+    given = {"--columns": asked.columns, "--unit": asked.unit, "--scale": asked.scale}
+    told = {"unit": given.pop("--unit")} if reader.takes_unit else {}
+    for option, value in given.items():
+        if value is not None:
+            raise UsageError(f"{file.name} is {reader.title} and says so itself: leave {option} out")
+    disk = on_disk(file)
+    log = reader.log(disk, **told)  # type: ignore[misc]
+    if not log.instruments:
+        raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
+    beginning = np.nan if asked.span.is_all else _beginning(log)
+    ready = (
+        replace(
+            instrument,
+            axes=asked.axes,
+            as_logged=asked.as_logged,
+            span=asked.span,
+            beginning=beginning,
+            file=file,
+            kept=(disk,),
+            progress=asked.progress,
+        )
+        for instrument in log.instruments
+    )
+    return replace(log, instruments=tuple(ready))
+
+
+def _chosen(log: Log, asked: _Asked) -> Instrument:
+    """Take the magnetometer that was asked for, or the first, which then names the others."""
+    wanted = asked.sensor if asked.sensor is not None else asked.topic
+    if wanted is not None:
+        return log.sensor(wanted)
+    first, *others = log.instruments
+    return replace(first, others=tuple(f"{number} {other.name}" for number, other in enumerate(others, 2)))
+
+
+def _beginning(log: Log) -> float:
+    """The time of the first reading of any of its magnetometers, s; NaN where none has a time."""
+    times = []
+    for instrument in log.instruments:
+        block = next(iter(instrument.columns(True)), None)
+        if block is not None and block.time is not None and len(block):
+            times.append(float(np.nanmin(block.time[:1])))
+    return min((time for time in times if np.isfinite(time)), default=np.nan)
 
 
 def _joined(columns: Sequence[Floats | None]) -> Floats | None:

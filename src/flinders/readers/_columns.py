@@ -28,12 +28,14 @@ from flinders.readers._names import (
     field_stem,
     meaning,
 )
+from flinders.samples import Samples
 from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.axes import Axes
 
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
 """From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096."""
@@ -59,6 +61,8 @@ class Column:
         What is taken from it before, in its own unit.
     unit : str
         Of a strength, where its name states one; else it is in the unit of the field.
+    axes : tuple of int
+        Of the field of a level recording: which axes its two columns are; the third is 0.
     """
 
     kind: str
@@ -67,6 +71,7 @@ class Column:
     factor: float = 1.0
     start: float = 0.0
     unit: str = ""
+    axes: tuple[int, ...] = (0, 1, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +132,34 @@ class Columns:
     def taken(self, values: Floats, column: Column) -> Floats:
         """Pick one of the columns from what was read of `cells`."""
         return values[:, [self.cells.index(cell) for cell in column.cells]]
+
+    def samples(self, values: Floats, *, unit: Unit, axes: Axes, source: str) -> Samples:
+        """Make samples of (N, len(cells)) values: the field, and what stands beside it in the units of `Samples`."""
+        field = self.taken(values, self.field)
+        if len(self.field.cells) == 2:
+            level = np.zeros((len(field), 3))
+            level[:, self.field.axes] = field
+            field = level
+        return Samples.of(
+            field,
+            unit=unit,
+            axes=axes,
+            time=self._beside(values, TIME),
+            acceleration=self._beside(values, ACCELERATION),
+            rate=self._beside(values, RATE),
+            temperature=self._beside(values, TEMPERATURE),
+            current=self._beside(values, CURRENT),
+            strength=self._beside(values, STRENGTH),
+            source=source,
+        )
+
+    def _beside(self, values: Floats, kind: str) -> Floats | None:
+        """Take what stands beside the field, if it is there."""
+        column = self.of_kind(kind)
+        if column is None:
+            return None
+        taken = (self.taken(values, column) - column.start) * column.factor
+        return taken[:, 0] if len(column.cells) == 1 else taken
 
 
 def names_magnetometer(names: Sequence[str]) -> bool:
@@ -191,8 +224,8 @@ def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
     return Columns(Column(FIELD, field, tuple(str(cell + 1) for cell in field)), beside=time)
 
 
-def wanted_places(columns: str, names: Sequence[str], width: int) -> tuple[int, ...]:
-    """Look up what the user asked for: three names, or three numbers counted from 1.
+def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
+    """Look up what the user asked for: three names, or three numbers counted from 1; two will do if `flat`.
 
     Raises
     ------
@@ -201,11 +234,14 @@ def wanted_places(columns: str, names: Sequence[str], width: int) -> tuple[int, 
     """
     asked = [part.strip() for part in columns.split(",")]
     known = [name.strip() for name in names]
-    if len(asked) != 3 or len({part.casefold() for part in asked}) != 3:
-        raise UsageError(f"columns {columns!r}: need three different ones, such as 'mx,my,mz' or '4,5,6'")
+    count = len(asked)
+    if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
+        need = "two or three different ones, such as 'mx,my' or '4,5'" if flat else _three(count)
+        raise UsageError(f"columns {columns!r}: need {need}")
     places = tuple(_place(part, known, width) for part in asked)
-    if len(set(places)) != 3:
-        raise UsageError(f"columns {columns!r} name one column twice: need three different ones")
+    if len(set(places)) != count:
+        many = "two" if count == 2 else "three"
+        raise UsageError(f"columns {columns!r} name one column twice: need {many} different ones")
     return places
 
 
@@ -225,6 +261,11 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
         raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see --columns")
     others = tuple(column for column in columns.beside if column.kind != ACCELERATION)
     return replace(columns, beside=(*others, Column(ACCELERATION, places, shown)))
+
+
+def _three(given: int) -> str:
+    two = "; two columns, x and y of a level turn, are for flinders two-axis" if given == 2 else ""
+    return f"three different ones, such as 'mx,my,mz' or '4,5,6'{two}"
 
 
 def _meaning(name: str, unit: str) -> Meaning:

@@ -41,7 +41,6 @@ MAGIC: Final[dict[bytes, Kind]] = {
     b"%PDF": Kind("a PDF document", _ITSELF),
     b"{\\rtf": Kind("an RTF document", "save it as plain text"),
     b"\xd0\xcf\x11\xe0": Kind("an old Office document", _EXPORT),
-    b"PK\x03\x04": Kind("a ZIP archive or a spreadsheet", "unzip it, or export the sheet as CSV"),
     b"PK\x05\x06": Kind("an empty ZIP archive", _ITSELF),
     b"Rar!": Kind("a RAR archive", _UNPACK),
     b"7z\xbc\xaf\x27\x1c": Kind("a 7z archive", _UNPACK),
@@ -51,17 +50,20 @@ MAGIC: Final[dict[bytes, Kind]] = {
     b"\x1f\x8b": Kind("gzip-compressed twice", "unpack it with gunzip"),
     b"\x7fELF": Kind("a program", _ITSELF),
     b"MZ": Kind("a program", _ITSELF),
-    b"\x89HDF": Kind("an HDF5 or MATLAB 7.3 file", _EXPORT),
-    b"MATLAB 5.0": Kind("a MATLAB file", "export it with writematrix"),
-    b"\x93NUMPY": Kind("a NumPy array", "load it and hand over the array"),
+    b"\x89HDF": Kind("an HDF5 file", _EXPORT),
+    b"MATLAB 7.3": Kind("a MATLAB 7.3 file, which is HDF5", "save it again with save('log.mat', '-v7'), or export it"),
+    b"FEA1": Kind("a Feather file of version 1", "save it again with a pandas or pyarrow of this decade"),
     b"SQLite format 3": Kind("an SQLite database", _EXPORT),
-    b"PAR1": Kind("a Parquet table", _EXPORT),
-    b"ULog\x01\x12\x35": Kind("a PX4 ULog", "export the topic sensor_mag as CSV with ulog2csv"),
-    b"\xa3\x95": Kind("an ArduPilot DataFlash log", "export its MAG messages as CSV with mavlogdump.py"),
-    b"#ROSBAG": Kind("a ROS 1 bag", "export the topic as CSV with rostopic echo -p"),
-    b"\x89MCAP": Kind("an MCAP recording", "export the topic as CSV"),
 }
 """First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
+
+LOGS: Final = (
+    b"PK\x03\x04", b"MATLAB 5.0", b"\x93NUMPY", b"PAR1", b"ARROW1", b"ULog", b"\xa3\x95", b"#ROSBAG", b"\x89MCAP",
+    b"SQLite format 3",
+)  # fmt: skip
+"""First bytes of what is binary and has a reader of its own; the readers look closer."""
+MAVLINK: Final = (0xFE, 0xFD)
+"""A telemetry log has eight bytes of time before the first of these."""
 
 PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
 _WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
@@ -79,6 +81,11 @@ def foreign_kind(head: bytes) -> Kind | None:
         if opening.startswith(start):
             return Kind(name, "download the raw file it shows")
     return Kind("a binary file", "give a text recording with three columns of numbers") if binary else None
+
+
+def may_be_log(head: bytes) -> bool:
+    """Tell whether a binary file that starts with these bytes may be one that a reader knows."""
+    return head.startswith(LOGS) or (len(head) > 8 and head[8] in MAVLINK)
 
 
 def is_binary(head: bytes) -> bool:

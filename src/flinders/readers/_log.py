@@ -22,13 +22,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.errors import UsageError
+from flinders.errors import UnreadableInput, UsageError
+from flinders.readers._span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from datetime import datetime
 
     from flinders.arrays import Floats
+    from flinders.readers._source import Source
+    from flinders.readers.text import Progress
     from flinders.samples import Samples
     from flinders.units import Unit
 
@@ -45,12 +48,21 @@ class Stored:
         Rotation from what `matrix` gives to what the log holds; identity where the sensor sits as the vehicle does.
     words : str
         What it is, as the target calls it: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``.
+    applied : bool
+        Readings are logged after it; where they are not, there is nothing to un-apply.
     """
 
     matrix: Floats
     offset: Floats
     mounting: Floats = field(default_factory=lambda: np.eye(3))
     words: str = ""
+    applied: bool = True
+
+    def told(self, *, as_logged: bool) -> str:
+        """Say what became of it."""
+        if not self.applied:
+            return f"logged raw, before {self.words}"
+        return f"{'as logged, after' if as_logged else 'un-applied:'} {self.words}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +101,22 @@ class Instrument:
         What the log says was in force, where readings are logged after it.
     axes : Axes
     as_logged : bool
-    start, end : float, s
-        Only readings between these times are given.
+    span : Span
+        Only readings within it are given.
+    beginning : float, s
+        The time from which the span counts, by the clock of `columns`: the first reading where it is NaN.
+    readings : int, optional
+        How many `columns` yields, where that is known beforehand.
     notes : tuple of str
         What to know about it, a sentence each.
+    others : tuple of str
+        Names of the log's other magnetometers, where nobody has said which is meant.
+    file : Source, optional
+        The bytes it was read from, as they lie on the disk.
+    kept : tuple of Source
+        Temporary files that it needs.
+    progress : callable, optional
+        Called once a block with the bytes read so far, by the share of `readings`, and those there are.
     """
 
     source: str
@@ -102,22 +126,50 @@ class Instrument:
     stored: Stored | None = None
     axes: Axes = field(default_factory=Axes)
     as_logged: bool = False
-    start: float = -np.inf
-    end: float = np.inf
+    span: Span = field(default_factory=Span)
+    beginning: float = np.nan
+    readings: int | None = None
     notes: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+    file: Source | None = None
+    kept: tuple[Source, ...] = ()
+    progress: Progress | None = None
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the readings, in `axes` and between `start` and `end`."""
+        """Go through the readings, in `axes` and within `span`.
+
+        Raises
+        ------
+        UnreadableInput
+            Where the log cannot be read to its end, or no reading is left.
+        UsageError
+            Where nothing lies within the span.
+        """
+        clock, gone, given = self.span.clock(self.source, self.beginning), 0, 0
         for block in self.columns(self.as_logged):
-            kept = block if block.time is None else block[(block.time >= self.start) & (block.time <= self.end)]
-            yield turned(replace(kept, source=self.source), self.axes)
+            gone += len(block)
+            if self.progress and self.file and self.file.size and self.readings:
+                self.progress(int(self.file.size * min(gone / self.readings, 1.0)), self.file.size)
+            within = clock.within(block)
+            if within.any():
+                given += 1
+                yield turned(replace(clock.kept(block, within), source=self.source), self.axes)
+        clock.judge()
+        if not given:
+            raise UnreadableInput(
+                f"no usable reading of {self.name} in {self.source}: need finite x, y and z: check the sensor, and "
+                "whether it was being logged"
+            )
 
     def describe(self) -> str:
         """Say in one line what is used, and what was un-applied."""
-        told = f"{self.source}: {self.name} in {self.unit.name}"
+        told = [f"{self.source}: {self.name} in {self.unit.name}"]
         if self.stored is not None:
-            told += f"; {'as logged, after' if self.as_logged else 'un-applied:'} {self.stored.words}"
-        return told if self.axes == Axes() else f"{told}; axes {self.axes}"
+            told.append(self.stored.told(as_logged=self.as_logged))
+        told += [f"axes {self.axes}"] * (self.axes != Axes()) + [str(self.span)] * (not self.span.is_all)
+        if self.others:
+            told.append(f"also there: {', '.join(self.others)} (choose with --sensor)")
+        return "; ".join(told)
 
     def __str__(self) -> str:
         return self.describe()
@@ -161,7 +213,7 @@ class Log:
             if wanted.strip().casefold() in (str(number), instrument.name.casefold()):
                 return instrument
         there = ", ".join(f"{number} ({one.name})" for number, one in enumerate(self.instruments, 1))
-        verb = "is" if len(self.instruments) == 1 else "are"
+        verb = "are" if len(self.instruments) > 1 else "is"
         raise UsageError(f"{self.source} has no magnetometer {wanted}: there {verb} {there or 'none'}")
 
 

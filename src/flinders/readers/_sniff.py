@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -120,7 +121,9 @@ class Layout:
         return ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
 
 
-def sniff(name: str, texts: list[str], columns: str | None = None, header: Sequence[str] = ()) -> Layout:
+def sniff(
+    name: str, texts: list[str], columns: str | None = None, header: Sequence[str] = (), flat: str | None = None
+) -> Layout:
     """Recognise how a recording is laid out.
 
     Parameters
@@ -133,6 +136,8 @@ def sniff(name: str, texts: list[str], columns: str | None = None, header: Seque
         Names or numbers of the magnetometer's columns, if the user said which.
     header : sequence of str, optional
         Names of the columns, if they are known from elsewhere.
+    flat : str, optional
+        The plane whose two columns will do where there are no three: ``"xy"``.
 
     Raises
     ------
@@ -152,11 +157,11 @@ def sniff(name: str, texts: list[str], columns: str | None = None, header: Seque
         raise UnreadableInput(
             f"{name} holds only {'blank lines' if blank else 'comments'}: need lines of numbers, one reading each"
         )
-    for stretch in (lines[:TRIED], lines):
-        delimiter, decimal = max(DIALECTS, key=lambda dialect: _score(stretch, dialect))
-        rows = _rows(stretch, (delimiter, decimal))
+    for stretch, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
+        dialect = max(DIALECTS, key=partial(_score, stretch, least))
+        rows = _rows(stretch, dialect, least)
         if rows:
-            return _table(name, texts, rows=rows, dialect=(delimiter, decimal), columns=columns, known=header)
+            return _table(name, texts, rows=rows, dialect=dialect, columns=columns, known=header, flat=flat)
     raise _nothing(name, lines)
 
 
@@ -168,6 +173,7 @@ def _table(
     dialect: tuple[str, str],
     columns: str | None,
     known: Sequence[str],
+    flat: str | None = None,
 ) -> Layout:
     """Lay out a table from the lines that are rows of numbers."""
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
@@ -177,9 +183,13 @@ def _table(
     place, header = (-1, list(known)) if known else _header(texts[:start], dialect[0], width, closed=closed)
     width -= closed and len(header) != width  # each line ends with a delimiter
     values = _values(list(like.values())[:SAMPLED], width, dialect[1])
-    wanted = wanted_places(columns, header, width) if columns is not None else ()
+    if columns is None and flat is not None and width == 2:
+        columns = "1,2"
+    wanted = wanted_places(columns, header, width, flat=flat is not None) if columns is not None else ()
     units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
     chosen = by_name(header, values, wanted, units) if header else by_place(values, wanted)
+    if chosen is not None and len(wanted) == 2 and flat is not None:
+        chosen = replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
     if chosen is None:
         raise _no_magnetometer(name, header, width, (start + 1, texts[start]))
     return Layout(
@@ -236,9 +246,9 @@ def _rows(lines: list[tuple[int, str]], dialect: tuple[str, str], least: int = 3
     return rows
 
 
-def _score(lines: list[tuple[int, str]], dialect: tuple[str, str]) -> tuple[int, int]:
+def _score(lines: list[tuple[int, str]], least: int, dialect: tuple[str, str]) -> tuple[int, int]:
     """Rate a dialect: lines of numbers, then numbers in them."""
-    rows = _rows(lines, dialect)
+    rows = _rows(lines, dialect, least)
     numbers = sum(number(cell, dialect[1]) is not None for cells in rows.values() for cell in cells if cell.strip())
     return len(rows), numbers
 
@@ -324,7 +334,7 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         place, text = next((place, text) for place, text in lines if place in few)
         return NoMagnetometer(
             f"{name} has fewer than three numbers a line (line {place + 1}: {shown(text)!r}): "
-            "need three, x y z, one reading a line"
+            "need three, x y z, one reading a line; two, of a level turn, are for flinders two-axis"
         )
     if text.endswith(CUT_OFF):
         return UnreadableInput(

@@ -24,7 +24,7 @@ from typing import IO, TYPE_CHECKING, Final, TypeAlias, cast
 
 from flinders.errors import UnreadableInput, UsageError
 from flinders.files import REASONS, reason
-from flinders.readers._kinds import GZIP, foreign_kind
+from flinders.readers._kinds import GZIP, foreign_kind, may_be_log
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ HEAD: Final = 1 << 16
 """Bytes looked at to tell what a file is, and how its text is encoded."""
 CHUNK: Final = 1 << 18
 """Bytes read at a time."""
+MOST_SPOOLED: Final = 64 << 30
+"""Bytes copied to a temporary file before it is given up: a pipe may have no end."""
 ENOUGH_ROWS, ENOUGH_LINES = 20, 400
 """Lines of numbers of one width, and lines at all, after which no more is waited for to tell what a stream is."""
 NUMBER: Final = re.compile(r"[-+−]?\.?\d[\d.]*(?:[eE][-+]?\d+)?")
@@ -56,6 +58,17 @@ class File:
     name: str
     path: Path
     size: int
+
+    def is_packed(self) -> bool:
+        """Whether it lies on the disk as gzip.
+
+        Raises
+        ------
+        UnreadableInput
+            As `opened`.
+        """
+        with self.opened() as (_, unpacked):
+            return isinstance(unpacked, gzip.GzipFile)
 
     def head(self) -> bytes:
         """Return the first `HEAD` bytes, unpacked."""
@@ -271,6 +284,25 @@ def derived(source: Source, chunks: Iterator[bytes]) -> Source:
     return Stream(source.name, chunks) if isinstance(source, Stream) else spooled(source.name, chunks)
 
 
+def on_disk(source: Source) -> File:
+    """Have it as a file without packing around it, for readers that do not go from the first byte to the last."""
+    return source if isinstance(source, File) and not source.is_packed() else spooled(source.name, unpacked(source))
+
+
+def unpacked(source: Source) -> Iterator[bytes]:
+    """Yield all bytes, and refuse compressed ones without their end.
+
+    Raises
+    ------
+    UnreadableInput
+        Where they were cut short.
+    """
+    try:
+        yield from source.chunks()
+    except EndsEarly as cut:
+        raise cut.refusal(source.name) from None
+
+
 def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
     """Turn an error of the operating system into one line."""
     match error:
@@ -342,9 +374,11 @@ def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes]) -> int:
     """Write chunks to a file and count bytes; a stream that is not a recording is refused at its first chunk."""
     size = 0
     for chunk in chunks:
-        if size == 0 and not chunk.startswith(GZIP) and (kind := foreign_kind(chunk)):
+        if size == 0 and not chunk.startswith(GZIP) and not may_be_log(chunk) and (kind := foreign_kind(chunk)):
             raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
         size += file.write(chunk)
+        if size > MOST_SPOOLED:
+            raise UnreadableInput(f"{name} is longer than {MOST_SPOOLED >> 30} GB: save it as a file, or cut it")
     if size == 0:
         raise UnreadableInput(f"{name} is empty: nothing was piped in")
     return size

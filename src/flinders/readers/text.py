@@ -1,4 +1,4 @@
-r"""Recordings as text: tables with any delimiter, decimal sign and header, MotionCal captures, JSON.
+r"""Recordings as text: tables with any delimiter, decimal sign and header, MotionCal captures, JSON, Paparazzi's logs.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -25,12 +25,12 @@ from flinders.readers._columns import wanted_acceleration
 from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
-from flinders.readers._names import ACCELERATION, CURRENT, RATE, STRENGTH, TEMPERATURE, TIME
 from flinders.readers._numbers import Rows, rows_of
+from flinders.readers._paparazzi import is_paparazzi, table_of_messages
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
 from flinders.readers._sniff import Layout, sniff
-from flinders.samples import Samples
+from flinders.readers._span import Span
 from flinders.units import COUNTS, Unit
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._columns import Columns
     from flinders.readers._source import Source
-    from flinders.samples import Skipped
+    from flinders.samples import Samples, Skipped
 
 Progress: TypeAlias = "Callable[[int, int | None], None]"
 """Called once a block with the bytes read so far and, where it is known, those there are."""
@@ -63,6 +63,8 @@ class TextRecording:
         How the recorded axes are turned.
     progress : callable, optional
         Called once a block with the bytes read so far and those there are.
+    span : Span
+        Which part of it is read.
     skipped : tuple of Skipped
         What the last pass over the file has left out so far.
     """
@@ -72,12 +74,18 @@ class TextRecording:
     unit: Unit
     axes: Axes = field(default_factory=Axes)
     progress: Progress | None = None
+    span: Span = field(default_factory=Span)
     skipped: tuple[Skipped, ...] = field(default=(), init=False)
 
     @property
     def source(self) -> str:
         """The name of the file."""
         return self.file.name
+
+    @property
+    def states_unit(self) -> bool:
+        """The unit stands in the header."""
+        return self.layout.columns.stated
 
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
@@ -100,14 +108,16 @@ class TextRecording:
             As `blocks`.
         """
         pending: tuple[Skipped, ...] = ()
+        clock = self.span.clock(self.source)
         for stretch in self._pass(self.layout.columns):
             pending = added(pending, stretch.left_out)
             if stretch.usable.any():
-                yield (
-                    np.asarray(stretch.rows.lines, float)[stretch.usable],
-                    replace(self._samples(stretch), skipped=pending),
-                )
-                pending = ()
+                lines, samples = np.asarray(stretch.rows.lines, float)[stretch.usable], self._samples(stretch)
+                within = clock.within(samples)
+                if within.any():
+                    yield lines[within], replace(clock.kept(samples, within), skipped=pending)
+                    pending = ()
+        clock.judge()
 
     def name_acceleration(self, columns: str) -> None:
         """Say which columns are the accelerometer's, where their names do not or another is meant.
@@ -211,26 +221,7 @@ class TextRecording:
     def _samples(self, stretch: _Stretch) -> Samples:
         """Make samples of the rows that can be used."""
         values = stretch.rows.values if stretch.usable.all() else stretch.rows.values[stretch.usable]
-        return Samples.of(
-            self.layout.columns.taken(values, self.layout.columns.field),
-            unit=self.unit,
-            axes=self.axes,
-            time=self._beside(values, TIME),
-            acceleration=self._beside(values, ACCELERATION),
-            rate=self._beside(values, RATE),
-            temperature=self._beside(values, TEMPERATURE),
-            current=self._beside(values, CURRENT),
-            strength=self._beside(values, STRENGTH),
-            source=self.source,
-        )
-
-    def _beside(self, values: Floats, kind: str) -> Floats | None:
-        """Take what stands beside the field, in the units of `Samples`, if it is there."""
-        column = self.layout.columns.of_kind(kind)
-        if column is None:
-            return None
-        taken = (self.layout.columns.taken(values, column) - column.start) * column.factor
-        return taken[:, 0] if len(column.cells) == 1 else taken
+        return self.layout.columns.samples(values, unit=self.unit, axes=self.axes, source=self.source)
 
 
 class _Stretch(NamedTuple):
@@ -249,6 +240,7 @@ def open_text(
     unit: str | None = None,
     scale: float | None = None,
     axes: str | Axes = "x,y,z",
+    flat: str | None = None,
     progress: Progress | None = None,
 ) -> TextRecording:
     """Recognise a text recording from its first lines.
@@ -265,6 +257,8 @@ def open_text(
         Microtesla in one count.
     axes : str or Axes
         Where each new axis comes from, such as ``"x,-y,-z"``.
+    flat : str, optional
+        Two columns will do, those of this plane: ``"xy"``; the third axis reads 0.
     progress : callable, optional
         Called once a block with the bytes read so far and those there are.
 
@@ -287,7 +281,11 @@ def open_text(
         table, names = table_of(file, encoding)
         encoding, newline = "utf-8", "\n"
     opening, is_all = table.opening(encoding)
-    layout = replace(sniff(file.name, opening, columns, names), encoding=encoding, newline=newline)
+    if not names and is_paparazzi(opening):
+        table, names = table_of_messages(file, encoding, opening)
+        encoding, newline = "utf-8", "\n"
+        opening, is_all = table.opening(encoding)
+    layout = replace(sniff(file.name, opening, columns, names, flat), encoding=encoding, newline=newline)
     settled = unit_of(layout.columns, file.name, unit, scale)
     layout = replace(layout, columns=layout.columns.with_strength_in(settled))
     recording = TextRecording(table, layout, settled, axes)
