@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.planar import order_of
-from flinders.quadric import Ellipsoid, symmetric, upper
+from flinders.quadric import Ellipsoid, symmetric
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -39,7 +39,7 @@ def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
     dip_deg : float
         Inclination of the field towards that axis.
     """
-    parameters = to_equator(plane, dip_deg=dip_deg) @ np.concatenate([ellipsoid.centre, upper(ellipsoid.shape)])
+    parameters = to_equator(plane, dip_deg=dip_deg) @ ellipsoid.parameters
     return Ellipsoid(parameters[:3], symmetric(parameters[3:]))
 
 

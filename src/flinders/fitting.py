@@ -186,7 +186,8 @@ def _widened(estimate: Estimate, likelihood: Auto, readings: Readings, *, is_bia
     if beside is not None and not looked_at and not beside.plane and not beside.unseen:
         estimate = as_correlated(estimate, beside)
     repeated = _repeated(estimate, readings.summary)
-    estimate = replace(estimate, covariance=estimate.covariance * repeated)
+    few = _few(estimate, len(readings.summary) / repeated)
+    estimate = replace(estimate, covariance=estimate.covariance * (repeated * few))
     return (with_bias(estimate, beside) if beside is not None and is_biased else estimate), repeated
 
 
@@ -197,6 +198,16 @@ def _repeated(estimate: Estimate, summary: Summary) -> float:
         return share
     known = float(np.mean(np.diag(estimate.covariance) / np.maximum(np.diag(estimate.textbook), np.finfo(float).tiny)))
     return max(1.0, share / known)
+
+
+def _few(estimate: Estimate, count: float) -> float:
+    """Factor by which few readings widen a covariance, as their noise is known from few residuals.
+
+    The variance of Student's t, ν/(ν − 2), for the ν independent readings beyond those that the parameters take up.
+    Below three there is no such variance, and the factor grows by four for each reading that is missing.
+    """
+    freedom = min(_independent(estimate, count), count) - (5 if estimate.plane else 9)
+    return freedom / (freedom - 2.0) if freedom >= 3.0 else 3.0 * 4.0 ** (3.0 - max(freedom, 0.0))
 
 
 def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | None:

@@ -89,6 +89,11 @@ class Ellipsoid:
         """(3,) semi-axes, ascending."""
         return np.linalg.eigvalsh(self.shape)
 
+    @property
+    def parameters(self) -> Floats:
+        """(9,) centre, then S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃: what covariances are of."""
+        return np.concatenate([self.centre, upper(self.shape)])
+
     def isclose(self, other: Ellipsoid, rtol: float = 1e-9) -> bool:
         """The same surface to a fraction of its radius."""
         tolerance = rtol * self.radius

@@ -27,10 +27,10 @@ import numpy as np
 
 from flinders.equator import equator
 from flinders.errors import FitError, UsageError
-from flinders.estimators import Readings
+from flinders.estimators import Readings, at_one_strength
 from flinders.heading import level_error
 from flinders.planar import order_of
-from flinders.quadric import Ellipsoid, upper
+from flinders.quadric import Ellipsoid, symmetric
 from flinders.samples import Joined
 from flinders.terms import magnitude
 from flinders.terms.equations import NormalEquations
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.estimators import Estimator
+    from flinders.estimators import Estimate, Estimator
     from flinders.heading import HeadingError
     from flinders.planar import Plane
     from flinders.samples import Recording, Samples
@@ -77,13 +77,14 @@ class Validation:
 
 
 class NotValidated(FitError):
-    """A method gives nothing comparable when one `block` of time is missing."""
+    """A method cannot be asked about readings that it has not seen."""
 
     code = "not-validated"
 
-    def __init__(self, block: int, blocks: int, reason: object) -> None:
-        self.block, self.blocks = block, blocks
-        super().__init__(
+    @classmethod
+    def without(cls, block: int, blocks: int, reason: object) -> NotValidated:
+        """It gives nothing comparable when one block of time is missing."""
+        return cls(
             f"not cross-validated, as it fails without block {block} of {blocks}: {reason}", block=block, blocks=blocks
         )
 
@@ -118,7 +119,7 @@ def cross_validated(
     Raises
     ------
     NotValidated
-        If a fit fails where one block is missing.
+        If a fit fails where one block is missing, or the method is for readings of which none may be missing.
     UsageError
         For fewer than two blocks, or fewer than four readings in each.
 
@@ -131,6 +132,8 @@ def cross_validated(
         raise UsageError(
             f"{blocks} blocks of {len(samples):,} readings: need 2 or more, of {LEAST} readings or more each"
         )
+    if getattr(estimator, "needs_even_turn", False):
+        raise NotValidated("not cross-validated: it takes points equally spaced around, and a block less is not")
     asked = np.ones(len(samples), dtype=bool) if counted is None else counted
     ellipsoids: list[Ellipsoid] = []
     planes: set[Plane | None] = set()
@@ -140,14 +143,14 @@ def cross_validated(
         try:
             found = estimator.estimate(Readings.of(rest))
         except FitError as error:
-            raise NotValidated(number, blocks, error) from error
-        ellipsoid, seen = found.ellipsoid, samples.field[held][asked[held]]
+            raise NotValidated.without(number, blocks, error) from error
+        ellipsoid, seen = found.ellipsoid, _seen(samples[held][asked[held]], found)
         if found.plane is not None:
             ellipsoid = equator(ellipsoid, found.plane, dip_deg=getattr(estimator, "dip_deg", dip_deg))
             seen = _laid_flat(seen, found.plane)
         planes.add(found.plane)
         if len(planes) > 1:
-            raise NotValidated(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")
+            raise NotValidated.without(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")
         ellipsoids.append(ellipsoid)
         told += magnitude.equations([seen], ellipsoid)
         bent += magnitude.curvature(seen, ellipsoid)
@@ -162,6 +165,12 @@ def cross_validated(
         misfit=float(np.sqrt(told.cost / max(told.count, 1))),
         blocks=blocks,
     )
+
+
+def _seen(held: Samples, found: Estimate) -> Floats:
+    """(m, 3) readings held back, brought to one field strength where the method knows that of each."""
+    alike = at_one_strength(Readings.of(held), found)
+    return np.concatenate([np.empty((0, 3)), *alike.blocks(found.method)])
 
 
 def _laid_flat(field: Floats, plane: Plane) -> Floats:
@@ -200,8 +209,8 @@ def _asked_for(told: NormalEquations, bent: Floats, ellipsoid: Ellipsoid) -> Flo
 def _jackknife(ellipsoids: list[Ellipsoid]) -> tuple[Ellipsoid, Floats]:
     """Their mean, and the (9, 9) variance of the jackknife; all brought to one radius, as scale turns no heading."""
     radius = float(np.exp(np.mean([np.log(one.radius) for one in ellipsoids])))
-    found = np.array([np.concatenate([one.centre, upper(one.shape) * (radius / one.radius)]) for one in ellipsoids])
-    apart = found - found.mean(axis=0)
+    found = np.array([Ellipsoid(one.centre, one.shape * (radius / one.radius)).parameters for one in ellipsoids])
+    middle = found.mean(axis=0)
+    apart = found - middle
     scatter = (len(found) - 1) / len(found) * apart.T @ apart
-    shape = np.mean([one.shape * (radius / one.radius) for one in ellipsoids], axis=0)
-    return Ellipsoid(found[:, :3].mean(axis=0), shape), scatter
+    return Ellipsoid(middle[:3], symmetric(middle[3:])), scatter

@@ -70,11 +70,12 @@ def level_turn(n: int = 200) -> str:
     return rows(np.stack([25 * np.cos(angle) + 10, 25 * np.sin(angle) + 20, np.full(n, 43.0)], axis=1))
 
 
-def zipped(text: str) -> bytes:
-    """A ZIP archive with a recording in it."""
+def zipped(**members: str) -> bytes:
+    """A ZIP archive."""
     file = BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr("odd.csv", text)
+        for name, text in members.items():
+            archive.writestr(name, text)
     return file.getvalue()
 
 
@@ -99,7 +100,8 @@ ODD: dict[str, Odd] = {
     "random bytes": Odd(UNREADABLE, "binary file: give a text recording", np.random.default_rng(3).bytes(5000)),
     "zeros": Odd(UNREADABLE, "binary file: give a text recording", bytes(5000)),
     "a PNG image": Odd(UNREADABLE, "is a PNG image", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + bytes(100)),
-    "a ZIP archive": Odd(UNREADABLE, "unzip it", zipped(TEXT)),
+    "a spreadsheet": Odd(UNREADABLE, "export the sheet as CSV", zipped(**{"[Content_Types].xml": "<x/>"})),
+    "an archive without a recording": Odd(UNREADABLE, "no text recording in it", zipped(photo="x")),
     "an HTML page": Odd(UNREADABLE, "download the raw file", "<!DOCTYPE html><html><body>1,2,3</body></html>"),
     "broken gzip": Odd(UNREADABLE, "copy it again", gzip.compress(TEXT.encode())[:60] + b"?" * 600),
     "a line of 10 MB": Odd(UNREADABLE, "need one reading a line", "1,2,3," * 1_700_000),

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from benchmarks.datasets import heading_error_deg
 
 import flinders
 from flinders import simulate
-from flinders.errors import NeedsSamples
+from flinders.errors import FitError, NeedsSamples
 from flinders.estimators import Algebraic, Auto, Consistent, Estimator, Li, Likelihood, Readings, kept, likelihood
 from flinders.quadric import upper
+from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
 
@@ -226,3 +228,21 @@ def test_a_given_field_strength_scales_the_matrix_and_nothing_else() -> None:
     assert float(lengths.mean()) == pytest.approx(48.5, rel=1e-3)
     assert float(np.linalg.det(free.calibration.matrix)) == pytest.approx(1.0)
     assert free.heading_error_deg.worst == pytest.approx(scaled.heading_error_deg.worst, rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [12, 20])
+def test_few_readings_claim_what_few_residuals_tell_of_their_noise(n: int) -> None:
+    """Three and eleven residuals beyond the unknowns: taken for exact, their noise would claim too little."""
+    ratios = []
+    for seed in range(80):
+        recording = simulate.tumble(seed=seed, n=n, motion="uniform")
+        try:
+            fit = flinders.fit(recording.samples)
+        except Refused as refusal:
+            fit = refusal.fit
+        except FitError:
+            continue
+        found = fit.calibration
+        ratios.append(heading_error_deg(found.matrix, found.offset, recording) / fit.heading_error_deg.rms)
+    assert len(ratios) > 60
+    assert 0.6 < float(np.sqrt(np.mean(np.square(ratios)))) < 1.3

@@ -130,7 +130,6 @@ def test_real_recordings_are_recognised(
     [
         "pichim_betaflight/20231014_apex5_mag_gyro.txt",
         "jremington_icm20948/icm_20948_get_cal_data_OUTPUT.txt",
-        "px4_ecl_flight/ekf_gsf_reset.csv",
         "jremington_planar2d/mag2d_raw_header.csv",
     ],
 )

@@ -335,7 +335,7 @@ def test_a_third_axis_far_from_zero_changes_nothing() -> None:
     for height in (0.0, 500.0, -500.0):
         field[:, 2] = height
         fit = flinders.fit(field, method="ellipse")
-        assert fit.heading_error_deg.worst == pytest.approx(0.112, rel=0.01)
+        assert fit.heading_error_deg.worst == pytest.approx(0.1137, rel=0.01)
         assert fit.offset_sigma[2] > abs(height)
 
 

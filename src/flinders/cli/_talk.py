@@ -117,6 +117,18 @@ def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, total: shown.update(task, completed=done, total=total)
 
 
+@contextlib.contextmanager
+def working() -> Iterator[Callable[[str], None] | None]:
+    """Show what is being done, only on a terminal; what it yields is called with a word for it, or None."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True, color_system="auto" if _coloured() else None).status("") as status:
+        yield status.update
+
+
 def _coloured() -> bool:
     """Whether the person at the terminal wants colours, and it has any."""
     return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -158,14 +158,15 @@ def command(
     _write(fit, output, parts, force=force)
     _convergence.write(convergence, _filters.through(parts, by), options, force=force)
     if target and to:
-        export.beside(fit, target, to, force=force)
+        export.beside(fit, target, to, name=", ".join(part.source for part in parts), force=force)
     if as_json:
         print_json(fit.as_dict())
     elif report != "-":
         print_fit(fit, err="-" in {output, to})
     _report(fit, report, parts, force=force)
     if output != "-":
-        say(f"written to {output}" if output else "nothing was written: name a file with -o calibration.json")
+        nothing = "nothing" if to is None else "no calibration file"
+        say(f"written to {output}" if output else f"{nothing} was written: name a file with -o calibration.json")
     return GOOD if fit.verdict == "good" else LIMITED
 
 
@@ -234,7 +235,8 @@ def _check_outputs(recordings: tuple[str, ...], results: dict[str, str | None], 
 
     printed = ["--json"] * as_json + [name for name, path in results.items() if path == "-"]
     if len(printed) > 1:
-        option = "-o" if results["the calibration"] == "-" else "--report-text"
+        options = {"the calibration": "-o", "the report": "--report-text", "the export": "--export TARGET:FILE"}
+        option = next(option for name, option in options.items() if results.get(name) == "-")
         raise UsageError(f"{' and '.join(printed)} would both go to standard output: name a file with {option}")
     files: dict[Path, str] = {}
     for name, path in results.items():

@@ -10,7 +10,7 @@ import click
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._sources import saying_what_was_skipped
-from flinders.cli._talk import drawn, print_json, progress, say
+from flinders.cli._talk import drawn, print_json, progress, say, working
 
 if TYPE_CHECKING:
     from flinders.result import Verdict
@@ -70,18 +70,19 @@ def command(
     once, and what it asks for is carried over to the heading. Methods that cannot be trusted on this recording say
     why. Nothing is written; of several recordings of one sensor the blocks follow each other.
     """
-    from flinders.contest import compare_methods
+    from flinders.contest import compare_methods, known
     from flinders.readers import open_recording
     from flinders.report.contest import page
     from flinders.samples import Joined
 
+    known(methods)
     _options.refuse_twice(recordings)
     with progress("reading") as watch:
         opened = open_recording(recordings, progress=watch, **reading)  # type: ignore[arg-type]
         parts = opened.recordings if isinstance(opened, Joined) else (opened,)
         for part in parts:
             say(str(part))
-        with saying_what_was_skipped(parts):
+        with saying_what_was_skipped(parts), working() as tell:
             contest = compare_methods(
                 opened,
                 methods=methods,
@@ -89,6 +90,7 @@ def command(
                 field_strength=field_strength,
                 target_deg=target_deg,
                 dip_deg=dip_deg,
+                tell=tell,
             )
     if as_json:
         print_json(contest.as_dict())

@@ -92,6 +92,8 @@ def command(
         show(export)
     if to_file or as_json or not export.told:
         say(export.checked)
+        for note in () if export.told else export.fields["notes"]:
+            say(note)
         for warning in (*_limits(judged), *export.warnings):
             say(f"! {warning}")
     if to_file:
@@ -131,8 +133,8 @@ def refuse_with(value: str | None, option: str) -> None:
         raise UsageError(f"--export does not go with {option}: write the calibration with -o, then use flinders export")
 
 
-def beside(fit: Fit, target: str, path: str, *, force: bool) -> None:
-    """Write a fit for a target, beside its calibration file.
+def beside(fit: Fit, target: str, path: str, *, name: str, force: bool) -> None:
+    """Write a fit for a target, beside its calibration file; `name` tells what it was made from.
 
     Raises
     ------
@@ -142,7 +144,7 @@ def beside(fit: Fit, target: str, path: str, *, force: bool) -> None:
     from flinders.exporters import find
     from flinders.judged import Judged
 
-    judged = Judged.from_fit(fit, name="flinders calibrate")
+    judged = Judged.from_fit(fit, name=name)
     export = find(target).render(judged.calibration, target=target, about=about(judged))
     if path == "-":
         show(export)

@@ -412,7 +412,7 @@ ORIENTATIONS: Final = (
 )
 """Name, roll, pitch and yaw in degrees of COMPASS_ORIENT 0 to 43."""
 
-CUSTOM: Final = {100: "CUST_ROT", 101: "CUST_ROT1", 102: "CUST_ROT2"}
+CUSTOM: Final = {101: "CUST_ROT1", 102: "CUST_ROT2"}
 """Numbers of mountings that are set by parameters: roll, pitch and yaw in degrees, with _ROLL, _PITCH and _YAW."""
 
 

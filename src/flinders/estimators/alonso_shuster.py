@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from flinders.estimators.attitude_independent import (
     Reference,
     Sums,
     Weights,
+    beside_consistent,
     check_options,
     estimate_of,
     jacobian,
@@ -22,7 +23,6 @@ from flinders.estimators.attitude_independent import (
     settled_noise,
     shrunk,
 )
-from flinders.quadric import upper
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -142,20 +142,20 @@ class AlonsoShuster:
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._given(reference) or reference.noise
-        start = self.start(reference, Sums.of(reference, noise, self.weights))
-        if unseen := Sums.of(reference, noise, self.weights).unseen(start):
+        sums = Sums.of(reference, noise, self.weights)
+        start = self.start(reference, sums)
+        if unseen := sums.unseen(start):
             raise Undetermined(unseen)
         theta = start
         for _ in range(ROUNDS if self._given(reference) is None else 1):
-            sums = Sums.of(reference, noise, self.weights)
             theta = settled(sums, theta, start, self.name)
             b, d = parameters(theta, self.name)
             noise = self._given(reference) or settled_noise(reference, b, d, self.unknowns - 1)
-        sums = Sums.of(reference, noise, self.weights)
+            sums = Sums.of(reference, noise, self.weights)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ sums.covariance(theta) @ inverse.T
         found = estimate_of(reference, b, d, covariance, self.name)
-        return found if reference.varies else _beside_consistent(found, reference)
+        return found if reference.varies else beside_consistent(found, reference)
 
     def start(self, reference: Reference, sums: Sums) -> Floats:
         """(9,) θ' of step 1 where the strength varies enough, else of the consistent ellipsoid.
@@ -211,15 +211,6 @@ def settled(sums: Sums, theta: Floats, start: Floats, method: str) -> Floats:
         if shrunk(theta, start) < COLLAPSED:
             break
     raise Collapsed(method, shrunk(theta, start))
-
-
-def _beside_consistent(found: Estimate, reference: Reference) -> Estimate:
-    """Add what separates it from the consistent fit of the same readings, which noise does not pull, to its claim."""
-    if reference.alike is None:
-        return found
-    ours, theirs = found.ellipsoid, reference.alike
-    apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])
-    return replace(found, covariance=found.covariance + np.outer(apart, apart))
 
 
 def _improved(sums: Sums, theta: Floats, step: Floats, cost: float) -> tuple[Floats, float] | None:

@@ -72,7 +72,8 @@ ROUNDING: Final = 1e-12
 """Of the information, its diagonal scaled to one: less is none."""
 
 _EYE: Final = np.eye(3)
-_BASIS: Final = np.array([symmetric(unit) for unit in np.eye(6)])
+BASIS: Final = np.array([symmetric(unit) for unit in np.eye(6)])
+"""(6, 3, 3) of symmetric matrices, in the order 11, 22, 33, 12, 13, 23."""
 
 
 class ConstantStrength(FitError):
@@ -176,8 +177,8 @@ def jacobian(b: Floats, d: Floats) -> Floats:
     gain = _EYE + d
     whole = np.zeros((9, 9))
     whole[:3, :3] = gain
-    whole[:3, 3:] = (_BASIS @ b).T
-    whole[3:, 3:] = np.stack([upper(gain @ basis + basis @ gain) for basis in _BASIS], axis=1)
+    whole[:3, 3:] = (BASIS @ b).T
+    whole[3:, 3:] = np.stack([upper(gain @ basis + basis @ gain) for basis in BASIS], axis=1)
     return whole
 
 
@@ -193,8 +194,8 @@ def carried(covariance: Floats, b: Floats, d: Floats, reference: Reference) -> F
     inverse = np.linalg.inv(_EYE + d)
     moves = np.zeros((9, 9))
     moves[:3, :3] = inverse
-    moves[:3, 3:] = -(inverse @ _BASIS @ (inverse @ b)).T
-    moves[3:, 3:] = -np.stack([upper(inverse @ basis @ inverse) for basis in _BASIS], axis=1)
+    moves[:3, 3:] = -(inverse @ BASIS @ (inverse @ b)).T
+    moves[3:, 3:] = -np.stack([upper(inverse @ basis @ inverse) for basis in BASIS], axis=1)
     moves *= reference.size
     whole: Floats = moves @ covariance @ moves.T
     return (whole + whole.T) / 2.0
@@ -593,3 +594,15 @@ def estimate_of(
     square = sum(float(np.sum(magnitude.distances(block, ellipsoid) ** 2)) for block in alike.blocks(method))
     noise = float(np.sqrt(square / max(len(alike) - 9, 1)))
     return replace(found, noise=noise, used=len(alike))
+
+
+def beside_consistent(found: Estimate, reference: Reference) -> Estimate:
+    """Add what separates it from the consistent fit of the same readings to its claim, all of it.
+
+    That fit looks at all readings at once, and noise does not pull it. Nothing is taken off for chance: the claim that
+    would say what chance explains is the one that is in doubt.
+    """
+    if reference.alike is None:
+        return found
+    apart = found.ellipsoid.parameters - reference.alike.parameters
+    return replace(found, covariance=found.covariance + np.outer(apart, apart))

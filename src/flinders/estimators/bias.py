@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.quadric import upper
-
 if TYPE_CHECKING:
     from flinders.estimators.estimate import Estimate
 
@@ -52,8 +50,7 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
     estimate, likelihood : Estimate
         Of the same readings.
     """
-    ours, theirs = estimate.ellipsoid, likelihood.ellipsoid
-    apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])
+    apart = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
     chance = np.linalg.pinv(estimate.covariance + likelihood.covariance, rcond=1e-12, hermitian=True)
     surprise = float(apart @ chance @ apart)
     bias = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise)) if surprise > 0.0 else np.zeros(9)

@@ -9,11 +9,13 @@ import numpy as np
 
 from flinders.errors import UsageError
 from flinders.estimators.attitude_independent import (
+    BASIS,
     COLLAPSED,
     ENOUGH_EXPLAINED,
     Collapsed,
     Reference,
     Sums,
+    beside_consistent,
     check_options,
     estimate_of,
     parameters,
@@ -39,7 +41,6 @@ MOST_DISTORTION: Final = 0.1
 """Standard deviation of D at the start: with 1 it would take D = −I for likely."""
 
 _EYE: Final = np.eye(9)
-_BASIS: Final = np.array([symmetric(unit) for unit in np.eye(6)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +139,8 @@ class Ekf:
                 max(gain / before, 0.0),
                 "they come in an order that leads a filter astray, and a smaller spread may keep it",
             )
-        return self._estimate(ended, reference)
+        found = self._estimate(ended, reference)
+        return found if reference.varies else beside_consistent(found, reference)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Follow the estimate at about so many steps.
@@ -192,7 +194,7 @@ class Ekf:
             return State(np.concatenate([b, upper((gain - 1.0) * np.eye(3))]), np.diag(spreads**2))
         gain, origin = reference.size / reference.mean, reference.origin / reference.mean
         moved = self.spread * np.eye(9)  # of (b, D), b and D being independent
-        moved[:3, 3:] = -distortion * (_BASIS @ origin).T
+        moved[:3, 3:] = -distortion * (BASIS @ origin).T
         moved[3:, 3:] = distortion * gain * np.eye(6)
         return State(np.concatenate([-origin, upper((gain - 1.0) * np.eye(3))]), moved @ moved.T)
 
@@ -248,5 +250,5 @@ class State(NamedTuple):
 
 def _by_distortion(field: Floats) -> Floats:
     """(m, 3, 6) ∂(Dx)/∂(D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃) at (m, 3) x."""
-    moves: Floats = np.einsum("kij,mj->mik", _BASIS, field)
+    moves: Floats = np.einsum("kij,mj->mik", BASIS, field)
     return moves

@@ -80,6 +80,7 @@ class TwoAxisRecipe:
     name: ClassVar[str] = "two-axis"
     unknowns: ClassVar[int] = 6
     use: ClassVar[str] = "mean and scatter of points equally spaced in heading, in one plane: the ADIS recipe"
+    needs_even_turn: ClassVar[bool] = True
     is_biased: ClassVar[bool] = False  # it is, where points are uneven: seen in the plane, and claimed already
 
     def __post_init__(self) -> None:

@@ -152,7 +152,9 @@ EXPORTERS: Final[Mapping[str, Exporter]] = {
         Exporter("c-q31", "C99 header, 32-bit fixed point", ".h", code.render_q31, code.LONG),
         Exporter("arduino", "Arduino sketch", ".ino", code.render_sketch, code.SKETCH),
         Exporter("micropython", "MicroPython, CircuitPython", ".py", code.render_micropython, code.MODULE),
-        Exporter("json", "plain JSON", ".json", plain.render_json, plain.JSON),
+        Exporter(
+            "json", "plain JSON", ".json", plain.render_json, plain.JSON, Reader(plain.sniff, plain.read)
+        ),
         Exporter("yaml", "plain YAML", ".yaml", plain.render_yaml, plain.YAML),
     )
 }  # fmt: skip

@@ -286,7 +286,7 @@ def holds_log(path: AnyPath) -> bool:
     UnreadableInput
         For what is not there, or of no kind that is read.
     """
-    if os.fspath(path) == "-" or not (Path(path).is_file() or is_bag_folder(Path(path))):
+    if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
         return False  # what cannot be looked at twice is left alone
     return _reader_of(_found(path)).log is not None
 
@@ -366,9 +366,13 @@ def _open(file: Source, asked: _Asked) -> FileRecording:
     return _table_of(file, reader, asked)
 
 
+def _is_folder(path: AnyPath) -> bool:
+    return os.path.isdir(path)  # noqa: PTH112 - False for a name that is too long, where pathlib raises
+
+
 def _found(path: AnyPath, *, once: bool = False) -> Source:
     """Find what a path names; a folder of ROS goes by the description in it, and weighs what all in it does."""
-    if os.fspath(path) != "-" and is_bag_folder(Path(path)):
+    if _is_folder(path) and is_bag_folder(Path(path)):
         folder = Path(path)
         size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
         return File(folder.name, folder / METADATA, size)
@@ -441,11 +445,12 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
 
 def _chosen(log: Log, asked: _Asked) -> Instrument:
     """Take the magnetometer that was asked for, or the first, which then names the others."""
+    if asked.sensor is not None and asked.topic is not None:
+        raise UsageError("--sensor and --topic both say which magnetometer of a log it is: leave one of them out")
     wanted = asked.sensor if asked.sensor is not None else asked.topic
-    if wanted is not None:
-        return log.sensor(wanted)
     first, *others = log.instruments
-    return replace(first, others=tuple(f"{number} {other.name}" for number, other in enumerate(others, 2)))
+    named = tuple(f"{number} {other.name}" for number, other in enumerate(others, 2))
+    return replace(first, others=named) if wanted is None else log.sensor(wanted)
 
 
 def _beginning(log: Log) -> float:

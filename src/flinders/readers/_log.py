@@ -214,7 +214,9 @@ class Log:
                 return instrument
         there = ", ".join(f"{number} ({one.name})" for number, one in enumerate(self.instruments, 1))
         verb = "are" if len(self.instruments) > 1 else "is"
-        raise UsageError(f"{self.source} has no magnetometer {wanted}: there {verb} {there or 'none'}")
+        raise UsageError(
+            f"{self.source} has no magnetometer {wanted.strip() or repr(wanted)}: there {verb} {there or 'none'}"
+        )
 
 
 def turned(samples: Samples, axes: Axes) -> Samples:

@@ -27,6 +27,7 @@ from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._paparazzi import is_paparazzi, table_of_messages
+from flinders.readers._replay import is_replay, table_of_replay
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
 from flinders.readers._sniff import Layout, sniff
@@ -283,6 +284,10 @@ def open_text(
     opening, is_all = table.opening(encoding)
     if not names and is_paparazzi(opening):
         table, names = table_of_messages(file, encoding, opening)
+        encoding, newline = "utf-8", "\n"
+        opening, is_all = table.opening(encoding)
+    elif not names and is_replay(opening):
+        table, names = table_of_replay(file, encoding)
         encoding, newline = "utf-8", "\n"
         opening, is_all = table.opening(encoding)
     layout = replace(sniff(file.name, opening, columns, names, flat), encoding=encoding, newline=newline)

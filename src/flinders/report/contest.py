@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from flinders.errors import counted, figures
 from flinders.quadric import upper
 from flinders.report.text import COLOURS, FINEST, MARKS, degrees, on_the_point
+from flinders.result import VERDICTS
 from flinders.units import label
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.contest import Contest, Entry
     from flinders.heading import HeadingError
+    from flinders.result import Severity, Verdict
 
 NOTHING: Final = 1e-4
 """Degrees of heading that come from rounding alone."""
@@ -59,8 +61,9 @@ def _worth(contest: Contest) -> RenderableType:
     """Rms heading errors of each method: claimed, cross-validated, and from the first."""
     from rich.text import Text
 
-    first = contest.entries[0].method
-    table = _table("heading error,\nrms", "\nclaimed", "cross-\nvalidated", f"from\n{first}", "\ntime", "\nverdict")
+    table = _table(
+        "heading error,\nrms", "\nclaimed", "cross-\nvalidated", f"from\n{contest.reference}", "\ntime", "\nverdict"
+    )
     for entry in contest.entries:
         claimed = None if entry.fit is None else entry.fit.heading_error_deg
         shown = None if entry.validation is None else entry.validation.heading_error_deg
@@ -85,6 +88,8 @@ def _basis(contest: Contest) -> RenderableType:
     from rich.text import Text
 
     blocks = f"{contest.blocks} blocks of time, each held back once" if contest.blocks else "too few to hold any back"
+    if contest.stride > 1:
+        blocks = f"cross-validated on one of {contest.stride}: {blocks}"
     return Text(f"{counted(contest.readings, 'reading')}; {blocks}", "dim")
 
 
@@ -114,15 +119,21 @@ def _entries(calibration: Calibration) -> list[str]:
 
 
 def _reasons(contest: Contest) -> RenderableType:
-    """Why a method is not to be trusted here: the gravest reason of each in words, the others by their code."""
+    """Why a method is not to be trusted here: the gravest reason in words, the others by their code; each said once."""
     from rich.table import Table
     from rich.text import Text
 
-    grid = Table.grid(padding=(0, 1))
+    said: dict[str, list[Entry]] = {}
     for entry in contest.entries:
-        if not entry.reasons:
-            continue
-        mark, style = MARKS["refuses" if entry.verdict == "refused" else "limits"]
-        also = f" (also {', '.join(entry.codes[1:])})" if len(entry.codes) > 1 else ""
-        grid.add_row(Text(f"  {mark}", style=style), Text(f"{entry.method}: {entry.reasons[0]}{also}"))
+        if entry.reasons:
+            also = f" (also {', '.join(entry.codes[1:])})" if len(entry.codes) > 1 else ""
+            said.setdefault(entry.reasons[0].replace(repr(entry.method), "it") + also, []).append(entry)
+    grid = Table.grid(padding=(0, 1))
+    for reason, entries in said.items():
+        mark, style = MARKS[_SEVERITIES[entries[0].verdict]]
+        names = ", ".join(entry.method for entry in entries)
+        grid.add_row(Text(f"  {mark}", style=style), Text(f"{names}: {reason}"))
     return grid
+
+
+_SEVERITIES: Final[dict[Verdict, Severity]] = {verdict: severity for severity, verdict in VERDICTS.items()}

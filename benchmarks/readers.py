@@ -1,0 +1,147 @@
+"""Speed of the readers, as ratios measured in one run, on the real recordings. Prints Markdown.
+
+    FLINDERS_DATA=… python -m benchmarks.readers
+
+Each reader is compared with what else reads such a file, both to the end: every magnetometer with the columns that
+stand beside it, in arrays. Times are medians of interleaved repeats, on one thread, from a file that the system has in
+its cache. A row is left out, with a word why, where the recording or the other package is not there.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from benchmarks.speed import interleaved
+from flinders.readers import open_log
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SECONDS: Final = 6.0
+"""That the repeats of a row take."""
+
+DATAFLASH_FIELDS: Final = {
+    **dict.fromkeys(
+        ("MAG", "MAG2", "MAG3"),
+        ("TimeMS", "MagX", "MagY", "MagZ", "OfsX", "OfsY", "OfsZ", "MOfsX", "MOfsY", "MOfsZ", "Health"),
+    ),
+    "IMU": ("TimeMS", "AccX", "AccY", "AccZ", "GyrX", "GyrY", "GyrZ", "Temp"),
+    "CURR": ("TimeMS", "Curr"),
+    "PARM": ("Name", "Value"),
+    "GPS": ("Status", "TimeMS", "Week", "Lat", "Lng", "Alt", "T"),
+    "MSG": ("Message",),
+}
+"""What our reader takes of the recording, by name of the message."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table.
+
+    Attributes
+    ----------
+    label : str
+    recording : str
+        In the folder of recordings.
+    package : str
+        That it is compared with.
+    ours, other : callable
+        Read the file.
+    limit : float
+        Of time ours ÷ theirs.
+    """
+
+    label: str
+    recording: str
+    package: str
+    ours: Callable[[Path], object]
+    other: Callable[[Path], object]
+    limit: float
+
+
+def every_instrument(path: Path) -> object:
+    """Each magnetometer of a log with what is beside it, un-applied."""
+    return [list(instrument.blocks()) for instrument in open_log(path).instruments]
+
+
+def by_pymavlink(path: Path) -> object:
+    """The same fields as arrays, by pymavlink's reader, which skips the messages that are not asked for."""
+    from pymavlink import DFReader
+
+    columns: dict[str, dict[str, list[Any]]] = {
+        name: {label: [] for label in labels} for name, labels in DATAFLASH_FIELDS.items()
+    }
+    with DFReader.DFReader_binary(str(path)) as log:
+        while (message := log.recv_match(type=list(columns))) is not None:
+            for label, values in columns[message.get_type()].items():
+                values.append(getattr(message, label))
+    return {name: {label: np.array(values) for label, values in each.items()} for name, each in columns.items()}
+
+
+def all_by_pymavlink(path: Path) -> object:
+    """All messages of the log with all their fields, as tools that look for what they need afterwards do."""
+    from pymavlink import DFReader
+
+    messages = []
+    with DFReader.DFReader_binary(str(path)) as log:
+        while (message := log.recv_msg()) is not None:
+            messages.append(message.to_dict())
+    return messages
+
+
+def by_pyulog(path: Path) -> object:
+    """The whole log, as pyulog gives it unless it is told what to leave out."""
+    import pyulog
+
+    return pyulog.ULog(str(path)).data_list
+
+
+def by_rosbags(path: Path) -> object:
+    """Messages of all topics, decoded, as a script with rosbags does."""
+    from rosbags.highlevel import AnyReader
+
+    with AnyReader([path]) as bag:
+        return [bag.deserialize(packed, connection.msgtype) for connection, _, packed in bag.messages()]
+
+
+ULOG: Final = "px4_pyulog_auavx21/sample.ulg"
+ROS_BAG: Final = "ros1_imu_tools_bags/phidgets_imu_upside_down.bag"
+DATAFLASH: Final = "dronekit_log171_3mags/log171.bin"
+
+ROWS: Final = (
+    Row("DataFlash ÷ pymavlink, the same fields", DATAFLASH, "pymavlink", every_instrument, by_pymavlink, 1 / 20),
+    Row("DataFlash ÷ pymavlink, the whole log", DATAFLASH, "pymavlink", every_instrument, all_by_pymavlink, 1 / 50),
+    Row("ULog ÷ pyulog, the whole log", ULOG, "pyulog", every_instrument, by_pyulog, 1.2),
+    Row("ROS 1 bag ÷ rosbags, the whole bag", ROS_BAG, "rosbags", every_instrument, by_rosbags, 1.2),
+)
+
+
+def measured(row: Row, folder: Path) -> str:
+    """Write a row of the table."""
+    path = folder / row.recording
+    if not path.exists() or find_spec(row.package) is None:
+        return f"| {row.label} | – | – | – | no {row.package if path.exists() else path} |"
+    mine, other = interleaved(lambda: row.ours(path), lambda: row.other(path), seconds=SECONDS)
+    size = path.stat().st_size / 1e6
+    ratio = f"{other / mine:.3g} × faster" if mine < other else f"{mine / other:.2f}"
+    judged = ratio if mine / other <= row.limit else f"**{ratio}**"
+    allowed = f"{1 / row.limit:.0f} × faster" if row.limit < 1 else f"{row.limit:g}"
+    return f"| {row.label}, {size:.1f} MB | {mine * 1e3:.3g} ms | {other * 1e3:.3g} ms | {judged} | {allowed} |"
+
+
+def main() -> None:
+    """Print the table."""
+    folder = Path(os.environ.get("FLINDERS_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
+    print("| what | Flinders | other | ratio | limit |\n|---|---:|---:|---:|---:|")
+    for row in ROWS:
+        print(measured(row, folder), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""``flinders import``: what another tool holds, as a calibration file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._talk import print_json, say
+from flinders.errors import ArrayError, DocumentError, UsageError, figures
+from flinders.units import label
+
+if TYPE_CHECKING:
+    from flinders.calibration import Calibration
+
+LARGEST: Final = 4 * 2**20
+"""Bytes; files of parameters have some ten thousand."""
+
+
+@click.command(
+    "import",
+    short_help="Read a calibration out of another tool's file.",
+    epilog="""\b
+Example:
+  flinders import compass.param -o calibration.json
+  flinders import vehicle.params --compass 1 -o calibration.json
+""",
+)
+@click.argument("file", metavar="FILE")
+@click.option("--from", "target", metavar="TARGET", help="Whose file it is [default: by its content].")
+@click.option("--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts.")
+@click.option(
+    "--field-strength", "strength", type=_options.positive, metavar="F",
+    help="Strength of the field at the site in µT, where the file does not hold it.",
+)  # fmt: skip
+@click.option("-o", "--output", metavar="FILE", help="Calibration file to write [default: standard output].")
+@_options.force
+@_options.as_json
+def command(
+    file: str,
+    target: str | None,
+    compass: int | None,
+    strength: float | None,
+    output: str | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Read the calibration that another tool holds out of FILE, and write it as a calibration file.
+
+    FILE is what `flinders export` writes for the targets that `flinders targets` marks, or what the tool itself
+    saved: parameters of ArduPilot or PX4, a MotionCal packet, sensor_calib.json, RTIMULib.ini, VectorNav's register
+    23, or parameters of magnetometer_pipeline. It knows no uncertainty, and nothing of the recording.
+    """
+    from flinders.document import dumps
+    from flinders.exporters import read_back
+    from flinders.files import read_bytes, refuse_existing
+
+    if as_json and output in {None, "-"}:
+        raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
+    if file == "-":
+        raise UsageError("the file to import must have a name: flinders import compass.param -o calibration.json")
+    _options.refuse_to_overwrite(output, [file])
+    if output not in {None, "-"}:
+        refuse_existing(str(output), force=force)
+    content = read_bytes(file, largest=LARGEST, what="file of parameters", refused=DocumentError)
+    _refuse_own(content, file)
+    try:
+        name, calibration = read_back(content, file, target=target, strength=strength, compass=compass)
+    except ArrayError as error:
+        raise DocumentError(f"{file}: {error}") from None
+    if output in {None, "-"}:
+        click.echo(dumps(calibration.to_document()), nl=False)
+    else:
+        calibration.save(str(output), force=force)
+    if as_json:
+        print_json({"target": name, "calibration": calibration.as_dict()})
+    for line in _told(file, name, calibration):
+        say(line)
+    if output not in {None, "-"}:
+        say(f"written to {output}")
+
+
+def _refuse_own(content: bytes, file: str) -> None:
+    """Notice a calibration file, which needs no import."""
+    if content.lstrip()[:1] == b"{" and b'"field_strength_known"' in content and b'"calibration"' in content:
+        raise UsageError(f"{file} is a calibration file already: give it to the command that needs it")
+
+
+def _told(file: str, name: str, calibration: Calibration) -> list[str]:
+    """What was found, and what the file does not hold."""
+    from flinders.exporters import find
+
+    unit = label(calibration.unit)
+    offset = ", ".join(figures(value, 4) for value in calibration.offset)
+    told = [f"{file}: {name}, for readings in {calibration.raw.name}; offset {offset} {unit}"]
+    if not calibration.field_strength_known:
+        told.append(
+            f"! field strength {figures(calibration.field_strength, 4)} {unit} is a convention: give --field-strength "
+            "where lengths matter"
+        )
+    if find(name).sheet.acts == "mapped":
+        told.append("! for readings in the axes of the vehicle or board, after the mounting")
+    return told

@@ -1,0 +1,204 @@
+"""``flinders info``: what a recording holds, and what to type next."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from flinders.cli import _compass, _options
+from flinders.cli._calibration import is_calibration
+from flinders.cli._talk import drawn, print_json, progress
+from flinders.errors import FitError, InputError, UsageError
+
+if TYPE_CHECKING:
+    from flinders.geomag import SiteField
+    from flinders.readers import Instrument, Log
+    from flinders.report.info import Sensor
+    from flinders.result import Fit
+    from flinders.samples import Samples
+    from flinders.summary import Summary
+
+BESIDE = ("time", "acceleration", "rate", "temperature", "current", "strength")
+"""What may stand beside a reading, as `Samples` calls it."""
+
+
+@click.command(
+    "info",
+    short_help="Say what a recording or a log holds, and what to type next.",
+    epilog="""\b
+Example:
+  flinders info flight.bin
+  flinders info walk.zip --at 47.62,-122.35 --date 2026-11-21
+  flinders info table.parquet --columns bx,by,bz --unit nT --json
+""",
+)
+@click.argument("log", metavar="LOG")
+@_compass.place
+@_options.recording
+@_options.as_json
+def command(log: str, place: str | None, date: str | None, as_json: bool, **reading: Any) -> None:
+    """Say what LOG holds: its magnetometers, their rate, range and gaps, and what stands beside them.
+
+    Also the calibration that was in force on board, place and time, and the field that is expected there; how many
+    directions were seen, and the command to type next. LOG is any recording that `flinders calibrate` takes.
+    """
+    from flinders.readers import open_log
+    from flinders.report.info import page
+
+    if is_calibration(log):
+        raise UsageError(f"{log} is a calibration: give a recording; flinders compare shows what a calibration says")
+    if date is not None and place is None:
+        raise UsageError("--date is for the field at a place: give --at LAT,LON too")
+    as_logged = reading.pop("as_logged")
+    with progress("reading") as watch:
+        held = open_log(log, progress=watch, **reading)
+        contents = _contents(held, log, place, date, reading, as_logged=as_logged)
+    if as_json:
+        print_json(contents.as_dict())
+    else:
+        click.echo(drawn(page(contents), sys.stdout))
+
+
+def _contents(
+    held: Log, path: str, place: str | None, date: str | None, reading: dict[str, Any], *, as_logged: bool
+) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
+    """Go through each magnetometer once, and put together what was found.
+
+    Raises
+    ------
+    InputError
+        Where none of them has a reading.
+    """
+    from dataclasses import replace
+
+    from flinders.report.info import Contents, commands_for
+
+    site = _site(held, place, date)
+    sensors, refusals = [], []
+    for number, instrument in enumerate(held.instruments, 1):
+        try:
+            sensors.append(_seen(number, replace(instrument, as_logged=as_logged)))
+        except InputError as error:
+            refusals.append(error)
+            sensors.append(_silent(number, instrument, error))
+    if len(refusals) == len(sensors):
+        raise refusals[0]
+    told = ("columns", "unit", "scale", *(["topic"] if len(sensors) == 1 else []))
+    options = [word for name in told for word in _given(name, reading[name])]
+    file = held.instruments[0].file
+    where = held.position
+    return Contents(
+        source=held.source,
+        format=held.format,
+        bytes=None if file is None else file.size,
+        begun=None if held.begun is None else held.begun.strftime("%Y-%m-%d %H:%M:%S"),
+        position=None if where is None else (where.latitude_deg, where.longitude_deg, where.altitude_m),
+        site=site,
+        sensors=tuple(sensors),
+        commands=commands_for(path, sensors, options),
+        notes=held.notes,
+    )
+
+
+def _given(name: str, value: object) -> list[str]:
+    return [] if value is None else [f"--{name}", f"{value:g}" if isinstance(value, float) else str(value)]
+
+
+def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
+    """The field at the place that is given, or that the log knows, on its day.
+
+    Raises
+    ------
+    UsageError
+        For a place or day that is given and is none.
+    """
+    from flinders.geomag import FIRST_YEAR, LAST_YEAR, site_field, year_of
+
+    if place is not None:
+        day = date or (held.begun.date().isoformat() if held.begun else None)
+        return _compass.site_of(place, day)
+    if held.position is None or held.begun is None or not FIRST_YEAR <= held.begun.year < LAST_YEAR:
+        return None
+    where = held.position
+    return site_field(where.latitude_deg, where.longitude_deg, where.altitude_m, year=year_of(held.begun))
+
+
+def _seen(number: int, instrument: Instrument) -> Sensor:
+    """Go through one magnetometer."""
+    from flinders.report.info import ENOUGH_SEEN, GAP, Sensor
+    from flinders.summary import Summary
+
+    watched = _Watched(instrument)
+    summary = Summary.through(watched)
+    health = summary.health
+    clock = health.clock
+    step = (clock.seconds - clock.longest_step) / max(clock.steps - 1, 1)  # without its longest gap
+    fit = _fit(summary)
+    coverage = None if fit is None else float(fit.coverage.fraction)
+    is_seen = coverage is not None and coverage >= ENOUGH_SEEN
+    return Sensor(
+        number=number,
+        name=instrument.name,
+        unit=instrument.unit.name,
+        inside=instrument.unit.inside,
+        readings=health.rows,
+        seconds=clock.seconds if step > 0 else None,
+        rate_hz=1 / step if step > 0 else None,
+        longest_gap_s=clock.longest_step if step > 0 and clock.longest_step > GAP * step else None,
+        backward_steps=clock.backward_steps,
+        repeats=health.repeats,
+        rails=tuple(f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})" for rail in health.rails),
+        lowest=tuple(health.lows.values.tolist()),
+        highest=tuple((-health.highs.values).tolist()),
+        stored="" if instrument.stored is None else instrument.stored.words,
+        is_as_logged=instrument.as_logged,
+        beside=watched.beside,
+        coverage=coverage,
+        strength=float(fit.ellipsoid.radius) if fit is not None and is_seen else None,
+        notes=(*instrument.notes, *map(str, health.skipped)),
+    )
+
+
+def _silent(number: int, instrument: Instrument, error: InputError) -> Sensor:
+    """A magnetometer without a reading."""
+    from flinders.report.info import Sensor
+
+    unit = instrument.unit
+    notes = (str(error), *instrument.notes)
+    return Sensor(number=number, name=instrument.name, unit=unit.name, inside=unit.inside, readings=0, notes=notes)
+
+
+def _fit(summary: Summary) -> Fit | None:
+    """The ellipsoid through the readings, for its size and what was seen; None where there is none."""
+    from flinders.fitting import fit
+
+    try:
+        return fit(summary, method="consistent")
+    except FitError as refusal:
+        found: Fit | None = getattr(refusal, "fit", None)
+        return found
+
+
+class _Watched:
+    """An instrument that is gone through, and what stood beside its readings."""
+
+    def __init__(self, instrument: Instrument) -> None:
+        self._instrument = instrument
+        self.source, self.unit, self.axes = instrument.source, instrument.unit, instrument.axes
+        self.beside: tuple[str, ...] = ()
+
+    def blocks(self) -> Any:  # noqa: ANN401 - an iterator of blocks
+        """Go through the readings."""
+        for block in self._instrument.blocks():
+            self.beside = tuple(name for name in BESIDE if name in self.beside or _has(block, name))
+            yield block
+
+
+def _has(block: Samples, name: str) -> bool:
+    """Whether a column is there, and says anything."""
+    import numpy as np
+
+    column = getattr(block, name)
+    return column is not None and bool(np.isfinite(column).any())

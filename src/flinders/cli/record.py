@@ -1,0 +1,215 @@
+"""``flinders record``: what a running sensor sends, into a file."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import threading
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._talk import print_json, say
+from flinders.errors import UsageError, counted, figures
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.live.recorder import Recorded
+    from flinders.live.sources import ByteSource
+
+BAUD: Final = 115200
+
+
+@click.command(
+    "record",
+    short_help="Record a running sensor.",
+    epilog="""\b
+Example:
+  flinders record --serial /dev/ttyACM0 -o tumble.csv
+  flinders record --udp 50100 --seconds 60 -o tumble.csv
+  flinders record --serial /dev/ttyACM0 --seconds 60 -o - | flinders calibrate -
+
+\b
+Exit codes:
+  0  recorded, also where Ctrl-C ended it
+  5  no port, or no reading came
+""",
+)
+@click.option("--serial", "port", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
+@click.option(
+    "--baud",
+    type=click.IntRange(50, 20_000_000),
+    default=BAUD,
+    show_default=True,
+    metavar="N",
+    help="Its bits per second.",
+)
+@click.option("--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port.")
+@click.option("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+@click.option("-o", "--output", metavar="FILE", help="Where to write; - for standard output.")
+@click.option("--seconds", type=_options.positive, metavar="S", help="Stop after so long [default: at Ctrl-C].")
+@click.option("--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings.")
+@_options.force
+@_options.as_json
+def command(
+    port: str | None,
+    baud: int,
+    udp: int | None,
+    tcp: str | None,
+    output: str | None,
+    seconds: float | None,
+    readings: int | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Record what a sensor sends, as it arrives, as text that every command reads.
+
+    Understood are MotionCal's Raw: lines and Adafruit's Uni: lines, tables with any delimiter, JSON lines and
+    magcc's datagrams. A line that is not is kept as a comment. A crash loses at most a second; a port that goes
+    away is waited for.
+    """
+    from flinders.files import refuse_existing
+    from flinders.live.recorder import Recorder
+    from flinders.live.sinks import ToFile, ToStandardOutput
+
+    _refuse_unclear(port, udp, tcp, output, as_json=as_json)
+    if output != "-":
+        refuse_existing(str(output), force=force)
+    with contextlib.ExitStack() as stack:
+        source = _opened(port, baud, udp, tcp)
+        stack.callback(source.close)
+        sink = ToStandardOutput() if output == "-" else stack.enter_context(ToFile(str(output), force=force))
+        stopped = stack.enter_context(_until_stopped())
+        watch = stack.enter_context(_status())
+        say(f"recording {source.name}{'' if seconds or readings else '; Ctrl-C ends it'}")
+        told = Recorder(
+            source, sink, seconds=seconds, readings=readings, stopped=stopped, say=watch.say, watch=watch.show
+        ).run()
+    say(str(told))
+    for line in _remarks(told, output):
+        say(line)
+    if as_json:
+        print_json({**told.as_dict(), "written_to": output})
+
+
+def _refuse_unclear(port: str | None, udp: int | None, tcp: str | None, output: str | None, *, as_json: bool) -> None:
+    """See that one source and one output are named.
+
+    Raises
+    ------
+    UsageError
+    """
+    given = sum(one is not None for one in (port, udp, tcp))
+    if given > 1:
+        raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
+    if given == 0:
+        from flinders.live.sources import ports_in_words
+
+        raise UsageError(
+            f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
+        )
+    if not output:
+        raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
+    if output == "-" and as_json:
+        raise UsageError("--json and the recording would both go to standard output: name a file with -o")
+
+
+def _opened(port: str | None, baud: int, udp: int | None, tcp: str | None) -> ByteSource:
+    from flinders.live.sources import Serial, Tcp, Udp, host_and_port
+
+    if udp is not None:
+        return Udp(udp)
+    if tcp is not None:
+        return Tcp(*host_and_port(tcp, "--tcp"))
+    return Serial(str(port), baud)
+
+
+def _remarks(told: Recorded, output: str | None) -> Iterator[str]:
+    """Say what to know of a recording, and what to type next."""
+    if told.unknown:
+        yield (
+            f"! {counted(told.unknown, 'line')} not understood and kept as comments; the first is "
+            f"{told.first_unknown!r}"
+        )
+    if output == "-":
+        return
+    yield f"written to {output}"
+    form = told.form
+    if form is not None and not form.cells:
+        yield f"next: flinders calibrate {output} --columns X,Y,Z, the magnetometer's three of {form.header}"
+    else:
+        unit = "" if form is None or form.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
+        yield f"next: flinders calibrate {output}{unit}"
+
+
+class _Status:
+    """A line on a terminal that tells how it goes; what is said in between stands above it."""
+
+    def __init__(self, *, is_shown: bool) -> None:
+        self._is_shown, self._width = is_shown, 0
+
+    def show(self, told: Recorded) -> None:
+        """Write the line anew."""
+        if self._is_shown:
+            text = _in_short(told)
+            self._put(f"\r{text.ljust(self._width)}")
+            self._width = len(text)
+
+    def say(self, message: str) -> None:
+        """Say something in a line of its own."""
+        self.clear()
+        say(message)
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self._width:
+            self._put("\r" + " " * self._width + "\r")
+            self._width = 0
+
+    def _put(self, text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            click.echo(text, nl=False, err=True)
+
+
+def _in_short(told: Recorded) -> str:
+    """Readings, rate, strength and seconds on a line that fits any terminal."""
+    parts = [counted(told.readings, "reading"), f"{figures(told.rate_hz, 3)} Hz" if told.rate_hz else "- Hz"]
+    if told.strengths and told.form is not None:
+        unit = told.form.unit
+        parts.append(f"{figures(told.weakest, 3)} to {figures(told.strongest, 3)} {unit}".rstrip())
+    return "  ".join([*parts, f"{told.seconds:.0f} s"])
+
+
+@contextlib.contextmanager
+def _status() -> Iterator[_Status]:
+    """Show how it goes where somebody watches."""
+    status = _Status(is_shown=sys.stderr.isatty())
+    try:
+        yield status
+    finally:
+        status.clear()
+
+
+@contextlib.contextmanager
+def _until_stopped() -> Iterator[Callable[[], bool]]:
+    """Take Ctrl-C, and what ends a program from outside, as the end of the recording; a second time it ends at once."""
+    asked = False
+
+    def ask(number: int, _: object) -> None:
+        nonlocal asked
+        if asked:
+            signal.default_int_handler(number, None)
+        asked = True
+
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        names = []
+    before = {name: signal.signal(getattr(signal, name), ask) for name in names}
+    try:
+        yield lambda: asked
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)

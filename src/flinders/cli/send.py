@@ -1,0 +1,351 @@
+"""``flinders send``: a calibration into a board or a vehicle, with the proof that it is there."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._calibration import is_recording, load
+from flinders.cli._talk import print_json, say
+from flinders.errors import DocumentError, NotConfirmed, NotExportable, UsageError, counted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.calibration import Calibration
+    from flinders.exporters import Export
+    from flinders.judged import Judged
+    from flinders.live.mavlink import Vehicle
+    from flinders.live.plan import Change, Plan
+    from flinders.live.sources import ByteSource
+
+BAUD: Final = 115200
+
+
+@click.command(
+    "send",
+    short_help="Send a calibration to a board or vehicle.",
+    epilog="""\b
+Example:
+  flinders send --port /dev/ttyACM0 calibration.json
+  flinders send --mavlink udp:127.0.0.1:14550 --dry-run calibration.json
+  flinders send --mavlink /dev/ttyACM0 --compass 2 calibration.json
+
+\b
+Exit codes:
+  4  refused: armed, another compass, or values that do not fit; nothing was changed
+  5  no port, board or vehicle
+  6  sent and not confirmed; says what the board or vehicle holds
+""",
+)
+@click.argument("calibration", metavar="CALIBRATION")
+@click.option("--port", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3.")
+@click.option(
+    "--mavlink",
+    metavar="ADDRESS",
+    help="A vehicle: udp:HOST:PORT to listen, udpout:HOST:PORT, tcp:HOST:PORT, or a serial port.",
+)
+@click.option(
+    "--baud",
+    type=click.IntRange(50, 20_000_000),
+    default=BAUD,
+    show_default=True,
+    metavar="N",
+    help="Bits per second of a serial port.",
+)
+@click.option(
+    "--compass",
+    type=click.IntRange(0, 3),
+    metavar="N",
+    help="Which compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, or the first].",
+)
+@click.option(
+    "--device-id", type=click.IntRange(1, 2**32 - 1), metavar="ID", help="Device id that the compass must have."
+)
+@click.option(
+    "--system", type=click.IntRange(1, 255), metavar="N", help="Which vehicle, where several are on the link."
+)
+@click.option(
+    "--backup",
+    metavar="FILE",
+    help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
+)
+@click.option("--dry-run", is_flag=True, help="Show what would be sent or changed, and change nothing.")
+@_options.as_json
+def command(
+    calibration: str,
+    port: str | None,
+    mavlink: str | None,
+    baud: int,
+    compass: int | None,
+    device_id: int | None,
+    system: int | None,
+    backup: str | None,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    """Send CALIBRATION to a board over a serial port, or to an ArduPilot or PX4 vehicle over MAVLink.
+
+    A board gets the packet that MotionCal sends, and has to echo its values. Of a vehicle the compass parameters
+    are set, each with read-back; the values from before are saved first, and put back where anything fails. An
+    armed vehicle is refused, and so is one whose compass has another device id than the calibration is for.
+    """
+    if (port is None) == (mavlink is None):
+        raise UsageError(_unclear(both=port is not None))
+    if port is not None:
+        vehicles = {"--compass": compass, "--device-id": device_id, "--system": system, "--backup": backup}
+        if wrong := [name for name, value in vehicles.items() if value is not None]:
+            raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --port has one compass")
+        _to_board(_load(calibration), port, baud, dry_run=dry_run, as_json=as_json)
+        return
+    judged = _load(calibration)
+    with contextlib.ExitStack() as stack:
+        source = _opened(str(mavlink), baud)
+        stack.callback(source.close)
+        _to_vehicle(
+            judged,
+            source,
+            system=system,
+            compass=compass,
+            device_id=device_id,
+            backup=backup,
+            dry_run=dry_run,
+            as_json=as_json,
+        )
+
+
+def _unclear(*, both: bool) -> str:
+    """Say that exactly one receiver has to be named."""
+    if both:
+        return "--port and --mavlink name two receivers: send to each with a command of its own"
+    from flinders.live.sources import ports_in_words
+
+    return f"no receiver: name the board's --port ({ports_in_words()}), or the vehicle's --mavlink udp:127.0.0.1:14550"
+
+
+def _load(path: str) -> Judged:
+    """Load a calibration that may be used.
+
+    Raises
+    ------
+    UsageError
+        For a recording, or standard input.
+    DocumentError
+        For what is no calibration file.
+    NotExportable
+        For one that was refused.
+    """
+    try:
+        judged = load("send", path, [])
+    except DocumentError:
+        if is_recording(path):
+            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
+        raise
+    if judged.record is not None and judged.record.verdict == "refused":
+        raise NotExportable(
+            f"{path} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
+        )
+    return judged
+
+
+def _render(calibration: Calibration, target: str) -> Export:
+    """Have a target's own formula run on the numbers that will be sent, and refuse what it cannot hold."""
+    from flinders.exporters import find
+
+    return find(target).render(calibration, target=target)
+
+
+# boards
+
+
+def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: bool) -> None:
+    """Send MotionCal's packet and wait for the echo."""
+    from flinders.conventions.motioncal import Packet
+    from flinders.live import motioncal
+    from flinders.live.sources import Serial
+
+    export = _render(judged.calibration, "motioncal")
+    packet = Packet.of(judged.calibration)
+    fields: dict[str, Any] = {
+        "port": port,
+        "packet": packet.encode().hex(),
+        "offset_uT": packet.offset,
+        "field_uT": packet.strength,
+        "matrix": packet.matrix,
+    }
+    axes = judged.calibration.axes
+    for warning in (
+        *export.warnings,
+        *[f"it acts in the sensor's own axes: go on mapping them to {axes} afterwards"] * (not axes.is_identity),
+        "the packet also sets the offsets of accelerometer and gyroscope, to 0, as MotionCal does",
+    ):
+        say(f"! {warning}")
+    if dry_run:
+        if as_json:
+            print_json({**fields, "sent": False})
+        else:
+            content = packet.encode()
+            rows = [content[start : start + 16].hex(" ") for start in range(0, len(content), 16)]
+            click.echo("\n".join([f"would send to {port} at {baud} baud:", *rows]))
+            click.echo("and wait for:\n" + "\n".join(motioncal.echo_lines(packet)))
+        return
+    source = Serial(port, baud)
+    try:
+        say(f"{port}: sending {len(packet.encode())} bytes")
+        confirmed = motioncal.send(source, packet)
+    finally:
+        source.close()
+    say(f"{port}: {confirmed}")
+    if as_json:
+        print_json({**fields, "sent": True, "tries": confirmed.tries, "echo_decimals": confirmed.places})
+
+
+# vehicles
+
+
+def _opened(address: str, baud: int) -> ByteSource:
+    """Open what ``--mavlink`` names.
+
+    Raises
+    ------
+    UsageError
+        For an address that is none.
+    LinkError
+        Where it cannot be opened.
+    """
+    from flinders.live.sources import Serial, Tcp, Udp, host_and_port
+
+    kind, colon, rest = address.partition(":")
+    match kind.casefold() if colon else "":
+        case "udp" | "udpin":
+            host, port = host_and_port(rest if ":" in rest else f"0.0.0.0:{rest}", "--mavlink")
+            return Udp(port, host)
+        case "udpout":
+            host, port = host_and_port(rest, "--mavlink")
+            return Udp(port, host, speaks_first=True)
+        case "tcp":
+            return Tcp(*host_and_port(rest, "--mavlink"))
+        case "serial":
+            return Serial(rest, baud)
+    if colon and not address.startswith(("/", ".")):
+        raise UsageError(
+            f"--mavlink {address!r}: need udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port such as "
+            "/dev/ttyACM0 or COM3"
+        )
+    return Serial(address, baud)
+
+
+def _to_vehicle(
+    judged: Judged,
+    source: ByteSource,
+    *,
+    system: int | None,
+    compass: int | None,
+    device_id: int | None,
+    backup: str | None,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
+    """Set the compass parameters of a vehicle, or show what they would be."""
+    from flinders.files import refuse_existing, write_text
+    from flinders.live.mavlink import PX4, Vehicle
+    from flinders.live.plan import Plan
+
+    if backup is not None:
+        refuse_existing(backup)
+    say(f"waiting for a vehicle on {source.name}")
+    vehicle = Vehicle.find(source, system=system)
+    say(f"{vehicle.name}, {'ARMED' if vehicle.armed else 'disarmed'}")
+    target = "px4" if vehicle.autopilot == PX4 else "ardupilot"
+    warnings = _render(judged.calibration, target).warnings
+    plan = Plan.of(vehicle, judged.calibration, compass=compass, device_id=device_id)
+    path = backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.param{'s' * (plan.autopilot == PX4)}"
+    for note in (*plan.notes, *warnings):
+        say(f"! {note}")
+    if dry_run or not plan.pending:
+        _show(plan, as_json=as_json, written_to=None)
+        say(
+            "nothing was changed" if plan.pending else f"{plan.vehicle} holds these values already: nothing was changed"
+        )
+        return
+    refuse_existing(path)
+    write_text(plan.backup(), path)
+    say(f"the values from before are in {path}")
+    _carry_out(plan, vehicle, path)
+    _show(plan, as_json=as_json, written_to=path)
+    say(
+        f"{plan.vehicle}: compass {plan.compass} holds the calibration, all {len(plan.changes)} values read back. "
+        "Restart the vehicle, and check a known bearing before it moves"
+    )
+
+
+def _carry_out(plan: Plan, vehicle: Vehicle, path: str) -> None:
+    """Change the vehicle; where that fails, say where the old values are.
+
+    Raises
+    ------
+    NotConfirmed
+    """
+    with _stopping() as stopped:
+        try:
+            plan.carry_out(vehicle, stopped=stopped)
+        except NotConfirmed as error:
+            message = f"{error}. The values from before are in {path}"
+            if not stopped():
+                raise NotConfirmed(message) from None
+            say(f"error: {message}")
+            raise click.Abort from None
+
+
+def _show(plan: Plan, *, as_json: bool, written_to: str | None) -> None:
+    """Print each parameter, before and after."""
+    if as_json:
+        print_json(
+            {
+                "vehicle": plan.vehicle,
+                "compass": plan.compass,
+                "device_id": plan.device_id,
+                "parameters": [_as_dict(change) for change in plan.changes],
+                "backup": written_to,
+                "sent": written_to is not None,
+                "notes": plan.notes,
+            }
+        )
+        return
+    width = max(len(change.new.name) for change in plan.changes)
+    click.echo(f"{'compass ' + str(plan.compass):<{width}}  {'before':>12}  {'after':>12}   (device {plan.device_id})")
+    for change in plan.changes:
+        after = "the same" if change.is_none else f"{change.new.value:.6g}"
+        click.echo(f"{change.new.name:<{width}}  {change.old.value:>12.6g}  {after:>12}")
+    if written_to is None and plan.pending:
+        click.echo(f"{counted(len(plan.pending), 'value')} would change")
+
+
+def _as_dict(change: Change) -> dict[str, object]:
+    return {"name": change.new.name, "before": change.old.value, "after": change.new.value}
+
+
+@contextlib.contextmanager
+def _stopping() -> Iterator[Callable[[], bool]]:
+    """Take Ctrl-C as a wish, so that a vehicle is not left with half of the values, however often it is pressed."""
+    asked = False
+
+    def ask(*_: object) -> None:
+        nonlocal asked
+        asked = True
+
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        names = []
+    before = {name: signal.signal(getattr(signal, name), ask) for name in names}
+    try:
+        yield lambda: asked
+    finally:
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler)

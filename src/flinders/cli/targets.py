@@ -1,0 +1,65 @@
+"""``flinders targets``: what a calibration can be written for."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._talk import drawn, print_json
+
+
+@click.command(
+    "targets",
+    short_help="List what a calibration can be written for.",
+    epilog="""\b
+Example:
+  flinders targets
+  flinders export --to ardupilot calibration.json -o compass.param
+""",
+)
+@_options.as_json
+def command(as_json: bool) -> None:
+    """List the targets of `flinders export`: what each one holds, in which unit, and whether it is read back.
+
+    With --json also the formula, the axes, how numbers are stored, and the source of all that.
+    """
+    show(as_json=as_json)
+
+
+def show(*, as_json: bool) -> None:
+    """Print the table of targets."""
+    from flinders.exporters import EXPORTERS
+
+    if as_json:
+        print_json(
+            {
+                row.name: {
+                    "use": row.use,
+                    "suffix": row.suffix,
+                    "formula": row.sheet.formula,
+                    "unit": row.sheet.unit,
+                    "holds": row.sheet.holds,
+                    "axes": row.sheet.where,
+                    "storage": row.sheet.storage,
+                    "source": row.sheet.source,
+                    "unverified": row.sheet.unverified,
+                    "import": row.reader is not None,
+                    "docs": row.docs,
+                }
+                for row in EXPORTERS.values()
+            }
+        )
+        return
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
+    table.add_column("target", style="bold")
+    for heading in ("what is written", "holds", "unit", "import"):
+        table.add_column(heading)
+    for row in EXPORTERS.values():
+        unit = {"own": "any", "recorded": "any"}.get(row.sheet.unit, row.sheet.unit)
+        table.add_row(row.name, row.use, row.sheet.keeps, unit, "yes" if row.reader else "")
+    click.echo(drawn(table, sys.stdout))

@@ -1,0 +1,317 @@
+"""The sheet of a target: its formula, unit, axes, storage and source, and how a file for it is laid out.
+
+A sheet writes the comments, runs the target's formula on what is written, and says what that costs. What a recording or
+a person named goes into comments only, in ASCII and without what would end the comment.
+
+>>> print(*BLOCK.lines(["from */ system(1); /* x.json", "2 µT"]), sep=chr(10))
+/*
+ * from * / system(1); / * x.json
+ * 2 uT
+ */
+"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+
+import numpy as np
+
+from flinders.conventions._affine import OWN, RECORDED, Acts, per_unit
+from flinders.conventions._recorded import in_recorded_axes
+from flinders.errors import figures
+from flinders.exporters._export import DIP_DEG, Asked, Deviation, Export
+from flinders.units import label
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.calibration import Calibration
+
+Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
+
+HOLDS: Final[Mapping[Keeps, str]] = {
+    "all": "an offset and a whole matrix",
+    "symmetric": "an offset and a symmetric matrix",
+    "diagonal": "an offset and a diagonal, no soft iron beside it",
+    "offset": "an offset and no soft iron",
+}
+"""What of a calibration a target has room for."""
+
+WHERE: Final[Mapping[Acts, str]] = {
+    "recorded": "the sensor's own, before its mounting",
+    "mapped": "those of the vehicle or board, after the mounting",
+    "across": "readings as recorded in, the calibration's axes out",
+}
+"""In which axes a target works."""
+
+WIDTH: Final = 78
+NEXT_TO_NOTHING: Final = 0.0001
+EXACT: Final = 1e-9
+"""A matrix is of a kind to within this share of its largest entry: products of matrices are rounded."""
+ASCII: Final = str.maketrans({
+    "µ": "u", "°": " deg", "−": "-", "·": "*", "×": "x", "σ": "sigma", "±": "+/-", "…": "...", "–": "-", "’": "'",
+    "²": "^2", "ᵀ": "'", "½": "1/2", "∕": "/",
+})  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Comment:
+    """How a language marks comments.
+
+    Attributes
+    ----------
+    each : str
+        What a line begins with.
+    opening, closing : str
+        Lines around them all; empty where there are none.
+    ends : tuple of pairs of str
+        What must not stand in a comment, and what is written in its place.
+    """
+
+    each: str
+    opening: str = ""
+    closing: str = ""
+    ends: tuple[tuple[str, str], ...] = ()
+
+    def lines(self, remarks: Iterable[str]) -> list[str]:
+        """Break remarks into lines of comment."""
+        wrapped = [
+            line
+            for remark in remarks
+            for line in textwrap.wrap(
+                self._harmless(remark),
+                WIDTH,
+                initial_indent=self.each,
+                subsequent_indent=f"{self.each}  ",
+                break_on_hyphens=False,
+            )
+        ]
+        return [*([self.opening] if self.opening else []), *wrapped, *([self.closing] if self.closing else [])]
+
+    def _harmless(self, remark: str) -> str:
+        """ASCII that can be printed, and ends no comment."""
+        text = plain_ascii(remark)
+        for found, written in self.ends:
+            while found in text:
+                text = text.replace(found, written)
+        return text
+
+
+HASH: Final = Comment("# ")
+PERCENT: Final = Comment("% ")
+BLOCK: Final = Comment(" * ", "/*", " */", (("*/", "* /"), ("/*", "/ *"), ("??", "? ?")))
+MARKUP: Final = Comment("  ", "<!--", "-->", (("--", "- -"),))
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """What is known of a target.
+
+    Attributes
+    ----------
+    title : str
+        Its name, for people.
+    formula : str
+        By which it uses the numbers.
+    unit : str
+        Of the readings that it corrects: a name of `units`, ``own`` or ``recorded``.
+    keeps : str
+        What it holds; a key of `HOLDS`.
+    storage : str
+        How numbers are kept, and their range.
+    source : str
+        Where that stands.
+    acts : str
+        A key of `WHERE`.
+    lengths : str
+        How long corrected readings are, where that is the target's own; empty where it is the calibration's.
+    gives : str
+        Unit of what comes out, where it is another.
+    unverified : tuple of str
+        What nobody could verify, a clause each.
+    comment : Comment, optional
+        None where the file has no room for comments.
+    """
+
+    title: str
+    formula: str
+    unit: str
+    keeps: Keeps
+    storage: str
+    source: str
+    acts: Acts = "recorded"
+    lengths: str = ""
+    gives: str = ""
+    unverified: tuple[str, ...] = ()
+    comment: Comment | None = HASH
+
+    @property
+    def where(self) -> str:
+        """In which axes it works, in words."""
+        return WHERE[self.acts]
+
+    @property
+    def holds(self) -> str:
+        """What it has room for, in words."""
+        return HOLDS[self.keeps]
+
+    def export(
+        self,
+        calibration: Calibration,
+        apply: Callable[[Floats], Floats],
+        body: Sequence[str],
+        *,
+        target: str,
+        about: Sequence[str],
+        asked: Asked,
+        values: Mapping[str, Any],
+        notes: Sequence[str] = (),
+        data: bytes | None = None,
+    ) -> Export:
+        """Run the target's formula on what is written, and lay the file out.
+
+        Parameters
+        ----------
+        calibration : Calibration
+        apply : callable
+            The target's formula with the numbers as it will hold them, in its units.
+        body : sequence of str
+            Lines of the file.
+        target, about, asked
+            As `Render` has them.
+        values : mapping
+            What is written, for programs.
+        notes : sequence of str
+            What else to know.
+        data : bytes, optional
+            Content of the file, where it is no text.
+
+        Raises
+        ------
+        NotExportable
+            Where the target's numbers cost more than a degree of heading, unless that was asked for.
+        """
+        size = per_unit(calibration, self.unit, who=self.title)
+        gives = per_unit(calibration, self.gives or self.unit, who=self.title)
+        lacks = f"{self.title} holds {self.holds}" if self._loses(calibration) else ""
+        deviation = Deviation.of(
+            calibration,
+            lambda raw: gives * apply(raw / size),
+            acts=self.acts,
+            relative=bool(self.lengths),
+            lacks=lacks,
+            lossy=asked.lossy,
+        )
+        warnings = list(self._warnings(deviation, lacks))
+        checked = self._checked(calibration, deviation)
+        told = [*about, *self._notes(calibration, calibration.field_strength / gives), *notes]
+        remarks = [f"{self.title}: {self.formula}, in {self._unit(calibration)}", *told, *warnings, checked]
+        comments = self.comment.lines(remarks) if self.comment else []
+        fields: dict[str, Any] = {
+            "target": target,
+            "formula": self.formula,
+            "unit": self._unit(calibration),
+            "axes": self.where,
+            "holds": self.holds,
+            "values": dict(values),
+            "checked": {
+                "vectors": deviation.vectors,
+                "unit": calibration.unit,
+                "field": calibration.field_strength,
+                "worst": deviation.worst,
+                "worst_deg": deviation.worst_deg,
+                "heading_deg": deviation.heading_deg,
+            },
+            "notes": told,
+            "unverified": list(self.unverified),
+        }
+        text = "\n".join([*comments, *body, ""])
+        return Export(target, text, fields, checked, tuple(warnings), data, told=bool(comments))
+
+    def _loses(self, calibration: Calibration) -> bool:
+        """Whether the matrix has more to it than the target holds."""
+        matrix = calibration.matrix if self.acts == "mapped" else in_recorded_axes(calibration)[0]
+        kept = {
+            "all": matrix,
+            "symmetric": matrix.T,
+            "diagonal": np.diag(np.diag(matrix)),
+            "offset": np.eye(3) * matrix[0, 0],
+        }[self.keeps]
+        return bool(np.abs(matrix - kept).max() > EXACT * np.abs(matrix).max())
+
+    def _warnings(self, deviation: Deviation, lacks: str) -> Iterable[str]:
+        """What it costs, and what nobody could verify."""
+        if lacks:
+            yield (
+                f"{lacks}: what is left out costs up to {figures(deviation.heading_deg)}° of heading (at any attitude, "
+                f"dip {DIP_DEG:.0f}°)"
+            )
+        for clause in self.unverified:
+            yield f"not verified: {clause}"
+
+    def _checked(self, calibration: Calibration, deviation: Deviation) -> str:
+        unit = label(calibration.unit)
+        scaled = ", scaled," if self.lengths else ""
+        return (
+            f"checked: its own formula{scaled} on {deviation.vectors} fields of "
+            f"{figures(calibration.field_strength, 4)} {unit}, {_at_most(deviation, unit)} off the calibration"
+        )
+
+    def _notes(self, calibration: Calibration, strength: float) -> Iterable[str]:
+        """For which readings the numbers are right, and what comes out."""
+        if self.lengths:
+            yield f"corrected readings are {self.lengths}"
+        else:
+            relative = "" if calibration.field_strength_known else ", which is relative: no field strength was given"
+            unit = _named(self.gives or self.unit, calibration)
+            yield f"corrected readings are {figures(strength, 4)} {unit} long{relative}"
+        if calibration.axes.is_identity:
+            if self.acts == "mapped":
+                yield "acts after the mounting: the recording must be in the axes of the vehicle or board"
+        elif self.acts == "recorded":
+            yield f"acts in the sensor's own axes: go on mapping them to {calibration.axes} afterwards"
+        elif self.acts == "mapped":
+            yield f"acts after the mounting, which must map the sensor's axes to {calibration.axes}"
+        else:
+            yield f"the mapping of axes to {calibration.axes} is in the matrix: give readings as they were recorded"
+
+    def _unit(self, calibration: Calibration) -> str:
+        return _named(self.unit, calibration)
+
+
+def _named(unit: str, calibration: Calibration) -> str:
+    """What a unit of a sheet is called for this calibration."""
+    return {OWN: calibration.unit, RECORDED: calibration.raw.name}.get(unit, unit)
+
+
+def _at_most(deviation: Deviation, unit: str) -> str:
+    """Write the errors; what is next to nothing only as that, since it differs from machine to machine."""
+    if max(deviation.worst, deviation.worst_deg) < NEXT_TO_NOTHING:
+        return f"less than {NEXT_TO_NOTHING} {unit} and {NEXT_TO_NOTHING}°"
+    worst, angle = max(deviation.worst, NEXT_TO_NOTHING), max(deviation.worst_deg, NEXT_TO_NOTHING)
+    return f"at most {figures(worst)} {unit} and {figures(angle)}°"
+
+
+def plain_ascii(text: str) -> str:
+    r"""Write text in printable ASCII, other characters by their code.
+
+    >>> plain_ascii("48 µT, café\x07\u2028")
+    '48 uT, caf\\xe9\\x07\\u2028'
+    """
+    return "".join(
+        sign if sign.isascii() and sign.isprintable() else sign.encode("unicode_escape").decode()
+        for sign in text.translate(ASCII)
+    )
+
+
+def digits(value: float, suffix: str = "") -> str:
+    """Write a number of single precision so that it is read back the same, with a point.
+
+    >>> digits(0.1), digits(-3.0, "f"), digits(1e-12)
+    ('0.100000001', '-3.0f', '9.99999996e-13')
+    """
+    text = f"{np.float32(value) + np.float32(0):.9g}"
+    return f"{text if any(sign in text for sign in '.en') else f'{text}.0'}{suffix}"

@@ -1,0 +1,89 @@
+"""Parameters of ArduPilot, ``NAME,value`` a line: ``m = I ((r + OFS) SCALE)``, in mG and in the axes of the vehicle.
+
+>>> import numpy as np
+>>> from flinders.calibration import Calibration
+>>> from flinders.units import Unit
+>>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
+>>> print(*render(found, target="ardupilot", asked=Asked(compass=2)).text.splitlines()[-4:], sep=chr(10))
+COMPASS_ODI2_X,0
+COMPASS_ODI2_Y,0
+COMPASS_ODI2_Z,0
+COMPASS_SCALE2,1
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from flinders.axes import Axes
+from flinders.conventions._affine import Affine
+from flinders.conventions._parsing import chosen, decoded
+from flinders.conventions.ardupilot import Parameters, compasses, parse
+from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._sheet import Sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.calibration import Calibration
+
+SHEET: Final = Sheet(
+    title="ArduPilot",
+    formula="m = I ((r + OFS) SCALE), I of DIA and ODI, OFS added",
+    unit="mG",
+    keeps="symmetric",
+    storage="float32; OFS up to 1800 long, DIA 0.2 to 5, ODI -1 to 1, SCALE 1/1.5 to 1.5",
+    source="AP_Compass_Backend::correct_field, CompassCalibrator",
+    acts="mapped",
+)
+
+
+def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+    """Write the parameters of one compass, the first unless another is asked for.
+
+    Raises
+    ------
+    UnitError
+        For a calibration in counts.
+    NotExportable
+        For values that ArduPilot does not take.
+    UsageError
+        For a compass that there is not.
+    """
+    compass = 1 if asked.compass is None else asked.compass
+    in_place = replace(calibration, axes=Axes())
+    Affine.of(in_place, SHEET.unit, who=SHEET.title)  # refuses counts, and numbers beyond all bounds
+    parameters = Parameters.of(in_place, compass=compass).as_held()
+    values = dict(parameters.rows())
+    body = [f"{name},{value:.9g}" for name, value in values.items()]
+    return SHEET.export(calibration, parameters.apply, body, target=target, about=about, asked=asked, values=values)
+
+
+def sniff(head: bytes) -> bool:
+    """Whether a file may hold parameters of a compass of ArduPilot."""
+    return b"COMPASS_" in head or b"COMPASS1_" in head
+
+
+def read(content: bytes, source: str, *, strength: float | None = None, compass: int | None = None) -> Calibration:
+    """Read the parameters of one compass back.
+
+    Parameters
+    ----------
+    content : bytes
+    source : str
+        For messages.
+    strength : float, optional, µT
+        Length of corrected readings, which they do not hold; 50 µT where it is not given.
+    compass : int, optional
+        Which one; the only one where there is one.
+
+    Raises
+    ------
+    InputError
+        For lines that are no parameters, or none of such a compass.
+    """
+    values = parse(decoded(content, source), source)
+    there = compasses(values)
+    wanted = chosen(there, compass, source, "COMPASS_OFS_X and so on")
+    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)

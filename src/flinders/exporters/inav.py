@@ -1,0 +1,41 @@
+"""Lines for INAV's CLI: offset and radius of each axis in whole counts, in the axes of the sensor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.conventions.inav import GAINS, ZEROS, Settings
+from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._sheet import Sheet
+from flinders.units import COUNTS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.calibration import Calibration
+
+SHEET: Final = Sheet(
+    title="INAV",
+    formula="m = align((raw - magzero) 1024 / maggain)",
+    unit=COUNTS,
+    keeps="diagonal",
+    storage="int16, whole counts; the result in whole numbers as well",
+    source="sensors/compass.c at 005b1ee7",
+    lengths="1024 long",
+)
+
+
+def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+    """Write the lines.
+
+    Raises
+    ------
+    UnitError
+        Where the recording was not in raw counts.
+    NotExportable
+        Where what is left out costs more than a degree of heading, or int16 cannot hold the numbers.
+    """
+    settings = Settings.of(calibration)
+    values = dict(zip((*ZEROS, *GAINS), (*settings.zero, *settings.gain), strict=True))
+    body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
+    return SHEET.export(calibration, settings.apply, body, target=target, about=about, asked=asked, values=values)

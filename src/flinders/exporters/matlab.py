@@ -1,0 +1,40 @@
+"""A function for MATLAB and Octave: rows of readings, ``C = (D − b) A``, as for the results of magcal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.conventions._affine import RECORDED, Affine
+from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._sheet import PERCENT, Sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.calibration import Calibration
+
+SHEET: Final = Sheet(
+    title="MATLAB and Octave",
+    formula="C = (D - b) A, a reading a row",
+    unit=RECORDED,
+    keeps="all",
+    storage="double, 17 digits",
+    source="MathWorks, magcal",
+    acts="across",
+    comment=PERCENT,
+)
+
+
+def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+    """Write the function; A is transposed, as readings are rows. What comes out has the unit of what goes in."""
+    found = Affine.of(calibration, RECORDED, who=SHEET.title, acts="across")
+    rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in found.matrix.T)
+    body = [
+        "function C = flinders_correct(D)",
+        "  b = [" + " ".join(f"{value:.17g}" for value in found.offset) + "];",
+        f"  A = [{rows}];",
+        "  C = bsxfun(@minus, D, b) * A;",
+        "end",
+    ]
+    values = {"A": found.matrix.T, "b": found.offset}
+    return SHEET.export(calibration, found.apply, body, target=target, about=about, asked=asked, values=values)

@@ -1,0 +1,52 @@
+"""MotionCal's packet of 68 bytes, which is also what PJRC's and Adafruit's sketches keep in EEPROM.
+
+>>> import numpy as np
+>>> from flinders.calibration import Calibration
+>>> from flinders.units import Unit
+>>> export = render(Calibration(np.eye(3), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT")), target="motioncal")
+>>> export.data[:2].hex(), len(export.data)
+('7554', 68)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.conventions.motioncal import Packet
+from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._sheet import Sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.calibration import Calibration
+
+SHEET: Final = Sheet(
+    title="MotionCal packet",
+    formula="c = W (m - V), det W = 1",
+    unit="uT",
+    keeps="symmetric",
+    storage="68 bytes: 117 84, 16 float32 little endian, CRC-16/MODBUS",
+    source="MotionCal rawdata.c and visualize.c, NXPMotionSense.h, Adafruit_Sensor_Calibration_EEPROM.cpp",
+    lengths="B long, as they are in the middle of the ellipsoid: the matrix has determinant 1",
+    comment=None,
+)
+
+
+def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+    """Write the bytes; the text shows them in hexadecimal.
+
+    Raises
+    ------
+    UnitError
+        For a calibration in counts.
+    NotExportable
+        Where a rotation in the matrix would be lost, of more than a degree of heading.
+    """
+    packet = Packet.of(calibration)
+    data = packet.encode()
+    values = {"offset": packet.offset, "field": packet.strength, "matrix": packet.matrix, "hex": data.hex()}
+    body = [data[start : start + 16].hex(" ") for start in range(0, len(data), 16)]
+    return SHEET.export(
+        calibration, packet.apply, body, target=target, about=about, asked=asked, values=values, data=data
+    )

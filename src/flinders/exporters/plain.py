@@ -1,0 +1,108 @@
+"""The numbers as plain JSON or YAML: ``corrected = matrix (raw − offset)``, in the calibration's unit.
+
+Readings go in with the axes as recorded and come out with those of the calibration.
+
+For programs that need no more; `flinders` itself reads its own calibration files, which hold all that is known.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.conventions._affine import OWN, Affine
+from flinders.conventions._parsing import listed, loaded, numbers
+from flinders.errors import DocumentError
+from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._sheet import HASH, Sheet
+from flinders.units import COUNTS, MICROTESLA
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.calibration import Calibration
+
+JSON: Final = Sheet(
+    title="plain JSON",
+    formula="corrected = matrix (raw - offset)",
+    unit=OWN,
+    keeps="all",
+    storage="decimal, all digits",
+    source="this program",
+    acts="across",
+    comment=None,
+)
+YAML: Final = replace(JSON, title="plain YAML", comment=HASH)
+
+
+def render_json(
+    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
+) -> Export:
+    """Write one JSON object."""
+    correction = Affine.of(calibration, OWN, who=JSON.title, acts="across")
+    values = _values(calibration, correction)
+    body = json.dumps(values, indent=1).splitlines()
+    return JSON.export(calibration, correction.apply, body, target=target, about=about, asked=asked, values=values)
+
+
+def render_yaml(
+    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
+) -> Export:
+    """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
+    correction = Affine.of(calibration, OWN, who=JSON.title, acts="across")
+    values = _values(calibration, correction)
+    body = [f"{name}: {_yaml(value)}" for name, value in values.items()]
+    return YAML.export(calibration, correction.apply, body, target=target, about=about, asked=asked, values=values)
+
+
+def _values(calibration: Calibration, correction: Affine) -> dict[str, Any]:
+    return {
+        "formula": JSON.formula,
+        "unit": calibration.unit,
+        "field_strength": calibration.field_strength,
+        "field_strength_known": calibration.field_strength_known,
+        "offset": correction.offset.tolist(),
+        "matrix": correction.matrix.tolist(),
+    }
+
+
+def _yaml(value: object) -> str:
+    """A scalar or list; numbers with a point and a signed exponent, as YAML 1.1 needs them."""
+    if isinstance(value, list):
+        return f"[{', '.join(map(_yaml, value))}]"
+    return f"{value:.17e}" if isinstance(value, float) else json.dumps(value)
+
+
+def sniff(head: bytes) -> bool:
+    """Whether a file begins as the plain JSON does."""
+    return head.lstrip().startswith(b"{") and f'"{JSON.formula}"'.encode() in head
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the plain JSON back.
+
+    Parameters
+    ----------
+    content : bytes
+    source : str
+        For messages.
+    strength : float, optional, in the unit of the file
+        Goes before the field strength in it.
+
+    Raises
+    ------
+    DocumentError
+        For what is no such file, or lacks numbers.
+    """
+    fields = loaded(content, source)
+    unit, rows = fields.get("unit"), fields.get("matrix")
+    if unit not in {MICROTESLA, COUNTS}:
+        raise DocumentError(f"{source}: unit is {unit!r}: need {MICROTESLA} or {COUNTS}")
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise DocumentError(f"{source}: matrix needs three lists of three numbers")
+    entries = listed({"matrix": [entry for row in rows for entry in row]}, "matrix", 9, source)
+    (length,) = numbers(fields, ["field_strength"], source)
+    found = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
+    known = fields.get("field_strength_known") is True
+    return found.to_calibration(str(unit), known=known, strength=strength)

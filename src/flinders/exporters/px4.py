@@ -1,0 +1,106 @@
+"""Parameters of PX4, as QGroundControl's file or as lines for its shell: ``m = R S (r − OFF)``, in gauss.
+
+>>> import numpy as np
+>>> from flinders.calibration import Calibration
+>>> from flinders.units import Unit
+>>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
+>>> print(*render_shell(found, target="px4-shell").text.splitlines()[-9:-7], sep=chr(10))
+param set CAL_MAG0_XOFF 0.100000001
+param set CAL_MAG0_YOFF -0.200000003
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.conventions._affine import Affine
+from flinders.conventions._parsing import chosen, decoded
+from flinders.conventions.ardupilot import parse
+from flinders.conventions.px4 import COMPASSES, INTERNAL, Parameters
+from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._sheet import Sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flinders.calibration import Calibration
+
+SHEET: Final = Sheet(
+    title="PX4",
+    formula="m = R S (r - OFF), S of SCALE and ODIAG, OFF subtracted, R the mounting",
+    unit="G",
+    keeps="symmetric",
+    storage="float32; SCALE 0.1 to 3",
+    source="Magnetometer.hpp and .cpp, sensors/module.yaml",
+)
+FLOAT: Final = 9
+"""MAV_PARAM_TYPE_REAL32, the last column of QGroundControl's file."""
+
+
+def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+    """Write the five columns that QGroundControl loads: vehicle, component, name, value, type.
+
+    Raises
+    ------
+    UnitError
+        For a calibration in counts.
+    NotExportable
+        For values that PX4 does not take.
+    UsageError
+        For a compass that there is not.
+    """
+    return _render(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{FLOAT}", target, about, asked)
+
+
+def render_shell(
+    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
+) -> Export:
+    """Write lines for the shell of the vehicle; raises as `render`."""
+    return _render(calibration, lambda name, value: f"param set {name} {value}", target, about, asked)
+
+
+def _render(
+    calibration: Calibration, line: Callable[[str, str], str], target: str, about: Sequence[str], asked: Asked
+) -> Export:
+    compass = 0 if asked.compass is None else asked.compass
+    Affine.of(calibration, SHEET.unit, who=SHEET.title)  # refuses counts, and numbers beyond all bounds
+    parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL).as_held()
+    values = dict(parameters.rows())
+    body = [line(name, f"{value:.9g}") for name, value in values.items()]
+    ready = (
+        f"CAL_MAG{compass}_ID must already be the device_id of this sensor, and CAL_MAG{compass}_ROT its mounting; "
+        "restart the vehicle afterwards"
+    )
+    return SHEET.export(
+        calibration, parameters.apply, body, target=target, about=about, asked=asked, values=values, notes=[ready]
+    )
+
+
+def sniff(head: bytes) -> bool:
+    """Whether a file may hold parameters of a compass of PX4."""
+    return b"CAL_MAG" in head
+
+
+def read(content: bytes, source: str, *, strength: float | None = None, compass: int | None = None) -> Calibration:
+    """Read the parameters of one compass back, from either kind of file.
+
+    Parameters
+    ----------
+    content : bytes
+    source : str
+        For messages.
+    strength : float, optional, µT
+        Length of corrected readings, which they do not hold; 50 µT where it is not given.
+    compass : int, optional
+        Which one; the only one where there is one.
+
+    Raises
+    ------
+    InputError
+        For lines that are no parameters, or none of such a compass.
+    """
+    lines = (line.strip().removeprefix("param set ") for line in decoded(content, source).splitlines())
+    values = parse("\n".join(lines), source)
+    there = [number for number in COMPASSES if f"CAL_MAG{number}_XOFF" in values]
+    wanted = chosen(there, compass, source, "CAL_MAG0_XOFF and so on")
+    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)

@@ -1,0 +1,69 @@
+"""Parameters of two ROS packages, in tesla: imu_filter_madgwick (ROS 2) and magnetometer_pipeline."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.conventions.ros import BIAS, Bias, madgwick_lines, pipeline, pipeline_lines
+from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._sheet import Sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.calibration import Calibration
+
+MADGWICK: Final = Sheet(
+    title="imu_filter_madgwick",
+    formula="m - mag_bias",
+    unit="T",
+    keeps="offset",
+    storage="double; -10 to 10",
+    source="imu_tools, ImuFilterMadgwick.cfg",
+    lengths="as long as the sensor makes them",
+)
+PIPELINE: Final = Sheet(
+    title="magnetometer_pipeline",
+    formula="S (m - b)",
+    unit="T",
+    keeps="all",
+    storage="double",
+    source="ctu-vras magnetometer_pipeline, bias_remover.cpp",
+)
+
+
+def render_madgwick(
+    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
+) -> Export:
+    """Write a file of parameters for ROS 2.
+
+    Raises
+    ------
+    UnitError
+        For a calibration in counts.
+    NotExportable
+        Where the soft iron left out costs more than a degree of heading.
+    """
+    bias = Bias.of(calibration)
+    values = dict(zip(BIAS, bias.offset, strict=True))
+    body = madgwick_lines(bias)
+    return MADGWICK.export(calibration, bias.apply, body, target=target, about=about, asked=asked, values=values)
+
+
+def render_pipeline(
+    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
+) -> Export:
+    """Write the parameters of bias_remover, for rosparam.
+
+    Raises
+    ------
+    UnitError
+        For a calibration in counts.
+    """
+    found = pipeline(calibration)
+    values = {"initial_mag_bias": found.offset, "initial_mag_scaling_matrix": found.matrix}
+    body = pipeline_lines(found)
+    notes = ["the name of the matrix is that of the code; the package's README has another"]
+    return PIPELINE.export(
+        calibration, found.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
+    )

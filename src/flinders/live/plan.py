@@ -1,0 +1,361 @@
+"""Sets the compass parameters of a vehicle, and leaves it with all of them or with none.
+
+`Plan` is what would change::
+
+    vehicle = Vehicle.find(source)
+    plan = Plan.of(vehicle, calibration, compass=1)
+    backup.write_text(plan.backup())
+    plan.carry_out(vehicle)
+
+Before anything is set it is seen that the vehicle is disarmed and that the compass is the one that is meant. Where a
+value is not confirmed, the link is lost, the vehicle is armed or the program is stopped, the values from before are put
+back, and the error says which of them the vehicle holds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+from flinders.axes import Axes
+from flinders.conventions import ardupilot, px4
+from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
+from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, PX4, TRIES, Held, Vehicle, same
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flinders.calibration import Calibration
+
+COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}
+"""How they number them."""
+AXES: Final = {
+    ARDUPILOT: "it acts after COMPASS_ORIENT: the recording must be in the axes of the vehicle, as its logs are",
+    PX4: "it acts before CAL_MAGn_ROT: the recording must be in the axes of the sensor, as sensor_mag of its logs is",
+}
+"""In which axes a calibration has to be; nobody can see it by the numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One parameter, before and after."""
+
+    old: Held
+    new: Held
+
+    @property
+    def is_none(self) -> bool:
+        """The vehicle holds the value already."""
+        return same(self.old.value, self.new.value)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What would change in a vehicle.
+
+    Attributes
+    ----------
+    vehicle : str
+        Its name, for messages.
+    autopilot : int
+    compass : int
+        As the vehicle counts: ArduPilot from 1 to 3, PX4 from 0 to 3.
+    device_id : int
+        Of the compass that the vehicle has there.
+    changes : tuple of Change
+        Every parameter of the calibration, also those that the vehicle holds already.
+    system, component : int
+    notes : tuple of str
+        What to know, a sentence each.
+    """
+
+    vehicle: str
+    autopilot: int
+    compass: int
+    device_id: int
+    changes: tuple[Change, ...]
+    system: int = 1
+    component: int = 1
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, vehicle: Vehicle, calibration: Calibration, *, compass: int | None = None, device_id: int | None = None
+    ) -> Self:
+        """Ask the vehicle what it holds, and see that it may be changed.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+        calibration : Calibration
+            For ArduPilot in the axes of the vehicle, as its logs are; for PX4 in those of the sensor, as its are.
+        compass : int, optional
+            As the vehicle counts: ArduPilot 1 to 3, PX4 0 to 3; without it the one with the device id, or the first.
+        device_id : int, optional
+            Of the compass that is meant; without it the one that the calibration's sensor names, if it does.
+
+        Raises
+        ------
+        NotSent
+            Where the vehicle is armed, has no such compass or another one, or lacks parameters.
+        UnitError, NotExportable
+            Where the parameters cannot hold the calibration.
+        LinkError
+            Where the link is lost.
+        """
+        refuse_armed(vehicle)
+        meant = device_of(calibration) if device_id is None else device_id
+        found = _find_compass(vehicle, meant) if compass is None and meant is not None else _numbered(vehicle, compass)
+        scheme, there = _device_id(vehicle, found)
+        notes = (AXES[vehicle.autopilot], *_refuse_another(vehicle, found, there, meant))
+        changes = []
+        for names, value in _wanted(vehicle.autopilot, calibration, found):
+            old = vehicle.get(names[scheme])
+            if old is None:
+                raise NotSent(
+                    f"{vehicle.name} does not know {names[scheme]}, nothing was changed: its firmware is older than "
+                    "this parameter, or keeps compass numbers otherwise; update it, or set what it has by hand "
+                    "(flinders export)"
+                )
+            changes.append(Change(old, replace(old, value=value)))
+        return cls(
+            vehicle.name, vehicle.autopilot, found, there, tuple(changes), vehicle.system, vehicle.component, notes
+        )
+
+    @property
+    def pending(self) -> tuple[Change, ...]:
+        """What is not so already."""
+        return tuple(change for change in self.changes if not change.is_none)
+
+    def backup(self) -> str:
+        """Write the values from before as a parameter file of the vehicle's ground station.
+
+        ArduPilot's ``NAME,value``, or the five columns of QGroundControl for PX4.
+        """
+        remark = f"# {self.vehicle}, compass {self.compass} (device {self.device_id}), before a calibration was sent"
+        if self.autopilot == PX4:
+            rows = [
+                f"{self.system}\t{self.component}\t{old.name}\t{_spelled(old.value)}\t{old.kind}"
+                for old in (change.old for change in self.changes)
+            ]
+        else:
+            rows = [f"{change.old.name},{_spelled(change.old.value)}" for change in self.changes]
+        return "\n".join([remark, *rows, ""])
+
+    def carry_out(
+        self,
+        vehicle: Vehicle,
+        *,
+        done: Callable[[Change], None] = lambda _: None,
+        stopped: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Set the parameters one by one, then ask for all of them again; put the old ones back where any of it fails.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+        done : callable
+            Called after each that is confirmed.
+        stopped : callable
+            Tells whether to give up.
+
+        Raises
+        ------
+        NotConfirmed
+            Where it failed; says why, and what the vehicle holds.
+        """
+        touched: list[Change] = []
+        try:
+            for change in self.pending:
+                vehicle.listen()
+                refuse_armed(vehicle)
+                _refuse_stopped(stopped)
+                touched.append(change)
+                _set(vehicle, change.new)
+                done(change)
+            _refuse_stopped(stopped)
+            self._verify(vehicle)
+        except (LinkError, NotSent, NotConfirmed) as error:
+            raise NotConfirmed(f"{error}; {_put_back(vehicle, touched)}") from None
+        except KeyboardInterrupt:
+            _put_back(vehicle, touched)
+            raise
+
+    def _verify(self, vehicle: Vehicle) -> None:
+        """Ask for each parameter again.
+
+        Raises
+        ------
+        NotConfirmed
+        """
+        for change in self.changes:
+            held = None
+            for _ in range(TRIES):  # a late answer may be to an earlier question
+                held = vehicle.get(change.new.name)
+                if held is None or same(held.value, change.new.value):
+                    break
+            if held is None or not same(held.value, change.new.value):
+                found = "is not answered" if held is None else f"is {_spelled(held.value)}"
+                raise NotConfirmed(f"{change.new.name} {found} in place of {_spelled(change.new.value)}")
+
+
+def refuse_armed(vehicle: Vehicle) -> None:
+    """Refuse a vehicle that may be moving.
+
+    Raises
+    ------
+    NotSent
+    """
+    if vehicle.armed:
+        raise NotSent(f"{vehicle.name} is armed: a compass is not changed under way; land, disarm, and send again")
+
+
+def device_of(calibration: Calibration) -> int | None:
+    """The device id in the name of the calibration's sensor, where there is one.
+
+    >>> from flinders.calibration import Calibration
+    >>> device_of(Calibration.identity(sensor="sensor_mag 1 (device 396809)")), device_of(Calibration.identity())
+    (396809, None)
+    """
+    found = re.search(r"\bdevice (\d+)\b", calibration.sensor or "")
+    return int(found[1]) if found else None
+
+
+def _wanted(autopilot: int, calibration: Calibration, compass: int) -> list[tuple[Sequence[str], float]]:
+    """Names, one for each scheme, and values of the parameters of a compass."""
+    if autopilot == PX4:
+        return [((name,), value) for name, value in px4.Parameters.of(calibration, compass=compass).rows()]
+    parameters = ardupilot.Parameters.of(replace(calibration, axes=Axes()), compass=compass)
+    rows = zip(parameters.rows("COMPASS_OFS2_X"), parameters.rows("COMPASS2_OFS_X"), strict=True)
+    return [((name, other), value) for (name, value), (other, _) in rows]
+
+
+def _identity(autopilot: int, compass: int) -> Sequence[str]:
+    """What the parameter with the device id of a compass is called."""
+    return (f"CAL_MAG{compass}_ID",) if autopilot == PX4 else ardupilot.names("DEV_ID", compass)
+
+
+def _numbered(vehicle: Vehicle, compass: int | None) -> int:
+    """Let through the number of a compass; the first where none is given.
+
+    Raises
+    ------
+    UsageError
+        For one that the autopilot does not count.
+    """
+    numbers = COMPASSES[vehicle.autopilot]
+    if compass is not None and compass not in numbers:
+        name = AUTOPILOTS[vehicle.autopilot]
+        raise UsageError(f"compass {compass}: {name} counts them from {numbers[0]} to {numbers[-1]}")
+    return numbers[0] if compass is None else compass
+
+
+def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
+    """Which scheme of names the vehicle has, and the device id of a compass, 0 where there is none.
+
+    Raises
+    ------
+    NotSent
+        Where the vehicle does not tell.
+    """
+    names = _identity(vehicle.autopilot, compass)
+    for scheme, name in enumerate(names):
+        held = vehicle.get(name)
+        if held is not None:
+            return scheme, int(held.value)
+    raise NotSent(
+        f"{vehicle.name} does not answer what compass {compass} is ({names[0]}), nothing was changed: check --compass "
+        "and the link"
+    )
+
+
+def _find_compass(vehicle: Vehicle, meant: int) -> int:
+    """Which compass has this device id.
+
+    Raises
+    ------
+    NotSent
+        Where none has.
+    """
+    there: dict[int, int] = {}
+    for compass in COMPASSES[vehicle.autopilot]:
+        with contextlib.suppress(NotSent):  # a vehicle with fewer
+            there[compass] = _device_id(vehicle, compass)[1]
+    for compass, found in there.items():
+        if found == meant:
+            return compass
+    listed = ", ".join(f"{compass}: {found or 'none'}" for compass, found in there.items())
+    raise NotSent(
+        f"{vehicle.name} has no compass with device id {meant} ({listed}), nothing was changed: the calibration is for "
+        "another vehicle or compass; say --device-id, or calibrate this one"
+    )
+
+
+def _refuse_another(vehicle: Vehicle, compass: int, there: int, meant: int | None) -> tuple[str, ...]:
+    """See that the compass is the one that is meant.
+
+    Raises
+    ------
+    NotSent
+    """
+    if there == 0:
+        raise NotSent(
+            f"{vehicle.name} has no compass {compass} ({_identity(vehicle.autopilot, compass)[0]} is 0), nothing was "
+            "changed: say another --compass, or start the vehicle with it connected"
+        )
+    if meant is None:
+        return (f"nobody said which compass the calibration is for: compass {compass} has device id {there}",)
+    if meant != there:
+        raise NotSent(
+            f"compass {compass} of {vehicle.name} has device id {there}, and the calibration is for {meant}, nothing "
+            "was changed: say another --compass, or --device-id where the compass was replaced on purpose"
+        )
+    return ()
+
+
+def _set(vehicle: Vehicle, new: Held) -> None:
+    """Set a parameter.
+
+    Raises
+    ------
+    NotConfirmed
+    """
+    if not vehicle.set(new):
+        raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}")
+
+
+def _refuse_stopped(stopped: Callable[[], bool]) -> None:
+    """Give up where that was asked for.
+
+    Raises
+    ------
+    NotConfirmed
+    """
+    if stopped():
+        raise NotConfirmed("stopped before all was sent")
+
+
+def _put_back(vehicle: Vehicle, touched: list[Change]) -> str:
+    """Set the old values again, and say what the vehicle holds."""
+    if not touched:
+        return "nothing was changed"
+    left: list[str] = []
+    for change in reversed(touched):
+        try:
+            if not vehicle.set(change.old):
+                left.append(change.old.name)
+        except LinkError:
+            left.append(change.old.name)
+    if not left:
+        return f"the vehicle holds the values from before again (all {len(touched)} that were touched, confirmed)"
+    return (
+        f"and the values from before could not be put back for {', '.join(reversed(left))}: DO NOT ARM before they are "
+        "loaded from the file"
+    )
+
+
+def _spelled(value: float) -> str:
+    """Write a value so that it is the same float32 when it is read."""
+    return f"{int(value)}" if float(value).is_integer() and abs(value) < 1e9 else f"{value:.9g}"

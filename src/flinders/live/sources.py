@@ -1,0 +1,426 @@
+r"""Where bytes come from: a serial port, UDP, TCP, or a list of them for tests.
+
+>>> board = Scripted([b"Raw:0,0,8192,0,0,0,217,4,-586\r\n", Gone(), b"Raw:"])
+>>> board.read(0.1)
+b'Raw:0,0,8192,0,0,0,217,4,-586\r\n'
+>>> board.read(0.1)
+Traceback (most recent call last):
+flinders.errors.LinkError: the script is gone: check the cable
+>>> board.reopen()
+>>> board.read(0.1)
+b'Raw:'
+
+Every source waits in `read` and nowhere else, and an end that goes away is one error, `LinkError`, whatever the
+operating system calls it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import socket
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from flinders.errors import LinkError, MissingExtra, UsageError
+from flinders.files import reason
+from flinders.readers._extras import needs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+CHUNK: Final = 1 << 16
+"""Bytes taken at a time; no datagram is longer."""
+BAUD: Final = 115200
+"""What MotionCal and most sketches use."""
+WRITE_S: Final = 2.0
+"""Seconds that the other end has to take what is written."""
+CONNECT_S: Final = 5.0
+"""Seconds that a host has to answer."""
+MOST_PEERS: Final = 16
+"""Senders that are answered over UDP; further ones are heard and not answered."""
+SLOWEST_BAUD, FASTEST_BAUD = 50, 20_000_000
+
+
+class ByteSource(Protocol):
+    """One end of a wire.
+
+    Attributes
+    ----------
+    name : str
+        For messages: ``/dev/ttyACM0``, ``UDP port 50100``.
+    is_framed : bool
+        What `read` gives begins and ends with a line, as datagrams do; a port may be opened in the middle of one.
+    """
+
+    name: str
+    is_framed: bool
+
+    def read(self, timeout: float) -> bytes:
+        """Return what has come in, waiting at most `timeout` seconds for it; nothing where nothing came.
+
+        Raises
+        ------
+        LinkError
+            Where the other end is gone.
+        """
+
+    def write(self, content: bytes) -> None:
+        """Send bytes, all of them.
+
+        Raises
+        ------
+        LinkError
+            Where the other end is gone or does not take them.
+        """
+
+    def reopen(self) -> None:
+        """Open again after a loss.
+
+        Raises
+        ------
+        LinkError
+            Where it is still gone.
+        """
+
+    def close(self) -> None:
+        """Let go of it; closing twice does no harm."""
+
+
+class Serial:
+    """A serial port, 8N1.
+
+    Parameters
+    ----------
+    port : str
+        ``/dev/ttyACM0``, ``COM3``.
+    baud : int
+        Bits per second; boards with USB of their own ignore it.
+
+    Raises
+    ------
+    MissingExtra
+        Without serialx.
+    LinkError
+        Where it cannot be opened; names the ports there are.
+    UsageError
+        For a baud rate that the port does not have.
+    """
+
+    is_framed = False
+
+    def __init__(self, port: str, baud: int = BAUD) -> None:
+        self._serialx = needs("serialx", "serial", "a serial port")
+        self.name, self.baud = port, baud
+        self._port: Any = None
+        self.reopen()
+
+    def read(self, timeout: float) -> bytes:
+        """As `ByteSource.read`."""
+        buffer = bytearray(CHUNK)
+        with self._failures("is gone: check the cable"):
+            got = self._opened().readinto(buffer, timeout=timeout)
+        return bytes(buffer[:got])
+
+    def write(self, content: bytes) -> None:
+        """As `ByteSource.write`."""
+        with self._failures("does not take what is sent: check the cable, and that the board listens"):
+            self._opened().write(content, timeout=WRITE_S)
+
+    def reopen(self) -> None:
+        """As `ByteSource.reopen`."""
+        self.close()
+        try:
+            port = self._serialx.serial_for_url(self.name, baudrate=self.baud, exclusive=True)
+            port.open()
+        except self._serialx.UnsupportedSetting:
+            raise UsageError(f"{self.name} cannot do {self.baud} baud: give another --baud, such as {BAUD}") from None
+        except (OSError, ValueError, self._serialx.SerialException) as error:
+            raise LinkError(f"{self.name} cannot be opened: {_opening(error)}") from None
+        self._port = port
+
+    def close(self) -> None:
+        """As `ByteSource.close`."""
+        if self._port is not None:
+            with contextlib.suppress(OSError, ValueError, self._serialx.SerialException):
+                self._port.close()
+        self._port = None
+
+    def _opened(self) -> Any:  # noqa: ANN401 - serialx's, known only once it is imported
+        if self._port is None:
+            raise LinkError(f"{self.name} is closed")
+        return self._port
+
+    @contextlib.contextmanager
+    def _failures(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, ValueError, self._serialx.SerialException):
+            self.close()
+            raise LinkError(f"{self.name} {what}") from None
+
+
+class Udp:
+    """Datagrams: listens on a port and answers whoever sends, or speaks to an address.
+
+    Parameters
+    ----------
+    port : int
+    host : str
+        Address to listen on, or to speak to.
+    speaks_first : bool
+        Speak to that address; otherwise listen.
+
+    Raises
+    ------
+    LinkError
+        For a port that is taken, or a host that is not known.
+    """
+
+    is_framed = True
+
+    def __init__(self, port: int, host: str = "0.0.0.0", *, speaks_first: bool = False) -> None:
+        self.name = f"UDP {host} port {port}" if speaks_first else f"UDP port {port}"
+        self._address, self._speaks_first = (host, port), speaks_first
+        self._peers: list[tuple[str, int]] = []
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            if speaks_first:
+                self._peers = [(socket.gethostbyname(host), port)]
+            else:
+                self._socket.bind(self._address)
+        except OSError as error:
+            self._socket.close()
+            raise LinkError(f"{self.name} cannot be opened: {_opening(error)}") from None
+
+    @property
+    def port(self) -> int:
+        """The port it is on, also where 0 was asked for."""
+        return int(self._socket.getsockname()[1])
+
+    def read(self, timeout: float) -> bytes:
+        """As `ByteSource.read`: one datagram."""
+        try:
+            if not select.select([self._socket], [], [], timeout)[0]:
+                return b""
+            content, peer = self._socket.recvfrom(CHUNK)
+        except ConnectionError:  # what was sent reached nobody: a vehicle that is not there yet
+            return b""
+        except (OSError, ValueError):
+            raise LinkError(f"{self.name} is gone: check the network") from None
+        if peer not in self._peers and not self._speaks_first and len(self._peers) < MOST_PEERS:
+            self._peers.append(peer)
+        return content
+
+    def write(self, content: bytes) -> None:
+        """As `ByteSource.write`: to all who were heard; to nobody where nobody was."""
+        for peer in self._peers:
+            try:
+                self._socket.sendto(content, peer)
+            except ConnectionError:
+                pass
+            except OSError as error:
+                raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
+
+    def reopen(self) -> None:
+        """Nothing to do: there is no connection to lose."""
+
+    def close(self) -> None:
+        """As `ByteSource.close`."""
+        self._socket.close()
+
+
+class Tcp:
+    """A connection to a host.
+
+    Raises
+    ------
+    LinkError
+        Where the host is not known or does not answer.
+    """
+
+    is_framed = False
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"TCP {host}:{port}"
+        self._address = (host, port)
+        self._socket: socket.socket | None = None
+        self.reopen()
+
+    def read(self, timeout: float) -> bytes:
+        """As `ByteSource.read`."""
+        try:
+            if not select.select([self._opened()], [], [], timeout)[0]:
+                return b""
+            content = self._opened().recv(CHUNK)
+        except (OSError, ValueError):
+            content = b""
+        if not content:
+            self.close()
+            raise LinkError(f"{self.name} has closed the connection: see that the program there still runs")
+        return content
+
+    def write(self, content: bytes) -> None:
+        """As `ByteSource.write`."""
+        try:
+            self._opened().sendall(content)
+        except (OSError, ValueError) as error:
+            self.close()
+            raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
+
+    def reopen(self) -> None:
+        """As `ByteSource.reopen`."""
+        self.close()
+        try:
+            self._socket = socket.create_connection(self._address, timeout=CONNECT_S)
+        except OSError as error:
+            raise LinkError(f"{self.name} cannot be reached: {_opening(error)}") from None
+        self._socket.settimeout(WRITE_S)
+
+    def close(self) -> None:
+        """As `ByteSource.close`."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+
+    def _opened(self) -> socket.socket:
+        if self._socket is None:
+            raise LinkError(f"{self.name} is closed")
+        return self._socket
+
+
+@dataclass(frozen=True, slots=True)
+class Gone:
+    """A step of `Scripted`: the other end goes away."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quiet:
+    """A step of `Scripted`: for so many seconds nothing comes."""
+
+    seconds: float
+
+
+class Scripted:
+    """Bytes from a list, for tests and for playing a recording back; what is written to it is kept.
+
+    Parameters
+    ----------
+    steps : iterable of bytes, `Gone` or `Quiet`
+        One for each `read`.
+    is_framed : bool
+        As in `ByteSource`.
+    """
+
+    name = "the script"
+
+    def __init__(self, steps: Iterable[bytes | Gone | Quiet], *, is_framed: bool = False) -> None:
+        self._steps = iter(steps)
+        self.is_framed = is_framed
+        self.is_done = False
+        self.written = b""
+
+    def read(self, timeout: float) -> bytes:
+        """As `ByteSource.read`."""
+        step = next(self._steps, None)
+        match step:
+            case None:
+                self.is_done = True
+                time.sleep(min(timeout, 0.01))
+                return b""
+            case Gone():
+                raise LinkError(f"{self.name} is gone: check the cable")
+            case Quiet(seconds):
+                time.sleep(min(timeout, seconds))
+                return b""
+        return step
+
+    def write(self, content: bytes) -> None:
+        """As `ByteSource.write`."""
+        self.written += content
+
+    def reopen(self) -> None:
+        """As `ByteSource.reopen`."""
+
+    def close(self) -> None:
+        """As `ByteSource.close`."""
+
+
+def ports() -> list[str]:
+    """Name the serial ports of this machine, those on USB first, each with what it says of itself.
+
+    Raises
+    ------
+    MissingExtra
+        Without serialx.
+    """
+    serialx = needs("serialx", "serial", "a serial port")
+    try:
+        found = serialx.list_serial_ports()
+    except (OSError, ValueError, serialx.SerialException):
+        return []
+    found = sorted(found, key=lambda port: (port.vid is None, port.device))
+    return [f"{port.device} ({port.product})" if port.product else str(port.device) for port in found]
+
+
+def ports_in_words() -> str:
+    """Say which serial ports there are, or what to check where there are none."""
+    try:
+        found = ports()
+    except MissingExtra as missing:
+        return str(missing)
+    if found:
+        return f"there {'are' if len(found) > 1 else 'is'} {', '.join(found)}"
+    return "this machine has no serial port now: plug the board in, with a cable that carries data"
+
+
+def host_and_port(text: str, what: str) -> tuple[str, int]:
+    """Take ``HOST:PORT`` apart; without a host it is this machine.
+
+    Raises
+    ------
+    UsageError
+        For what is none; `what` names the option.
+
+    Examples
+    --------
+    >>> host_and_port("boat.local:5760", "--tcp"), host_and_port(":5760", "--tcp")
+    (('boat.local', 5760), ('127.0.0.1', 5760))
+    """
+    host, colon, number = text.strip().rpartition(":")
+    if not colon or not number.isascii() or not number.isdigit() or not 0 < int(number) < 65536:
+        raise UsageError(f"{what} {text!r}: need HOST:PORT with a port from 1 to 65535, such as 127.0.0.1:5760")
+    return host.strip("[]") or "127.0.0.1", int(number)
+
+
+ADVICE: Final = {
+    **dict.fromkeys((errno.ENOENT, errno.ENODEV, errno.ENXIO), "it is not there; {ports}"),
+    **dict.fromkeys((errno.ENOTTY, errno.EINVAL, errno.EISDIR), "it is no serial port; {ports}"),
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM),
+        "no permission: on Linux `sudo usermod -aG dialout $USER`, then log in again; a network port below 1024 is for "
+        "the administrator",
+    ),
+    **dict.fromkeys(
+        (errno.EBUSY, errno.EAGAIN),
+        "another program uses it: close the serial monitor, MotionCal or ground station",
+    ),
+    errno.EADDRINUSE: "another program listens there: close it, or take another port",
+    errno.EADDRNOTAVAIL: "no network card of this machine has that address; 0.0.0.0 listens on all",
+    errno.ECONNREFUSED: "nobody listens there: start the program that sends, and check the port",
+}
+"""What to do where something cannot be opened."""
+
+
+def _opening(error: Exception) -> str:
+    """Say why something cannot be opened, and what to do."""
+    if isinstance(error, socket.gaierror):
+        return "no such host: check the name, or give its number"
+    if isinstance(error, TimeoutError):
+        return f"no answer within {CONNECT_S:g} s: check the address and the network"
+    advice = ADVICE.get(error.errno or 0) if isinstance(error, OSError) else None
+    if advice is None:
+        advice = f"{reason(error) if isinstance(error, OSError | ValueError) else error}; {{ports}}"
+    return advice.replace("{ports}", ports_in_words()) if "{ports}" in advice else advice

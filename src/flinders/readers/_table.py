@@ -1,0 +1,287 @@
+"""Tables that are not text: named columns of numbers, from an array, a MATLAB file, a Parquet table.
+
+Columns are recognised by the same names as those of text.
+
+>>> import numpy as np
+>>> from flinders.readers._source import File
+>>> from pathlib import Path
+>>> columns = {"t (s)": np.array([0.0, 0.1]), "mag (mG)": np.array([[217.0, 4.0, -586.0], [217.0, 2.0, -587.0]])}
+>>> table = Table.of_arrays("tumble.npz", "named arrays", columns)
+>>> table.names
+('t (s)', 'mag.x (mG)', 'mag.y (mG)', 'mag.z (mG)')
+>>> recording = open_table(File("tumble.npz", Path("tumble.npz"), 0), table)
+>>> print(recording)
+tumble.npz: columns mag.x (mG), mag.y (mG), mag.z (mG) in mG, time in t (s); named arrays
+>>> next(recording.blocks()).field[1]
+array([ 21.7,   0.2, -58.7])
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.axes import Axes
+from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.readers._columns import Columns, by_name, by_place, wanted_places
+from flinders.readers._lines import shown
+from flinders.readers._span import Span
+from flinders.readers.text import unit_of
+from flinders.samples import BLOCK, Skipped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.readers._source import Source
+    from flinders.readers.text import Progress
+    from flinders.samples import Samples
+    from flinders.units import Unit
+
+SAMPLED: Final = 200
+"""Rows looked at to tell times from other numbers."""
+MOST_NAMED: Final = 24
+"""Columns named in a message; a table may have thousands."""
+WIDEST: Final = 512
+"""Columns of an array that are told apart; a wider one is no list of readings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Columns of numbers, and how to go through them.
+
+    Attributes
+    ----------
+    kind : str
+        What it is, for people: ``Parquet``, ``named arrays``.
+    names : tuple of str
+        Of the columns; empty where they have none.
+    width, length : int
+        Columns and rows.
+    rows : callable
+        Yields (N, K) blocks of the columns at these places, in this order, each time it is called.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    width: int
+    length: int
+    rows: Callable[[Sequence[int]], Iterator[Floats]]
+
+    @classmethod
+    def of_arrays(cls, source: str, kind: str, arrays: Mapping[str, NDArray[Any]]) -> Table:
+        """Lay arrays side by side: those as long as most of them are, an (N, 3) one as three columns.
+
+        Parameters
+        ----------
+        source : str
+            For messages.
+        kind : str
+        arrays : mapping of name to (N,), (N, K) or (K, N) array
+            Of numbers or dates, or records of them; what is neither is left out. A name may be empty.
+
+        Raises
+        ------
+        NoMagnetometer
+            Where none of them is a column of numbers.
+        """
+        columns = [column for name, array in arrays.items() for column in _columns_of(name, array)]
+        if not columns:
+            held = ", ".join(f"{shown(name) or 'an array'} {a.shape} of {a.dtype}" for name, a in arrays.items())
+            raise NoMagnetometer(
+                f"{source} holds no columns of numbers: {held or 'no arrays'}; need an array of N readings by 3, or "
+                "arrays of equal length by name"
+            )
+        length = Counter(len(column) for _, column in columns).most_common(1)[0][0]
+        alike = [(name, column) for name, column in columns if len(column) == length]
+        names = tuple(name for name, _ in alike)
+        values = [column for _, column in alike]
+
+        def rows(cells: Sequence[int]) -> Iterator[Floats]:
+            for start in range(0, length, BLOCK):
+                yield np.stack([_floats(values[cell][start : start + BLOCK]) for cell in cells], axis=1)
+
+        return cls(kind, names if any(names) else (), len(alike), length, rows)
+
+
+@dataclass(slots=True, eq=False)
+class TableRecording:
+    """A table that yields its readings in bounded memory, again and again.
+
+    Attributes
+    ----------
+    file : Source
+        The bytes it was read from, as they lie on the disk.
+    table : Table
+    columns : Columns
+        Which column is what.
+    unit : Unit
+        What the magnetometer's columns are written in.
+    axes : Axes
+        How the recorded axes are turned.
+    progress : callable, optional
+        Called once a block with the bytes read so far, by the share of rows, and those there are.
+    span : Span
+        Which part of it is read.
+    skipped : tuple of Skipped
+        What the last pass has left out so far.
+    kept : tuple of Source
+        Temporary files that it needs.
+    """
+
+    file: Source
+    table: Table
+    columns: Columns
+    unit: Unit
+    axes: Axes = field(default_factory=Axes)
+    progress: Progress | None = None
+    span: Span = field(default_factory=Span)
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)
+    kept: tuple[Source, ...] = field(default=(), init=False)
+
+    @property
+    def source(self) -> str:
+        """The name of the file."""
+        return self.file.name
+
+    @property
+    def readings(self) -> int:
+        """How many rows there are."""
+        return self.table.length
+
+    @property
+    def states_unit(self) -> bool:
+        """The unit stands in the names."""
+        return self.columns.stated
+
+    def blocks(self) -> Iterator[Samples]:
+        """Yield the readings from the first on, about 8192 at a time.
+
+        Raises
+        ------
+        UnreadableInput
+            Where the file cannot be read to its end, or no reading is finite.
+        UsageError
+            Where nothing lies within the span.
+        """
+        self.skipped = ()
+        clock, done, usable = self.span.clock(self.source), 0, 0
+        for values in self.table.rows(self.columns.cells):
+            samples = self.columns.samples(values, unit=self.unit, axes=self.axes, source=self.source)
+            self.skipped = _later(self.skipped, samples.skipped, done)
+            done += len(values)
+            usable += len(samples)
+            if self.progress and self.file.size:
+                self.progress(int(self.file.size * done / self.table.length), self.file.size)
+            within = clock.within(samples)
+            if within.any():
+                yield clock.kept(samples, within)
+        if not usable:
+            raise UnreadableInput(
+                f"no usable reading in {self.source}: {'; '.join(map(str, self.skipped)) or 'it has no rows'}; need "
+                "finite x, y and z: check the sensor and its wiring"
+            )
+        clock.judge()
+
+    def describe(self) -> str:
+        """Say in one line what was recognised and is used."""
+        columns = self.columns
+        told = [f"{self.source}: columns {', '.join(columns.field.names)} in {self.unit.name}"]
+        told[0] += f", time in {columns.time.names[0]}" if columns.time else ""
+        told.append(self.table.kind + ("" if self.table.names else ", columns without names"))
+        told += [f"axes {self.axes}"] * (not self.axes.is_identity)
+        told += [str(self.span)] * (not self.span.is_all)
+        told += [f"left out {', '.join(columns.left_out)}"] * bool(columns.left_out)
+        return "; ".join(told)
+
+    def __str__(self) -> str:
+        return self.describe()
+
+
+def open_table(
+    file: Source,
+    table: Table,
+    *,
+    columns: str | None = None,
+    unit: str | None = None,
+    scale: float | None = None,
+    axes: Axes | None = None,
+    progress: Progress | None = None,
+) -> TableRecording:
+    """Recognise which columns are what; parameters as `flinders.readers.open_recording`.
+
+    Raises
+    ------
+    NoMagnetometer
+        Where it is not clear which columns are the magnetometer.
+    UsageError
+        For columns that there are not; its `UnitError` for a unit that contradicts the names.
+    UnreadableInput
+        Where the table has no rows.
+    """
+    if not table.length:
+        raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
+    first = next(table.rows(range(table.width)))[:SAMPLED]
+    wanted = () if columns is None else wanted_places(columns, table.names, table.width)
+    known = by_name(table.names, first, wanted) if table.names else by_place(first, wanted)
+    if known is None:
+        raise NoMagnetometer(_unknown(file.name, table))
+    settled = unit_of(known, file.name, unit, scale)
+    return TableRecording(file, table, known.with_strength_in(settled), settled, axes or Axes(), progress)
+
+
+def _unknown(name: str, table: Table) -> str:
+    example = "1,2,3" if table.width < 4 else "2,3,4"
+    if not table.names:
+        return (
+            f"{name} has {table.width} columns without names: need three, x y z, or four with the time first; say "
+            f"which are the magnetometer, such as --columns {example}"
+        )
+    more = f" and {len(table.names) - MOST_NAMED} more" if len(table.names) > MOST_NAMED else ""
+    return (
+        f"no magnetometer among the columns of {name}: {', '.join(map(shown, table.names[:MOST_NAMED]))}{more}; "
+        f"say which three it is by name or number, such as --columns {example}"
+    )
+
+
+def _columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Cut one array into columns with names; nothing where it holds no numbers."""
+    if array.dtype.names:
+        for part in array.dtype.names:
+            yield from _columns_of(f"{name}.{part}" if name else part, array[part])
+    elif array.dtype.kind in "iufbM" and array.ndim in {1, 2} and array.size > 1:
+        rows = array.reshape(-1, 1) if 1 in array.shape or array.ndim == 1 else array
+        if rows.shape[0] <= 4 < rows.shape[1]:
+            rows = rows.T  # a column a reading, as MATLAB has it
+        width = rows.shape[1]
+        if width <= WIDEST:
+            yield from ((_named(name, place, width), rows[:, place]) for place in range(width))
+
+
+def _named(name: str, place: int, width: int) -> str:
+    """Name a column of an array, with its unit at the end: ``mag (mG)`` has ``mag.x (mG)``."""
+    if width == 1 or not name:
+        return name
+    bare, bracket, unit = name.partition(" (")
+    return f"{bare}.{'xyz'[place] if width == 3 else place + 1}{bracket}{unit}"
+
+
+def _floats(column: NDArray[Any]) -> Floats:
+    """Numbers as they are; dates as nanoseconds since 1970, which is how a time is recognised."""
+    if column.dtype.kind == "M":
+        return np.where(np.isnat(column), np.nan, column.astype("datetime64[ns]").astype(np.int64).astype(float))
+    return column.astype(float)
+
+
+def _later(before: tuple[Skipped, ...], found: tuple[Skipped, ...], done: int) -> tuple[Skipped, ...]:
+    """Add what a block left out, its rows counted from the beginning of the table."""
+    if not found:
+        return before
+    (entry,) = found
+    moved = Skipped(entry.reason, entry.rows, tuple(line + done for line in entry.lines))
+    return (before[0] + moved,) if before else (moved,)

@@ -1,0 +1,174 @@
+r"""Arrays on the disk: NumPy's ``.npy`` and ``.npz``, MATLAB's ``.mat`` up to version 7.
+
+Named arrays are columns: ``t``, ``mag`` with three columns, ``acc``. Arrays of another length than most are left out.
+Nothing that would have to be executed is read: an array of Python objects is refused.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> import numpy as np
+>>> from flinders.readers._source import find
+>>> path = Path(tempfile.mkdtemp()) / "tumble.npz"
+>>> np.savez(path, t=np.arange(3) / 10, mag_uT=np.eye(3), note=np.array("bench"))
+>>> recording = open_npz(find(path))
+>>> print(recording)
+tumble.npz: columns mag_uT.x, mag_uT.y, mag_uT.z in uT, time in t; NumPy
+>>> next(recording.blocks()).field[2]
+array([0., 0., 1.])
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.errors import UnreadableInput
+from flinders.readers._extras import needs, reading
+from flinders.readers._source import spooled
+from flinders.readers._table import Table, TableRecording, open_table
+from flinders.readers._unpacking import ZIP, member_chunks, members
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from flinders.readers._source import File
+
+NPY: Final = b"\x93NUMPY"
+MAT: Final = b"MATLAB 5.0 MAT-file"
+MAT_7_3: Final = b"MATLAB 7.3 MAT-file"
+MOST_VALUES: Final = 1 << 27
+"""Values in a MATLAB file, 1 GB of them, that are held in memory: SciPy cannot read a part of one."""
+DEEPEST: Final = 3
+"""Structures within structures that are looked into."""
+
+
+def sniff_npy(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is a NumPy array."""
+    return head.startswith(NPY)
+
+
+def sniff_npz(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is an archive whose first member is a NumPy array."""
+    name = head[30 : 30 + int.from_bytes(head[26:28], "little")]
+    return head.startswith(ZIP) and name.endswith(b".npy")
+
+
+def sniff_mat(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is one of MATLAB 5 to 7; version 7.3 is HDF5."""
+    return head.startswith(MAT)
+
+
+def open_npy(file: File, **options: Any) -> TableRecording:
+    """Open one array: (N, 3), (N, 4) with the time first, or a structured one with named columns.
+
+    Parameters
+    ----------
+    file : File
+    **options
+        As `open_table`.
+
+    Raises
+    ------
+    UnreadableInput
+        For an array of Python objects, or a file that is broken.
+    NoMagnetometer
+        Where it is not clear which columns are the magnetometer.
+    """
+    array = _mapped(file, file.name)
+    if array is None:
+        raise UnreadableInput(
+            f"{file.name} holds Python objects, which are not read from files of others: save an array of numbers"
+        )
+    return open_table(file, Table.of_arrays(file.name, "NumPy", {"": array}), **options)
+
+
+def open_npz(file: File, **options: Any) -> TableRecording:
+    """Open an archive of named arrays; parameters and errors as `open_npy`.
+
+    Members are unpacked to a temporary folder, and mapped from there.
+    """
+    arrays: dict[str, NDArray[Any]] = {}
+    kept = []  # the temporary files go when these do
+    for member in members(file):
+        if member.filename.endswith(".npy"):
+            unpacked = spooled(file.name, member_chunks(file, member))
+            kept.append(unpacked)
+            array = _mapped(unpacked, f"{member.filename} in {file.name}")
+            if array is not None:
+                arrays[member.filename.removesuffix(".npy")] = array
+    unnamed = len(arrays) == 1 and next(iter(arrays)) == "arr_0"
+    table = Table.of_arrays(file.name, "NumPy", {"": arrays["arr_0"]} if unnamed else arrays)
+    recording = open_table(file, table, **options)
+    recording.kept = tuple(kept)
+    return recording
+
+
+def open_mat(file: File, **options: Any) -> TableRecording:
+    """Open the variables of a MATLAB file, and the fields of its structures; parameters and errors as `open_npy`.
+
+    Raises
+    ------
+    MissingExtra
+        Where SciPy is not installed.
+    UnreadableInput
+        Also where it holds more than `MOST_VALUES`.
+    """
+    io = needs("scipy.io", "scipy", "a MATLAB file")
+    with reading(file.name, "a MATLAB file"):
+        held = io.whosmat(file.path)
+        if sum(math.prod(shape) for _, shape, _ in held) > MOST_VALUES:
+            raise UnreadableInput(
+                f"{file.name} holds more than {MOST_VALUES:,} values: save the magnetometer and its time alone, "
+                "save('small.mat', 't', 'mag', '-v7')"
+            )
+        content = io.loadmat(file.path, squeeze_me=True, struct_as_record=True, verify_compressed_data_integrity=True)
+    return open_table(file, Table.of_arrays(file.name, "MATLAB", dict(_variables(content))), **options)
+
+
+def _variables(content: Mapping[str, Any], depth: int = 0) -> Mapping[str, NDArray[Any]]:
+    """Bring the fields of structures to the top, with dots in their names."""
+    found: dict[str, NDArray[Any]] = {}
+    for name, value in content.items():
+        array = np.asarray(value)
+        if name.startswith("__"):
+            continue
+        if array.dtype.names and array.ndim == 0 and depth < DEEPEST:
+            inside = _variables({part: array[part].item() for part in array.dtype.names}, depth + 1)
+            found.update({f"{name}.{part}": leaf for part, leaf in inside.items()})
+        elif array.dtype.kind in "iufb":
+            found[name] = array
+    heads = {name.partition(".")[0] for name in found}
+    if len(heads) == 1 and all("." in name for name in found):  # one structure, with everything in it
+        return {name.partition(".")[2]: array for name, array in found.items()}
+    return found
+
+
+def _mapped(file: File, name: str) -> NDArray[Any] | None:
+    """Map an array into memory, once its header is known to tell the truth about its size.
+
+    Returns
+    -------
+    array or None
+        None for one of Python objects, which could be made to run anything.
+    """
+    with reading(name, "a NumPy array"):
+        with file.path.open("rb") as stream:
+            version = np.lib.format.read_magic(stream)
+            header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = header(stream)
+            bytes_there = file.size - stream.tell()
+        if dtype.hasobject:
+            return None
+        bytes_told = math.prod(shape) * dtype.itemsize
+        if bytes_told > bytes_there:
+            raise UnreadableInput(
+                f"{name} is cut short: its header tells of {bytes_told:,} bytes and {bytes_there:,} are there; copy it "
+                "again"
+            )
+        if not bytes_told:
+            return np.zeros(shape, dtype)
+        mapped: NDArray[Any] = np.load(file.path, mmap_mode="r", allow_pickle=False)
+        return mapped

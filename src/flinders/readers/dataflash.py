@@ -1,0 +1,434 @@
+r"""ArduPilot's DataFlash logs, ``.bin`` or turned into text as ``.log``: every compass, with what stood beside it.
+
+A vehicle logs corrected readings, m = I ((r + OFS) SCALE) + MOT x, in whole mG and in its own axes, and beside each of
+them OFS and MOT x. What the compass read is
+
+    r = I⁻¹ (m − MOT x) / SCALE − OFS
+
+with DIA, ODI and SCALE from the parameters in force at the time. OFS is cut to whole mG in the message; where the
+parameter is what was cut, the parameter is taken.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from flinders.readers._source import File
+>>> text = '''FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns
+... FMT, 134, 34, MAG, QBhhhhhhhhhB, TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health
+... FMT, 129, 31, PARM, QNf, TimeUS,Name,Value
+... PARM, 1000000, COMPASS_OFS_X, -97.5
+... PARM, 1000000, COMPASS_SCALE, 1.25
+... MAG, 2000000, 0, 250, 0, -500, -97, 0, 0, 0, 0, 0, 1
+... '''
+>>> path = Path(tempfile.mkdtemp()) / "flight.log"
+>>> _ = path.write_text(text)
+>>> log = open_dataflash(File("flight.log", path, path.stat().st_size))
+>>> print(log.instruments[0])
+flight.log: MAG 0 in mG; un-applied: COMPASS_OFS -97.5, 0, 0 mG; COMPASS_SCALE 1.25
+>>> next(log.instruments[0].blocks()).field                               # 250 / 1.25 + 97.5 mG, in µT
+array([[ 29.75,   0.  , -40.  ]])
+
+Sources: ``AP_Compass_Backend::correct_field`` and ``AP_Logger`` of ArduPilot for the formula and the messages;
+https://github.com/ArduPilot/WebTools (MAGFit) for its inverse.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.conventions.ardupilot import COMPASSES, Parameters
+from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
+from flinders.readers._ardupilot import History, mounting_told, stored, unused
+from flinders.readers._beside import Beside
+from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
+from flinders.readers._lines import encoding_of
+from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._source import refusal
+from flinders.samples import BLOCK, Samples
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.readers._fmt import Table
+    from flinders.readers._source import File
+
+FORMAT: Final = "ArduPilot DataFlash"
+COMPASS_NAMES: Final = ("MAG", "MAG2", "MAG3")
+"""Messages of compasses: all in MAG with an instance I, or, in older logs, one name each."""
+WANTED: Final = (*COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG")
+CLOCKS: Final = ("TimeUS", "TimeMS")
+INSTANCE: Final = ("I", "Instance", "Inst")
+IS_TEXT: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
+
+BESIDE: Final = 64
+"""Messages of another kind that are read before and after those of a block, to interpolate between."""
+STRAY_SHARE: Final = 0.5
+"""A log of which more than this belongs to no message is refused."""
+
+FIX: Final = 3
+"""GPS.Status from which on there is a position."""
+HIGHEST_M: Final = 1e5
+"""An altitude beyond is none."""
+LAST_WEEK, WEEK_MS = 10_000, 604_800_000
+"""Weeks of GPS up to the year 2171, and milliseconds of one: what is beyond is no date."""
+GPS_EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
+LEAPS: Final = ((datetime(2017, 1, 1, tzinfo=UTC), 18), (datetime(2015, 7, 1, tzinfo=UTC), 17))
+"""Seconds by which GPS time is ahead of UTC from a day on; before, 16 (since July 2012)."""
+EARLIER_LEAP: Final = 16
+
+
+def sniff_dataflash(head: bytes) -> bool:
+    """Tell whether these are the first bytes of such a log: a message, or lines that describe messages."""
+    return head.startswith(HEADER) or IS_TEXT.search(head) is not None
+
+
+def open_dataflash(file: File) -> Log:
+    """Open a log: find its messages, its compasses, and what was in force.
+
+    Raises
+    ------
+    UnreadableInput
+        For a file that cannot be read, or is mostly something else.
+    NoMagnetometer
+        For a log without readings of a compass.
+    """
+    messages = _messages(file)
+    compasses = _compasses(messages)
+    if not compasses:
+        raise NoMagnetometer(
+            f"{file.name} is an ArduPilot log without readings of a compass (MAG): turn on Compass in LOG_BITMASK and "
+            "record again"
+        )
+    history = _history(messages.get("PARM"), file.name)
+    beside = _beside(messages)
+    instruments = tuple(_instrument(file, name, number, mag, history, beside) for name, number, mag in compasses)
+    return Log(
+        file.name,
+        FORMAT,
+        instruments,
+        position=_position(messages),
+        begun=_begun(messages, instruments),
+        notes=_notes(messages, file.size),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compass:
+    """What the readings of a compass are made of.
+
+    Attributes
+    ----------
+    source : str
+    mag : Table
+        Its messages.
+    version : (N,) int
+        How many changes of parameters came before each.
+    parameters : dict of Parameters
+        By number of changes.
+    beside : tuple of _Others
+    """
+
+    source: str
+    mag: Table
+    version: NDArray[np.intp]
+    parameters: dict[int, Parameters]
+    beside: tuple[_Others, ...]
+
+    def columns(self, as_logged: bool) -> Iterator[Samples]:
+        """Go through the readings; see `Instrument`."""
+        for start in range(0, len(self.mag), BLOCK):
+            rows = slice(start, start + BLOCK)
+            part = self.mag.only(rows)
+            time = _clock(part)
+            field = _triple(part, "Mag") if as_logged else self._raw(part, self.version[rows])
+            more: dict[str, Any] = {}
+            if time is not None:
+                for each in self.beside:
+                    more |= each.at(part.where, time)
+            yield Samples.of(field, unit="mG", time=time, source=self.source, **more)
+
+    def offsets(self, part: Table, version: NDArray[np.intp]) -> Floats:
+        """(N, 3) OFS of each reading in mG: the parameter where the message holds its whole part, else the message."""
+        if not _has(part, "Ofs"):
+            return np.array([self.parameters[each].offset for each in version]).reshape(-1, 3)
+        offsets = _triple(part, "Ofs")
+        for each in set(version.tolist()):
+            exact = self.parameters[each].offset
+            rows = (version == each) & np.all(np.trunc(exact) == offsets, axis=1)
+            offsets[rows] = exact
+        return offsets
+
+    def motor_offsets(self, part: Table) -> Floats:
+        """(N, 3) MOT x of each reading, mG."""
+        for prefix in ("MO", "MOfs"):
+            if _has(part, prefix):
+                return _triple(part, prefix)
+        return np.zeros((len(part), 3))
+
+    def _raw(self, part: Table, version: NDArray[np.intp]) -> Floats:
+        """(N, 3) what the compass read, in mG and in the axes of the vehicle."""
+        field, motor, offsets = _triple(part, "Mag"), self.motor_offsets(part), self.offsets(part, version)
+        for each in set(version.tolist()):
+            rows = version == each
+            without = replace(self.parameters[each], offset=np.zeros(3))
+            try:
+                field[rows] = without.unapply(field[rows], motor_offset=motor[rows])
+            except ArrayError as error:
+                raise ArrayError(f"{self.source}: {error}; take the readings --as-logged") from None
+        return field - offsets
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Others:
+    """What another kind of message measured.
+
+    Attributes
+    ----------
+    table : Table
+    columns : dict of (tuple of str, float)
+        By the name of the column of `Samples`: its fields, one, or three for x, y and z, and their factor.
+    """
+
+    table: Table
+    columns: dict[str, tuple[tuple[str, ...], float]]
+
+    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
+        """(N,) or (N, 3) of each column at these times, as `Beside` tells it; readings are at `where`."""
+        first, last = np.searchsorted(self.table.where, [where[0], where[-1]])
+        near = self.table.only(slice(max(int(first) - BESIDE, 0), int(last) + BESIDE))
+        clock = _seconds(near)
+        after = np.clip(np.searchsorted(np.maximum.accumulate(clock), time), 1, max(len(clock) - 1, 1))
+        between = np.zeros(len(clock), bool)
+        for place in (after - 1, after, after + 1):
+            between[np.minimum(place, len(clock) - 1)] = True
+        near, clock = near.only(between), clock[between]
+        found: dict[str, Floats] = {}
+        for name, (labels, factor) in self.columns.items():
+            measured = Beside.of(clock, factor * np.column_stack([near.column(label) for label in labels]))
+            values = np.full((len(time), len(labels)), np.nan) if measured is None else measured.at(time)
+            found[name] = values[:, 0] if len(labels) == 1 else values
+        return found
+
+
+def _messages(file: File) -> Messages:
+    """Find the messages of a log, binary or text."""
+    if not file.head().startswith(HEADER):
+        encoding = encoding_of(file.head())
+        numbered = (
+            (stretch.first + place, line)
+            for stretch in file.lines(encoding)
+            for place, line in enumerate(stretch.texts)
+        )
+        return read_listed(numbered, WANTED)
+    try:
+        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)
+    except (OSError, ValueError) as error:
+        raise refusal(file.name, error) from None
+    messages = read_packed(raw, WANTED)
+    if messages.strays > STRAY_SHARE * len(raw):
+        raise UnreadableInput(
+            f"{file.name} begins as an ArduPilot log, and {messages.strays:,} of its {len(raw):,} bytes belong to no "
+            "message that it describes: it is broken or cut at its beginning; copy it again"
+        )
+    return messages
+
+
+def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
+    """Name, number from 1, and messages of each compass that says something."""
+    found: list[tuple[str, int, Table]] = []
+    for place, name in enumerate(COMPASS_NAMES, 1):
+        table = messages.get(name)
+        if table is None or not _has(table, "Mag"):
+            continue
+        if (clock := _clock(table)) is not None:
+            table = table.only(np.isfinite(clock))
+        label = _label(table, INSTANCE)
+        if label is None:
+            found += [(name, place, table)] * bool(len(table))
+            continue
+        table = table.only(np.isin(table.column(label), np.arange(256)))
+        instances = table.column(label)
+        found += [(f"{name} {each:.0f}", int(each) + 1, table.only(instances == each)) for each in np.unique(instances)]
+    return found
+
+
+def _instrument(
+    file: File, name: str, number: int, mag: Table, history: History, beside: tuple[_Others, ...]
+) -> Instrument:
+    """Make an instrument of a compass."""
+    mag, ill = _healthy(mag)
+    version = history.change(mag.where)
+    known = number if number in COMPASSES else 0
+    parameters = {
+        each: Parameters.read(history.at(each), known) if known else Parameters() for each in set(version.tolist())
+    }
+    compass = _Compass(file.name, mag, version, parameters, beside)
+    end = mag.only(slice(len(mag) - 1, len(mag)))
+    in_force = replace(parameters[int(version[-1])], offset=compass.offsets(end, version[-1:])[0])
+    clock = _clock(mag.only(slice(0, 1)))
+    return Instrument(
+        file.name,
+        name,
+        Unit.of("mG"),
+        compass.columns,
+        stored=stored(in_force),
+        beginning=np.nan if clock is None else float(clock[0]),
+        readings=len(mag),
+        notes=tuple(_told(compass, in_force, history.last, number, ill)),
+        file=file,
+    )
+
+
+def _told(compass: _Compass, in_force: Parameters, values: dict[str, float], number: int, ill: int) -> Iterator[str]:
+    """What to know about a compass."""
+    yield mounting_told(in_force, values, number)
+    yield "readings were logged in whole mG, cut towards zero"
+    offsets, motor = compass.offsets(compass.mag, compass.version), compass.motor_offsets(compass.mag)
+    changes = int(np.count_nonzero(np.any(np.diff(offsets, axis=0), axis=1) | (np.diff(compass.version) > 0)))
+    if changes:
+        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time taken off"
+    elif in_force.is_identity and not motor.any():
+        yield "no calibration was in force: readings are as they were measured"
+    if np.any(offsets[-1] != compass.parameters[int(compass.version[-1])].offset):
+        yield (
+            "the offsets logged beside its readings are not those of its parameters, and are taken instead: they were "
+            "learned on the way, or DIA, ODI and SCALE are those of another compass"
+        )
+    if motor.any():
+        largest = float(np.linalg.norm(motor, axis=1).max())
+        order = "" if np.array_equal(in_force.iron, np.eye(3)) else ", as newer firmware adds it: after DIA and ODI"
+        yield f"its motor compensation of up to {largest:.0f} mG is taken off{order}"
+    if ill:
+        yield f"{counted(ill, 'reading')} of an unhealthy compass left out"
+    if off := unused(values, number):
+        yield off
+
+
+def _healthy(mag: Table) -> tuple[Table, int]:
+    """Leave out what was logged while the compass did not answer, unless that is everything; and count it."""
+    if "Health" not in mag.labels:
+        return mag, 0
+    well = mag.column("Health") != 0
+    return (mag.only(well), int((~well).sum())) if well.any() else (mag, 0)
+
+
+def _history(parm: Table | None, source: str) -> History:
+    """Parameters of the log, as they were told."""
+    if parm is None or not {"Name", "Value"} <= set(parm.labels):
+        return History()
+    return History.of(zip(parm.where.tolist(), parm.texts("Name"), parm.column("Value").tolist(), strict=True), source)
+
+
+def _beside(messages: Messages) -> tuple[_Others, ...]:
+    """Find what stands beside readings: the first IMU and the first battery."""
+    found: list[_Others] = []
+    if (imu := _first(messages.get("IMU"))) is not None:
+        columns = {
+            name: (tuple(f"{prefix}{axis}" for axis in "XYZ"), 1.0)
+            for name, prefix in (("acceleration", "Acc"), ("rate", "Gyr"))
+            if _has(imu, prefix)
+        }
+        if label := _label(imu, ("T", "Temp")):
+            columns["temperature"] = ((label,), 1.0)
+        found.append(_Others(imu, columns))
+    battery = _first(messages.get("BAT") or messages.get("CURR"))
+    if battery is not None and "Curr" in battery.labels and np.nan_to_num(battery.column("Curr")).any():
+        found.append(_Others(battery, {"current": (("Curr",), 0.01 if battery.is_whole("Curr") else 1.0)}))
+    return tuple(each for each in found if _clock(each.table) is not None)
+
+
+def _position(messages: Messages) -> Position | None:
+    """Where the log was made: the origin of its navigation, else its first position, else its first fix."""
+    for name in ("ORGN", "POS", "GPS"):
+        table = messages.get(name)
+        if table is None or not {"Lat", "Lng"} <= set(table.labels):
+            continue
+        where = np.column_stack([table.column(label) for label in ("Lat", "Lng")])
+        usable = np.all(np.isfinite(where) & (np.abs(where) <= [90, 180]), axis=1) & np.any(where != 0, axis=1)
+        if name == "GPS" and "Status" in table.labels:
+            usable &= table.column("Status") >= FIX
+        if usable.any():
+            row = int(np.argmax(usable))
+            altitude = float(table.column("Alt")[row]) if "Alt" in table.labels else 0.0
+            latitude, longitude = where[row].tolist()
+            return Position(latitude, longitude, altitude if abs(altitude) < HIGHEST_M else 0.0)
+    return None
+
+
+def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime | None:
+    """UTC of the first reading, from the first GPS fix."""
+    gps = messages.get("GPS")
+    if gps is None:
+        return None
+    week, since = _label(gps, ("GWk", "Week")), _label(gps, ("GMS", "TimeMS"))
+    own = "TimeUS" if "TimeUS" in gps.labels else "T"
+    if week is None or since is None or own not in gps.labels or "Status" not in gps.labels:
+        return None
+    weeks, of_week, clock = gps.column(week), gps.column(since), gps.column(own)
+    fixed = (gps.column("Status") >= FIX) & (weeks > 0) & (weeks < LAST_WEEK)
+    fixed &= (np.abs(of_week) < LAST_WEEK * WEEK_MS) & (np.abs(clock) < LAST_WEEK * WEEK_MS)
+    if not fixed.any():
+        return None
+    row = int(np.argmax(fixed))
+    told = GPS_EPOCH + timedelta(weeks=float(weeks[row]), milliseconds=float(of_week[row]))
+    utc = told - timedelta(seconds=next((leap for day, leap in LEAPS if told >= day), EARLIER_LEAP))
+    at = float(clock[row]) * (1e-6 if own == "TimeUS" else 1e-3)
+    first = min((one.beginning for one in instruments), default=np.nan)
+    return utc - timedelta(seconds=at - first) if abs(at - first) < WEEK_MS else utc
+
+
+def _notes(messages: Messages, size: int) -> tuple[str, ...]:
+    """What to know about the file."""
+    notes = []
+    told = messages.get("MSG")
+    if told is not None and "Message" in told.labels:
+        notes.append(f"firmware: {told.texts('Message')[0]}")
+    if messages.get("PARM") is None:
+        notes.append("no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered")
+    if messages.strays:
+        listed = isinstance(next(iter(messages.tables.values())), Listed)
+        kind = "line" if listed else "byte"
+        of = "" if listed else f" of {size:,}"
+        notes.append(
+            f"{counted(messages.strays, kind)}{of} in {counted(messages.gaps, 'place')} belong to no message: skipped"
+        )
+    return tuple(notes)
+
+
+def _first(table: Table | None) -> Table | None:
+    """Messages of the first instance."""
+    if table is None or (label := _label(table, INSTANCE)) is None:
+        return table
+    instances = table.column(label)
+    return table.only(instances == instances.min())
+
+
+def _label(table: Table, labels: tuple[str, ...]) -> str | None:
+    return next((label for label in labels if label in table.labels), None)
+
+
+def _has(table: Table, prefix: str) -> bool:
+    return all(f"{prefix}{axis}" in table.labels for axis in "XYZ")
+
+
+def _triple(table: Table, prefix: str) -> Floats:
+    """(N, 3) of the fields that begin so."""
+    return np.column_stack([table.column(f"{prefix}{axis}") for axis in "XYZ"])
+
+
+def _clock(table: Table) -> Floats | None:
+    """(N,) s since the vehicle was turned on, where it is logged."""
+    return _seconds(table) if _label(table, CLOCKS) else None
+
+
+def _seconds(table: Table) -> Floats:
+    """(N,) s since the vehicle was turned on."""
+    label = "TimeUS" if "TimeUS" in table.labels else "TimeMS"
+    return table.column(label) * (1e-6 if label == "TimeUS" else 1e-3)

@@ -1,0 +1,137 @@
+r"""Parquet tables and Arrow files (IPC, Feather version 2), column by column and a row group at a time.
+
+Columns are recognised by the same names as those of text; a column of three, ``mag`` of fixed lists, is three columns.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.readers._extras import needs, reading
+from flinders.readers._table import WIDEST, Table, TableRecording, open_table
+from flinders.samples import BLOCK
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.readers._source import File
+
+PARQUET: Final = b"PAR1"
+ARROW: Final = b"ARROW1\x00\x00"
+
+
+def sniff_parquet(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is a Parquet table."""
+    return head.startswith(PARQUET)
+
+
+def sniff_arrow(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is an Arrow file."""
+    return head.startswith(ARROW)
+
+
+def open_parquet(file: File, **options: Any) -> TableRecording:
+    """Open a Parquet table.
+
+    Parameters
+    ----------
+    file : File
+    **options
+        As `open_table`.
+
+    Raises
+    ------
+    MissingExtra
+        Where pyarrow is not installed.
+    UnreadableInput
+        For a file that is broken or cut short.
+    NoMagnetometer
+        Where it is not clear which columns are the magnetometer.
+    """
+    kind = "a Parquet table"
+    parquet = needs("pyarrow.parquet", "parquet", kind)
+    with reading(file.name, kind):
+        opened = parquet.ParquetFile(file.path, memory_map=True)
+        schema, length = opened.schema_arrow, opened.metadata.num_rows
+
+    def batches(names: list[str]) -> Iterator[Any]:
+        with reading(file.name, kind):
+            yield from parquet.ParquetFile(file.path, memory_map=True).iter_batches(BLOCK, columns=names)
+
+    return open_table(file, _table("Parquet", schema, length, batches, file.name), **options)
+
+
+def open_arrow(file: File, **options: Any) -> TableRecording:
+    """Open an Arrow file, or Feather of version 2; parameters and errors as `open_parquet`."""
+    kind = "an Arrow file"
+    ipc, arrow = needs("pyarrow.ipc", "parquet", kind), needs("pyarrow", "parquet", kind)
+
+    def opened() -> Any:  # noqa: ANN401 - pyarrow ships no types
+        return ipc.open_file(arrow.memory_map(str(file.path)))
+
+    def batches(names: list[str]) -> Iterator[Any]:
+        with reading(file.name, kind):
+            whole = opened()
+            for number in range(whole.num_record_batches):
+                batch = whole.get_batch(number).select(names)
+                batch.validate(full=True)
+                yield from (batch.slice(start, BLOCK) for start in range(0, batch.num_rows, BLOCK))
+
+    with reading(file.name, kind):
+        schema = opened().schema
+        length = sum(opened().get_batch(number).num_rows for number in range(opened().num_record_batches))
+    return open_table(file, _table("Arrow", schema, length, batches, file.name), **options)
+
+
+def _table(
+    kind: str,
+    schema: Any,  # noqa: ANN401
+    length: int,
+    batches: Callable[[list[str]], Iterator[Any]],
+    source: str,
+) -> Table:
+    """Make a table of the columns that hold numbers or times."""
+    places = [
+        (field.name, part, name)
+        for field in schema
+        for part, name in _parts(field)
+        if schema.get_field_index(field.name) >= 0  # two of one name cannot be asked for
+    ][:WIDEST]
+
+    def rows(cells: Sequence[int]) -> Iterator[Floats]:
+        wanted = [places[cell] for cell in cells]
+        for batch in batches(sorted({column for column, _, _ in wanted})):
+            with reading(source, f"a table of {kind}"):
+                block = np.stack([_values(batch.column(column), part) for column, part, _ in wanted], axis=1)
+            if len(block):
+                yield block
+
+    return Table(kind, tuple(name for _, _, name in places), len(places), length if places else 0, rows)
+
+
+def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
+    """The columns that a field makes: itself, three of a fixed list of three, none where it holds no numbers."""
+    kind = field.type
+    text = str(kind)
+    if text.startswith("fixed_size_list<") and text.endswith("[3]"):
+        return [(part, f"{field.name}.{axis}") for part, axis in enumerate("xyz")]
+    numeric = text.startswith(("int", "uint", "float", "double", "halffloat", "bool", "timestamp", "decimal"))
+    return [(None, field.name)] if numeric else []
+
+
+def _values(column: Any, part: int | None) -> Floats:  # noqa: ANN401
+    """One column as float, NaN where it is null; a time in nanoseconds since 1970."""
+    if part is not None:
+        column = column.flatten().take(_every_third(part, len(column)))
+    if str(column.type).startswith("timestamp"):
+        column = column.cast("timestamp[ns]").cast("int64")
+    values = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
+    return np.asarray(values, dtype=np.float64)
+
+
+def _every_third(part: int, length: int) -> Any:  # noqa: ANN401
+    arrow = needs("pyarrow", "parquet", "a table")
+    return arrow.array(np.arange(part, 3 * length, 3))

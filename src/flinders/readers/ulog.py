@@ -1,0 +1,557 @@
+"""PX4 logs (``.ulg``), read with pyulog.
+
+Four topics may hold a magnetometer, and each is offered where it holds more than the one before it:
+
+- ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. From version 1.12 on it is what the
+  compass read; up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is taken off here.
+- ``vehicle_magnetometer``: corrected and in the axes of the vehicle. The correction is taken off with the parameters
+  of the compass that it says, or the one that ``sensor_selection`` or CAL_MAG_PRIME names. What the estimator learned
+  in flight, which versions from 1.13 on may take off as well, and COMP, which needs throttle or current, stay on it.
+- ``sensor_combined.magnetometer_ga`` of logs up to 2018: as ``vehicle_magnetometer``, repeated at the rate of the gyro.
+- ``mag_worker_data``: the points of a calibration on board, one instance a compass (field order not verified on a log).
+
+Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the current of the first
+battery that knows one, all at the time of the reading, and the compass's own temperature. Acceleration is specific
+force in axes forward, right, down, as `Samples` wants it; where the sensor is turned against the vehicle both are
+turned into its axes, and left out where nothing says how it sits.
+
+Times are seconds since the autopilot started.
+
+Sources: PX4 ``msg/*.msg``; ULog file format, version 1 (docs.px4.io); that ``sensor_mag`` was corrected up to 1.11
+stands in ``PX4Magnetometer::update`` of those versions, and a log of 1.11 shows it (`tests/truth/test_px4.py`).
+"""
+
+from __future__ import annotations
+
+import io
+import mmap
+from collections import Counter
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.conventions import px4
+from flinders.errors import ArrayError, UnreadableInput, counted, figures
+from flinders.readers._beside import Beside, along, numbered
+from flinders.readers._extras import needs, reading
+from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.samples import BLOCK, Samples
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from flinders.arrays import Floats
+    from flinders.readers._source import File
+
+KIND: Final = "a PX4 ULog"
+MAGIC: Final = b"ULog\x01\x12\x35"
+SYNC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+HEADER: Final = 16
+"""Bytes before the first message."""
+TAIL: Final = 1 << 24
+"""Bytes at the end in which the last mark is looked for; newer loggers write them throughout."""
+GAUSS: Final = Unit.of("G")
+
+TOPICS: Final = (
+    "sensor_mag", "vehicle_magnetometer", "sensor_combined", "mag_worker_data", "sensor_selection", "vehicle_imu",
+    "battery_status", "vehicle_gps_position", "sensor_gps",
+)  # fmt: skip
+"""All that is read of a log: the rest never comes into memory."""
+
+INVALID_RELATIVE: Final = 0x7FFFFFFF
+"""``magnetometer_timestamp_relative`` of a row without a magnetometer."""
+RAW_SINCE: Final = (1, 12)
+"""Version from which on ``sensor_mag`` is what the compass read."""
+MOST_FIELDS: Final = 20_000
+"""Columns of all topics together, beyond which definitions are those of no autopilot."""
+DEEPEST: Final = 8
+"""Topics within topics; PX4 has two."""
+MOST_STAGES: Final = 100
+"""Sets of parameters in one log; each calibration on board makes one or two."""
+MUCH_MORE: Final = 1.5
+"""How many times the readings of ``sensor_mag`` another topic needs, so that it is worth un-applying."""
+EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
+
+
+def sniff_ulog(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is a ULog."""
+    return head.startswith(MAGIC)
+
+
+def open_ulog(file: File) -> Log:
+    """Open a PX4 log.
+
+    Parameters
+    ----------
+    file : File
+        On the disk, and not packed.
+
+    Returns
+    -------
+    Log
+        Without instruments where it holds no magnetometer.
+
+    Raises
+    ------
+    MissingExtra
+        Where pyulog is not installed.
+    UnreadableInput
+        For what is no ULog, or broken so that nothing can be read.
+    """
+    pyulog = needs("pyulog", "px4", KIND)
+    with reading(file.name, KIND):
+        flight = _Flight.of(_parsed(pyulog, file))
+        instruments = [*_sensor_mag(file.name, flight)]
+        for derived in (_vehicle_magnetometer, _sensor_combined, _mag_worker_data):
+            found = [*derived(file.name, flight)]
+            most = max((one.readings or 0 for one in instruments), default=0)
+            if max((one.readings or 0 for one in found), default=0) > MUCH_MORE * most:
+                instruments = [*found, *instruments]
+        return Log(
+            file.name,
+            "PX4 ULog",
+            tuple(instruments),
+            position=_position(flight),
+            begun=_begun(flight),
+            notes=_notes(file, flight),
+        )
+
+
+# the file
+
+
+class _Bounded(io.BufferedReader):
+    """A file that is not gone over again and again: pyulog looks for sound messages byte by byte in a broken one."""
+
+    def __init__(self, raw: io.FileIO, name: str, size: int) -> None:
+        super().__init__(raw, 1 << 16)
+        self._file, self._left = name, 16 * size + (1 << 26)
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        before = self.tell()
+        after = super().seek(offset, whence)
+        self._left -= max(before - after, 0) + 64
+        if self._left < 0:
+            raise UnreadableInput(
+                f"{self._file} is broken from byte {after:,} on, and no end of it is found: copy it again"
+            )
+        return after
+
+
+def _parsed(pyulog: Any, file: File) -> Any:  # noqa: ANN401 - pyulog has no types
+    """Let pyulog read the topics that are wanted; what it would print is not printed."""
+    with redirect_stdout(io.StringIO()), _Bounded(io.FileIO(file.path), file.name, file.size) as handle:
+        return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(TOPICS))
+
+
+def _guarded(ulog: type[Any]) -> type[Any]:
+    """A parser that refuses definitions which nest into more columns than memory holds; as pyulog does broken ones."""
+    left = MOST_FIELDS
+    whole = ulog._MessageAddLogged  # the one place where columns are made
+
+    class Subscription(whole):  # type: ignore[misc, valid-type]
+        def _parse_format(self, message_formats: Mapping[str, Any]) -> None:
+            nonlocal left
+            left -= _columns(self.message_name, message_formats, left)
+            super()._parse_format(message_formats)
+
+    return type("Guarded", (ulog,), {"_MessageAddLogged": Subscription})
+
+
+def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -> int:
+    """Count the columns of a topic, without making them.
+
+    Raises
+    ------
+    ValueError
+        Where there are more than so many, or topics nest in a circle.
+    """
+    total = 0
+    for kind, length, _ in formats[name].fields:
+        inner = _columns(kind, formats, most, depth + 1) if kind in formats and depth < DEEPEST else 1
+        total += max(length, 1) * max(inner, 1)
+        if total > most or depth == DEEPEST:
+            raise ValueError(f"{name} has more than {most} columns, or nests in a circle")
+    return total
+
+
+def _is_cut(file: File) -> bool:
+    """Tell whether the last message is not whole: messages are gone through from the last mark on."""
+    if file.size <= HEADER:
+        return True
+    with file.path.open("rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        size = len(content)
+        place = max(content.rfind(SYNC, max(size - TAIL, 0)) + len(SYNC), HEADER)
+        while place + 3 <= size:
+            place += 3 + content[place] + (content[place + 1] << 8)
+    return place != size
+
+
+# what it holds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Flight:
+    """What the topics hold, and which parameters were in force when.
+
+    Attributes
+    ----------
+    log : pyulog.ULog
+    topics : dict
+        By name and instance.
+    stages : tuple of (float, dict)
+        From which time on, in s, and the parameters of the compasses and of the board.
+    """
+
+    log: Any
+    topics: Mapping[tuple[str, int], Mapping[str, Any]]
+    stages: tuple[tuple[float, Mapping[str, float]], ...]
+    acceleration: Beside | None = None
+    rate: Beside | None = None
+    current: Beside | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @classmethod
+    def of(cls, log: Any) -> _Flight:  # noqa: ANN401
+        """Take what pyulog read."""
+        topics = {(one.name, one.multi_id): one.data for one in log.data_list}
+        acceleration, rate = _imu(topics)
+        return cls(log, topics, _stages(log), acceleration, rate, _current(topics))
+
+    def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
+        """Go through the instances of a topic, in order."""
+        for (topic, instance), columns in sorted(self.topics.items(), key=lambda item: item[0]):
+            if topic == name:
+                yield instance, columns
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The parameters at the end."""
+        return self.stages[-1][1]
+
+    @property
+    def version(self) -> tuple[int, int] | None:
+        """Major and minor number of the release, where the log has them."""
+        packed = self.log.msg_info_dict.get("ver_sw_release")
+        return (packed >> 24 & 0xFF, packed >> 16 & 0xFF) if isinstance(packed, int) and packed > 0 else None
+
+    @property
+    def is_raw(self) -> bool:
+        """Whether ``sensor_mag`` is what the compass read: parameters of one time or the other tell, else the version.
+
+        PX4 logs the parameters that it uses, so that a log of 1.12 on with a calibration in it has those below.
+        """
+        if any(name.startswith("CAL_MAG") and name.endswith(("ODIAG", "_PRIO")) for name in self.values):
+            return True
+        if any(name.startswith("CAL_MAG") and name.endswith("_EN") for name in self.values):
+            return False
+        return self.version is not None and self.version >= RAW_SINCE
+
+
+def _stages(log: Any) -> tuple[tuple[float, Mapping[str, float]], ...]:  # noqa: ANN401
+    """Which parameters of the compasses were in force from when on; changes within a second count as one."""
+
+    def matters(name: str, value: object) -> bool:
+        return name.startswith(("CAL_MAG", "SENS_BOARD")) and isinstance(value, (int, float))
+
+    held: dict[str, float] = {name: value for name, value in log.initial_parameters.items() if matters(name, value)}
+    stages: list[tuple[float, Mapping[str, float]]] = [(-np.inf, dict(held))]
+    for stamp, name, value in log.changed_parameters:
+        if matters(name, value) and held.get(name) != value:
+            held[name] = value
+            if 1e-6 * stamp - stages[-1][0] < 1:
+                stages[-1] = (stages[-1][0], dict(held))
+            elif len(stages) < MOST_STAGES:
+                stages.append((1e-6 * stamp, dict(held)))
+    return tuple(stages)
+
+
+def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
+    """(N, len(names)) of a topic's columns; columns that it has not are NaN."""
+    rows = len(columns["timestamp"])
+    return np.column_stack([np.asarray(columns.get(name, np.full(rows, np.nan)), np.float64) for name in names])
+
+
+def _three(columns: Mapping[str, Any], name: str) -> Floats:
+    """(N, 3) of an array."""
+    return _stack(columns, *(f"{name}[{axis}]" for axis in range(3)))
+
+
+def _seconds(columns: Mapping[str, Any]) -> Floats:
+    """(N,) when it was measured, else when it was logged."""
+    logged = np.asarray(columns["timestamp"], np.float64)
+    measured = np.asarray(columns.get("timestamp_sample", logged), np.float64)
+    return 1e-6 * np.where(measured > 0, measured, logged)
+
+
+def _imu(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> tuple[Beside | None, Beside | None]:
+    """Acceleration in m/s² and rate in rad/s, in the axes of the vehicle."""
+    combined, imu = topics.get(("sensor_combined", 0)), topics.get(("vehicle_imu", 0))
+    if combined is not None:
+        time = _seconds(combined)
+        return Beside.of(time, _three(combined, "accelerometer_m_s2")), Beside.of(time, _three(combined, "gyro_rad"))
+    if imu is None:
+        return None, None
+    time, found = _seconds(imu), []
+    for name in ("velocity", "angle"):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found.append(Beside.of(time, _three(imu, f"delta_{name}") / (1e-6 * _stack(imu, f"delta_{name}_dt"))))
+    return found[0], found[1]
+
+
+def _current(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+    """A of the first battery that knows its current; −1 is what PX4 writes where it does not."""
+    for (name, _), columns in sorted(topics.items(), key=lambda item: item[0]):
+        if name == "battery_status":
+            amperes = _stack(columns, "current_a")
+            found = Beside.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
+            if found is not None:
+                return found
+    return None
+
+
+# the magnetometers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Readings:
+    """What one magnetometer gave, and how what it read is found again.
+
+    Attributes
+    ----------
+    time : (N,) float, s
+    field : (N, 3) float, G
+        As logged.
+    settings : tuple of (float, Parameters)
+        From which time on, in s, and what was applied to `field`, mounting included; empty where nothing was.
+    mounting : (3, 3) float, optional
+        From the axes of `field`, with nothing applied, to those of the vehicle; None where it is not known.
+    is_turned : bool
+        What was logged is in the axes of the vehicle.
+    temperature : (N,) float, °C, optional
+    """
+
+    source: str
+    flight: _Flight
+    time: Floats
+    field: Floats
+    settings: tuple[tuple[float, px4.Parameters], ...] = ()
+    mounting: Floats | None = None
+    is_turned: bool = False
+    temperature: Floats | None = None
+
+    def blocks(self, as_logged: bool) -> Iterator[Samples]:
+        """Yield the readings from the first on."""
+        turn = np.eye(3) if self.is_turned and as_logged else self.mounting
+        back = None if turn is None else turn.T
+        for start in range(0, len(self.time), BLOCK):
+            rows = slice(start, start + BLOCK)
+            time = self.time[rows]
+            known = turn is not None
+            current = along(self.flight.current, time)
+            samples = Samples.of(
+                self.field[rows] if as_logged else self.unapplied(time, self.field[rows]),
+                unit=GAUSS,
+                time=time,
+                acceleration=along(self.flight.acceleration, time, back) if known else None,
+                rate=along(self.flight.rate, time, back) if known else None,
+                current=None if current is None else current[:, 0],
+                temperature=None if self.temperature is None else self.temperature[rows],
+                source=self.source,
+            )
+            yield numbered(samples, start)
+
+    def unapplied(self, time: Floats, field: Floats) -> Floats:
+        """(N, 3) G, each with the parameters that were in force."""
+        if not self.settings:
+            return field
+        stage = np.searchsorted([since for since, _ in self.settings], time, side="right") - 1
+        found = np.empty_like(field)
+        for number in np.unique(stage):
+            rows = stage == number
+            found[rows] = self.settings[max(int(number), 0)][1].unapply(field[rows])
+        return found
+
+
+def _sensor_mag(source: str, flight: _Flight) -> Iterator[Instrument]:
+    """Each compass, before or, up to version 1.11, after its own calibration."""
+    for instance, columns in flight.instances("sensor_mag"):
+        device = _device(columns)
+        parameters = px4.of_device(flight.values, device)
+        temperature = _stack(columns, "temperature")[:, 0]
+        readings = _Readings(
+            source,
+            flight,
+            _seconds(columns),
+            _stack(columns, "x", "y", "z"),
+            mounting=None if parameters is None else parameters.mounting,
+            temperature=temperature if np.isfinite(temperature).any() else None,
+        )
+        name = f"sensor_mag {instance}" + (f" (device {device})" if device else "")
+        if not flight.is_raw:
+            readings = replace(readings, settings=_settings(flight, device, turned=False))
+        yield _instrument(name, readings, parameters)
+
+
+def _vehicle_magnetometer(source: str, flight: _Flight) -> Iterator[Instrument]:
+    """What the vehicle steered by, with the correction of the compass that it came from."""
+    for instance, columns in flight.instances("vehicle_magnetometer"):
+        readings = _Readings(source, flight, _seconds(columns), _three(columns, "magnetometer_ga"))
+        yield _corrected(f"vehicle_magnetometer {instance}", readings, _device(columns) or _selected(flight))
+
+
+def _sensor_combined(source: str, flight: _Flight) -> Iterator[Instrument]:
+    """The same of old logs, without its repeats."""
+    columns = flight.topics.get(("sensor_combined", 0), {})
+    if "magnetometer_ga[0]" not in columns:
+        return
+    relative = np.asarray(columns.get("magnetometer_timestamp_relative", 0)).astype(np.int64)
+    measured = np.asarray(columns["timestamp"]).astype(np.int64) + relative
+    new = (relative != INVALID_RELATIVE) & (np.diff(measured, prepend=-1) != 0)
+    readings = _Readings(source, flight, 1e-6 * measured[new], _three(columns, "magnetometer_ga")[new])
+    yield _corrected("sensor_combined.magnetometer_ga", readings, _selected(flight))
+
+
+def _mag_worker_data(source: str, flight: _Flight) -> Iterator[Instrument]:
+    """The points that the calibration on board took, of each compass."""
+    for _, columns in flight.instances("mag_worker_data"):
+        for compass in range(4):
+            count = columns.get(f"calibration_counter_total[{compass}]", np.zeros(0))
+            taken = np.flatnonzero(np.diff(np.asarray(count, np.int64), prepend=0) > 0)
+            if len(taken):
+                field = _stack(columns, *(f"{axis}[{compass}]" for axis in "xyz"))[taken]
+                readings = _Readings(source, flight, _seconds(columns)[taken], field)
+                yield _instrument(f"mag_worker_data {compass}", readings, None)
+
+
+def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
+    """An instrument whose readings were corrected and turned: what that was is taken off where the log says it."""
+    parameters = px4.of_device(readings.flight.values, device)
+    turned = replace(readings, is_turned=True, mounting=np.eye(3))
+    if parameters is None:
+        note = (
+            f"the log does not say which calibration was applied to {name}: readings are as logged, after it and in "
+            "the axes of the vehicle"
+        )
+        return replace(_instrument(name, turned, None), notes=(note,))
+    settings = _settings(readings.flight, device, turned=True)
+    return _instrument(name, replace(turned, settings=settings, mounting=parameters.mounting), parameters)
+
+
+def _instrument(name: str, readings: _Readings, parameters: px4.Parameters | None) -> Instrument:
+    """Say what is known of one magnetometer."""
+    notes = []
+    if readings.mounting is None and (readings.flight.acceleration or readings.flight.rate):
+        notes.append(
+            "no parameters say how this compass is mounted: acceleration and rate are left out, as they are in "
+            "the axes of the vehicle"
+        )
+    if len(readings.settings) > 1:
+        at = ", ".join(f"{since:.0f} s" for since, _ in readings.settings[1:4])
+        notes.append(
+            f"the calibration on board changed at {at}{' …' * (len(readings.settings) > 4)} (since start-up): each "
+            "reading is un-applied with the one that was in force"
+        )
+    if parameters is not None and parameters.compensation.any() and readings.settings and readings.is_turned:
+        notes.append("COMP is not taken off: with the motors running, readings are those after it")
+    stored = None
+    if parameters is not None:
+        stored = Stored(
+            parameters.matrix,
+            parameters.centre,
+            parameters.mounting if readings.is_turned else np.eye(3),
+            parameters.words(),
+            applied=bool(readings.settings),
+        )
+    return Instrument(
+        readings.source,
+        name,
+        GAUSS,
+        partial(_Readings.blocks, readings),
+        stored=stored,
+        readings=int(np.isfinite(readings.field).all(axis=1).sum()),
+        notes=tuple(notes),
+    )
+
+
+def _settings(flight: _Flight, device: int, *, turned: bool) -> tuple[tuple[float, px4.Parameters], ...]:
+    """What was applied to a compass from when on; without the mounting where it had not been turned yet."""
+    found: list[tuple[float, px4.Parameters]] = []
+    for since, values in flight.stages:
+        parameters = px4.of_device(values, device) or px4.Parameters()
+        parameters = replace(parameters, compensation=np.zeros(3))
+        if not turned:
+            parameters = replace(parameters, rotation=px4.INTERNAL, board=np.eye(3))
+        if not np.isfinite(parameters.matrix).all() or np.linalg.matrix_rank(parameters.matrix) < 3:
+            raise ArrayError(f"{parameters.words()} cannot be undone")
+        if not found or parameters.words() != found[-1][1].words():
+            found.append((since, parameters))
+    return tuple(found)
+
+
+def _device(columns: Mapping[str, Any]) -> int:
+    """The number of the compass that most readings come from; 0 where it is not logged."""
+    numbers = Counter(np.asarray(columns.get("device_id", np.zeros(0)), np.int64).tolist())
+    return int(numbers.most_common(1)[0][0]) if numbers else 0
+
+
+def _selected(flight: _Flight) -> int:
+    """The number of the compass that was steered by, where one topic is made of several compasses; 0 if unknown."""
+    selection = flight.topics.get(("sensor_selection", 0), {})
+    chosen = _device({"device_id": selection["mag_device_id"]}) if "mag_device_id" in selection else 0
+    prime = float(flight.values.get("CAL_MAG_PRIME", 0))
+    return chosen or (int(prime) % 2**32 if np.isfinite(prime) else 0)
+
+
+# where, when, and what to know
+
+
+def _position(flight: _Flight) -> Position | None:
+    """The first place with a fix."""
+    columns = flight.topics.get(("vehicle_gps_position", 0)) or flight.topics.get(("sensor_gps", 0))
+    if columns is None:
+        return None
+    degrees = _stack(columns, "latitude_deg", "longitude_deg", "altitude_msl_m")
+    if "lat" in columns:
+        degrees = _stack(columns, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
+    fix = np.asarray(columns.get("fix_type", np.full(len(degrees), 3)), np.float64)
+    inside = (np.abs(degrees[:, 0]) <= 90) & (np.abs(degrees[:, 1]) <= 180) & np.any(degrees[:, :2] != 0, axis=1)
+    usable = np.flatnonzero(inside & (fix >= 2))
+    if not len(usable):
+        return None
+    latitude, longitude, altitude = degrees[usable[0]].tolist()
+    return Position(latitude, longitude, altitude if np.isfinite(altitude) else 0.0)
+
+
+def _begun(flight: _Flight) -> datetime | None:
+    """When the log was begun, by the clock of the satellites."""
+    columns = flight.topics.get(("vehicle_gps_position", 0)) or flight.topics.get(("sensor_gps", 0)) or {}
+    utc = np.asarray(columns.get("time_utc_usec", np.zeros(0)), np.float64)
+    known = np.flatnonzero(utc > 0)
+    if not len(known):
+        return None
+    since = float(utc[known[0]]) - (float(columns["timestamp"][known[0]]) - flight.log.start_timestamp)
+    if not 0 < since < 1e16:
+        return None
+    begun = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since)
+    return begun if EARLIEST < begun < LATEST else None
+
+
+def _notes(file: File, flight: _Flight) -> tuple[str, ...]:
+    """What to know about the file."""
+    notes = []
+    if flight.version is not None:
+        notes.append(f"PX4 {flight.version[0]}.{flight.version[1]}")
+    if flight.log.file_corruption:
+        notes.append("parts of it are broken and were left out: copy it again if you can")
+    elif not flight.log.has_data_appended and _is_cut(file):
+        notes.append("it ends within a message, as after a loss of power: what comes before was read")
+    if lost := flight.log.dropouts:
+        seconds = 1e-3 * sum(one.duration for one in lost)
+        notes.append(f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}")
+    return tuple(notes)

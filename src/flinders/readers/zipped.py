@@ -1,0 +1,117 @@
+r"""ZIP archives of phone loggers (phyphox, Sensor Logger, AndroSensor): the member with the magnetometer.
+
+Of several, the uncalibrated one is taken: what the phone calls calibrated has had hard iron removed by its own rules,
+which change while it records.
+
+>>> import tempfile, zipfile
+>>> from pathlib import Path
+>>> from flinders.readers._source import find
+>>> path = Path(tempfile.mkdtemp()) / "walk.zip"
+>>> with zipfile.ZipFile(path, "w") as archive:
+...     archive.writestr("Magnetometer.csv", "time,seconds_elapsed,z,y,x\n1,0.1,3,2,1\n")
+...     archive.writestr("MagnetometerUncalibrated.csv", "time,seconds_elapsed,z,y,x\n1,0.1,30,20,10\n")
+>>> recording = open_zip(find(path))
+>>> print(recording)
+walk.zip/MagnetometerUncalibrated.csv: columns x, y, z in uT, time in seconds_elapsed; comma-separated
+"""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
+from flinders.readers._lines import shown
+from flinders.readers._source import spooled
+from flinders.readers._unpacking import ZIP, member_chunks, members
+from flinders.readers.text import open_text
+
+if TYPE_CHECKING:
+    import zipfile
+
+    from flinders.readers._source import File
+    from flinders.readers.text import TextRecording
+
+TEXT: Final = (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl")
+RANKED: Final = (
+    ("mag", "uncal"), ("mag", "raw"), ("magnet",), ("mag",), ("compass",), ("raw data",), ("data",),
+)  # fmt: skip
+"""Words in the name of a member, the best first."""
+ASIDE: Final = ("meta", "metadata", "annotation", "__macosx", "device", "readme")
+"""Words in the path of what is no recording."""
+SHEETS: Final = {"[Content_Types].xml": "an Office document", "mimetype": "an OpenDocument file"}
+
+
+def sniff_zip(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is a ZIP archive."""
+    return head.startswith(ZIP)
+
+
+def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRecording:
+    """Open the member of an archive that holds the magnetometer.
+
+    Parameters
+    ----------
+    file : File
+    topic : str, optional
+        The member's name, or a part of it that no other has; by default the one that a phone logger would have
+        written the raw magnetometer to.
+    **options
+        As `flinders.readers.text.open_text`.
+
+    Raises
+    ------
+    NoMagnetometer
+        Where it is not clear which member it is.
+    UnreadableInput
+        For a spreadsheet, an archive that is broken or locked, and one that unpacks to too much.
+    UsageError
+        For a member that there is not.
+    """
+    there = members(file)
+    for name, kind in SHEETS.items():
+        if any(member.filename == name for member in there):
+            raise UnreadableInput(f"{file.name} is {kind}: export the sheet as CSV")
+    member = _asked(file.name, there, topic) if topic is not None else _likely(file.name, there)
+    unpacked = spooled(f"{file.name}/{shown(member.filename)}", member_chunks(file, member))
+    return open_text(unpacked, **options)
+
+
+def _asked(name: str, there: list[zipfile.ZipInfo], topic: str) -> zipfile.ZipInfo:
+    exact = [member for member in there if member.filename.casefold() == topic.strip().casefold()]
+    found = exact or [member for member in there if topic.strip().casefold() in member.filename.casefold()]
+    if len(found) != 1:
+        how = "several members" if found else "no member"
+        raise UsageError(f"{name} has {how} called {topic!r}: there are {_listed(found or there)}")
+    return found[0]
+
+
+def _likely(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
+    """Pick the member that is named like a magnetometer, or the only one that may be a recording."""
+    texts = [member for member in there if _bare(member).endswith(TEXT) and not _is_aside(member.filename)]
+    for words in RANKED:
+        found = [member for member in texts if all(word in _bare(member) for word in words)]
+        if found:
+            return found[0]
+    if len(texts) == 1:
+        return texts[0]
+    if not texts:
+        raise NoMagnetometer(f"{name} has no text recording in it: it holds {_listed(there)}; unpack it")
+    raise NoMagnetometer(
+        f"{name} has {len(texts)} recordings, and none is named like a magnetometer: {_listed(texts)}; "
+        "say which with --topic"
+    )
+
+
+def _bare(member: zipfile.ZipInfo) -> str:
+    return PurePosixPath(member.filename).name.casefold()
+
+
+def _is_aside(path: str) -> bool:
+    parts = [PurePosixPath(part).stem for part in path.casefold().split("/")]
+    return any(part in ASIDE or part.startswith(".") for part in parts)
+
+
+def _listed(members: list[zipfile.ZipInfo]) -> str:
+    names = [shown(member.filename) for member in members]
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") or "nothing"

@@ -1,0 +1,304 @@
+"""What a recording holds, as a page for the terminal; and the table of a run over all magnetometers of a log.
+
+>>> written_time(0.5), written_time(75.0), written_time(7325.0)
+('0.50 s', '1 min 15 s', '2 h 2 min 5 s')
+>>> likely_unit(48.0, "counts"), likely_unit(480.0, "counts"), likely_unit(3.0, "counts"), likely_unit(48.0, "uT")
+('uT', 'mG', '', '')
+"""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.errors import FitError, counted, figures
+from flinders.report.text import COLOURS, degrees
+from flinders.units import COUNTS, PER_UNIT, label
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import RenderableType
+
+    from flinders.geomag import SiteField
+    from flinders.result import Fit
+
+EARTH: Final = (20.0, 70.0)
+"""Strengths of the earth's field at its surface, in µT, from the South Atlantic to the poles, with a little room."""
+GAP: Final = 5.0
+"""Usual steps from one reading to the next that make a gap."""
+STALE: Final = 0.02
+"""Share of readings that repeat the one before from which on it is worth a word."""
+OFF: Final = 0.25
+"""Of the field there: what a measured strength may differ by, with iron on board, before it is worth a word."""
+TITLES: Final = 11
+MARKED: Final = {"!": "yellow", "·": "dim"}
+ENOUGH_SEEN: Final = 0.5
+"""Of all directions, below which the size of an ellipsoid is a guess, and not shown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """One magnetometer of a recording.
+
+    Attributes
+    ----------
+    number : int
+        Counted from 1, as ``--sensor`` takes it.
+    name : str
+    unit, inside : str
+        What it is written in, and what `lowest`, `highest` and `strength` are in.
+    readings : int
+    seconds, rate_hz, longest_gap_s : float or None
+        From the first to the last; mean rate but for the longest step; that step, where it is a gap. None without a
+        clock.
+    backward_steps : int
+        Steps of the clock that go back.
+    repeats : int
+        Readings that are equal to the one before.
+    rails : tuple of str
+        Ends of axes at which the sensor was at its limit.
+    lowest, highest : (3,) float
+    stored : str
+        The calibration that was in force, in words.
+    is_as_logged : bool
+        It was left on.
+    beside : tuple of str
+        What was recorded beside it.
+    coverage : float or None
+        Of all directions, seen; None where no ellipsoid fits.
+    strength : float or None
+        Of the field, by that ellipsoid; None where too little is seen.
+    notes : tuple of str
+        What else to know, a sentence each.
+    """
+
+    number: int
+    name: str
+    unit: str
+    inside: str
+    readings: int
+    seconds: float | None = None
+    rate_hz: float | None = None
+    longest_gap_s: float | None = None
+    backward_steps: int = 0
+    repeats: int = 0
+    rails: tuple[str, ...] = ()
+    lowest: tuple[float, ...] = ()
+    highest: tuple[float, ...] = ()
+    stored: str = ""
+    is_as_logged: bool = False
+    beside: tuple[str, ...] = ()
+    coverage: float | None = None
+    strength: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """What a file holds.
+
+    Attributes
+    ----------
+    source, format : str
+    bytes : int or None
+    begun : str or None
+        Date and time, UTC.
+    position : tuple of float or None
+        Latitude and longitude in degrees, north and east positive, and altitude in metres.
+    site : SiteField or None
+        The field that the World Magnetic Model has there.
+    sensors : tuple of Sensor
+    commands : tuple of str
+        What to type next.
+    notes : tuple of str
+    """
+
+    source: str
+    format: str
+    bytes: int | None
+    begun: str | None
+    position: tuple[float, float, float] | None
+    site: SiteField | None
+    sensors: tuple[Sensor, ...]
+    commands: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready, under the names of the attributes."""
+        return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
+
+
+def page(contents: Contents) -> RenderableType:
+    """Lay out what a file holds."""
+    from rich.console import Group
+    from rich.text import Text
+
+    parts: list[RenderableType] = [_grid(_of_the_file(contents))]
+    for sensor in contents.sensors:
+        parts += ["", _grid(_of_a_sensor(sensor, contents.site))]
+    if contents.commands:
+        title = "next" if len(contents.commands) == 1 else "next, one of"
+        parts += ["", Text(title, "bold")]
+        parts += [Text(f"   {command}", no_wrap=True, overflow="ignore") for command in contents.commands]
+    return Group(*parts)
+
+
+def fits(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
+    """Lay out what a run over all magnetometers of a log found: a row each."""
+    from rich import box
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
+    table.add_column("")
+    table.add_column("magnetometer", overflow="fold")
+    for heading in ("readings", "seen", "worst heading"):
+        table.add_column(heading, justify="right")
+    table.add_column("verdict")
+    reasons: list[RenderableType] = []
+    for number, (name, outcome) in enumerate(outcomes, 1):
+        fit: Fit | None = getattr(outcome, "fit", None) if isinstance(outcome, FitError) else outcome
+        verdict = "refused" if fit is None else fit.verdict
+        error = "" if fit is None or verdict == "refused" else degrees(fit.heading_error_deg.worst)
+        cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
+        table.add_row(str(number), name, *cells, error, Text(verdict, COLOURS[verdict]))
+        why = _why(outcome)
+        reasons += [Text(f"  {number} {why}")] * bool(why)
+    return Group("", table, "", *reasons, f"worst heading error, 1 σ, held level; the target is {target_deg:g}°")
+
+
+def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -> tuple[str, ...]:
+    """The commands to type next: for the magnetometer that has seen most and, where there are several, for all."""
+    usable = [sensor for sensor in sensors if sensor.readings]
+    if not usable:
+        return ()
+    best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
+    suggestion = likely_unit(best.strength, best.inside)
+    words = ["flinders", "calibrate", path, *options, *(["--unit", suggestion] if suggestion else [])]
+    if len(sensors) == 1:
+        return (shlex.join([*words, "-o", "calibration.json"]),)
+    one = shlex.join([*words, "--sensor", str(best.number), "-o", "calibration.json"])
+    return one, f"{shlex.join([*words, '--sensor', 'all'])} -o calibration-{{sensor}}.json"
+
+
+def likely_unit(strength: float | None, inside: str) -> str:
+    """The unit in which a strength would be that of the earth, where none is known; nothing where none would do."""
+    if strength is None or inside != COUNTS:
+        return ""
+    low, high = EARTH
+    fitting = [name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high]
+    return fitting[0] if fitting else ""
+
+
+def written_time(seconds: float) -> str:
+    """Write a length of time for people."""
+    if seconds < 60:
+        return f"{figures(seconds, 3 if seconds >= 1 else 2)} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return " ".join(f"{count} {unit}" for count, unit in ((hours, "h"), (minutes, "min"), (rest, "s")) if count)
+
+
+def _of_the_file(contents: Contents) -> list[tuple[str, str]]:
+    size = "" if contents.bytes is None else f", {_written_size(contents.bytes)}"
+    rows = [(contents.source, f"{contents.format}{size}")]
+    if contents.begun:
+        rows.append(("begun", f"{contents.begun} UTC"))
+    if contents.position:
+        latitude, longitude, altitude = contents.position
+        rows.append(("place", f"{latitude:.5f}, {longitude:.5f}, {altitude:.0f} m"))
+    if contents.site:
+        site = contents.site
+        side = "E" if site.declination_deg >= 0 else "W"
+        declination = f"declination {abs(site.declination_deg):.1f}° {side}"
+        told = f"{site.strength:.2f} µT, dip {site.inclination_deg:.1f}°, {declination} ({site.model})"
+        rows.append(("field there", told))
+    return rows + [("·", note) for note in contents.notes]
+
+
+def _of_a_sensor(sensor: Sensor, site: SiteField | None) -> list[tuple[str, str]]:
+    unit = label(sensor.inside)
+    known = f"in {sensor.unit}" + (f", shown in {unit}" if sensor.unit not in {sensor.inside, COUNTS} else "")
+    rows = [(f"{sensor.number}  {sensor.name}", known)]
+    if not sensor.readings:
+        return rows + [("!", note) for note in sensor.notes]
+    rows.append(("readings", _pace(sensor)))
+    if sensor.stored:
+        rows.append(("on board", f"{sensor.stored}; {'left on' if sensor.is_as_logged else 'taken off here'}"))
+    ends = zip("xyz", sensor.lowest, sensor.highest, strict=True)
+    rows.append(("range", "   ".join(f"{axis} {figures(low, 3)} to {figures(high, 3)}" for axis, low, high in ends)))
+    if sensor.coverage is not None:
+        rows.append(("seen", f"{sensor.coverage:.0%} of all directions"))
+    if sensor.strength is not None:
+        share = (
+            ""
+            if site is None or sensor.inside == COUNTS
+            else f", {sensor.strength / site.strength:.2f} of the field there"
+        )
+        rows.append(("strength", f"{figures(sensor.strength, 4)} {unit} by the ellipsoid through them{share}"))
+    rows.append(("beside", ", ".join(sensor.beside) or "nothing"))
+    return rows + [("!", note) for note in _doubts(sensor, site)] + [("·", note) for note in sensor.notes]
+
+
+def _pace(sensor: Sensor) -> str:
+    told = f"{sensor.readings:,}"
+    if sensor.rate_hz is not None and sensor.seconds is not None:
+        told += f" at {figures(sensor.rate_hz, 3)} Hz over {written_time(sensor.seconds)}"
+    return told if sensor.longest_gap_s is None else f"{told}; longest gap {written_time(sensor.longest_gap_s)}"
+
+
+def _doubts(sensor: Sensor, site: SiteField | None) -> list[str]:
+    """What is odd about the readings."""
+    found = []
+    if sensor.repeats > STALE * sensor.readings:
+        found.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
+    if sensor.backward_steps:
+        found.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
+    if sensor.rails:
+        found.append(f"the sensor was at its limit: {', '.join(sensor.rails)}")
+    stuck = [a for a, low, high in zip("xyz", sensor.lowest, sensor.highest, strict=True) if low == high]
+    if stuck:
+        found.append(f"{' and '.join(stuck)} never {'changes' if len(stuck) == 1 else 'change'}: check the wiring")
+    if sensor.strength is not None and sensor.inside != COUNTS:
+        low, high = EARTH if site is None else ((1 - OFF) * site.strength, (1 + OFF) * site.strength)
+        if not low <= sensor.strength <= high:
+            found.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
+    return found
+
+
+def _why(outcome: Fit | FitError) -> str:
+    """Why a fit was refused, in a line."""
+    if not isinstance(outcome, FitError):
+        return ""
+    fit: Fit | None = getattr(outcome, "fit", None)
+    if fit is None:
+        return str(outcome)
+    return "; ".join(finding.advice.partition(":")[0] for finding in fit.findings if finding.severity == "refuses")
+
+
+def _grid(rows: Sequence[tuple[str, str]]) -> RenderableType:
+    """A title in bold, what is known in two columns, and what to know with its mark before it."""
+    from rich.console import Group
+    from rich.padding import Padding
+    from rich.table import Table
+    from rich.text import Text
+
+    facts, notes = Table.grid(padding=(0, 2)), Table.grid(padding=(0, 1))
+    facts.add_column(width=TITLES, no_wrap=True)
+    for title, text in rows[1:]:
+        if title in MARKED:
+            notes.add_row(Text(title, MARKED[title]), Text(text, "" if title == "!" else "dim"))
+        else:
+            facts.add_row(Text(title, "dim"), Text(text))
+    parts = [Padding(grid, (0, 0, 0, 3)) for grid in (facts, notes) if grid.row_count]
+    return Group(Text.assemble((rows[0][0], "bold"), f"  {rows[0][1]}"), *parts)
+
+
+def _written_size(size: int) -> str:
+    for unit, least in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if size >= least:
+            return f"{figures(size / least)} {unit}"
+    return f"{size} bytes"

@@ -1,0 +1,579 @@
+"""ArduPilot: its formula by hand, its mountings, its logs; a log written here comes back as it was measured."""
+
+from __future__ import annotations
+
+import gzip
+import struct
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders import simulate
+from flinders.calibration import Calibration
+from flinders.conventions import ardupilot
+from flinders.conventions._rotations import euler
+from flinders.conventions.ardupilot import BY_CURRENT, Parameters, parse, rotation
+from flinders.errors import (
+    ArrayError,
+    InputError,
+    NoMagnetometer,
+    NotExportable,
+    UnitError,
+    UnreadableInput,
+    UsageError,
+)
+from flinders.readers import _fmt, dataflash
+from flinders.readers._source import File, find, on_disk
+from flinders.readers.dataflash import open_dataflash, sniff_dataflash
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+    from flinders.readers import Instrument, Log
+
+MICROTESLA = Unit.of("uT")
+
+
+def calibration(matrix: object, offset: object = (0, 0, 0), strength: float = 50.0, **more: object) -> Calibration:
+    return Calibration(np.array(matrix, float), np.array(offset, float), strength, raw=MICROTESLA, **more)  # type: ignore[arg-type]
+
+
+# the formula
+
+
+def vehicle(values: dict[str, float], reading: Iterable[float], drive: float = 0.0) -> list[float]:
+    """The formula of `correct_field` one line after the other, from bare parameters of the first compass."""
+    x, y, z = (value + values[f"COMPASS_OFS_{axis}"] for value, axis in zip(reading, "XYZ", strict=True))
+    scale = values["COMPASS_SCALE"]
+    if 1 / 1.5 <= scale <= 1.5:
+        x, y, z = x * scale, y * scale, z * scale
+    dx, dy, dz = (values[f"COMPASS_DIA_{axis}"] for axis in "XYZ")
+    if dx == dy == dz == 0:
+        dx = dy = dz = 1.0
+    xy, xz, yz = (values[f"COMPASS_ODI_{axis}"] for axis in "XYZ")
+    turned = [dx * x + xy * y + xz * z, xy * x + dy * y + yz * z, xz * x + yz * y + dz * z]
+    on = values.get("COMPASS_MOTCT", 0) in (1, 2)
+    return [one + on * drive * values.get(f"COMPASS_MOT_{axis}", 0.0) for one, axis in zip(turned, "XYZ", strict=True)]
+
+
+EXAMPLE = parse("""
+COMPASS_OFS_X,-97.5
+COMPASS_OFS_Y,118
+COMPASS_OFS_Z,213.25
+COMPASS_DIA_X,0.9957
+COMPASS_DIA_Y,1.0081
+COMPASS_DIA_Z,1.0027
+COMPASS_ODI_X,0.0183
+COMPASS_ODI_Y,-0.0027
+COMPASS_ODI_Z,-0.0042
+COMPASS_SCALE,1.1
+COMPASS_MOT_X,3.5
+COMPASS_MOT_Y,-1
+COMPASS_MOT_Z,0.25
+COMPASS_MOTCT,2
+""")
+
+
+@pytest.mark.parametrize("change", [{}, {"COMPASS_SCALE": 0.0}, {"COMPASS_SCALE": 1.6}, {"COMPASS_MOTCT": 0.0},
+                                    {f"COMPASS_DIA_{axis}": 0.0 for axis in "XYZ"}])  # fmt: skip
+def test_readings_are_corrected_line_by_line_as_the_vehicle_does(change: dict[str, float]) -> None:
+    values = EXAMPLE | change
+    found = Parameters.read(values)
+    for reading in simulate.uniform(np.random.default_rng(1), 50) * 520:
+        npt.assert_allclose(found.apply(reading, 12.5), vehicle(values, reading, 12.5), atol=1e-9)
+        npt.assert_allclose(found.unapply(vehicle(values, reading, 12.5), 12.5), reading, atol=1e-9)
+
+
+def test_a_formula_worked_by_hand() -> None:
+    """(100 − 20) · 1.25 = 100 on x; 100 · 1 + 0.1 · 0 on x and 0.1 · 100 on y; and 3 mG/A · 2 A on x."""
+    found = Parameters(
+        offset=np.array([-20.0, 0, 0]),
+        off_diagonal=np.array([0.1, 0, 0]),
+        scale=1.25,
+        motor=np.array([3.0, 0, 0]),
+        motor_by=BY_CURRENT,
+    )
+    npt.assert_allclose(found.apply([100.0, 0, 0], 2.0), [106.0, 10.0, 0.0])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_what_a_vehicle_does_with_what_is_written_is_the_calibration_to_a_float32(seed: int) -> None:
+    sensor = simulate.Sensor.random(np.random.default_rng(seed))
+    given = Calibration.from_ellipsoid(sensor.offset, sensor.matrix @ sensor.matrix.T * 45, raw=MICROTESLA)
+    written = dict(Parameters.of(given).rows())
+    raw = given.unapply(given.field_strength * simulate.uniform(np.random.default_rng(seed), 100))
+    for reading, expected in zip(10 * raw, 10 * given.apply(raw), strict=True):
+        npt.assert_allclose(vehicle(written, reading), expected, atol=1e-3)
+    held = Parameters.of(given).as_held()
+    assert dict(held.rows()) == written
+    npt.assert_allclose(held.to_calibration(given.field_strength).apply(raw), given.apply(raw), atol=1e-4)
+
+
+@pytest.mark.parametrize("orientation", [2, 12, 17, 38, 42])
+def test_a_calibration_in_the_axes_of_the_sensor_is_turned_with_its_mounting(orientation: int) -> None:
+    """Turned and then corrected by the vehicle is corrected by the calibration and then turned."""
+    given = calibration([[1.1, 0.05, 0.02], [0.05, 0.9, 0], [0.02, 0, 1.02]], [12, -30, 7])
+    turn = rotation(orientation)
+    found = Parameters.of(given, mounting=turn, orientation=orientation, external=True)
+    raw = 10 * given.unapply(50 * simulate.uniform(np.random.default_rng(2), 50))
+    npt.assert_allclose(found.apply(raw @ turn.T), 10 * given.apply(raw / 10) @ turn.T, atol=1e-9)
+
+
+def test_names_in_both_schemes() -> None:
+    given = calibration(np.diag([1.1, 1.0, 0.9]), [10, 0, 0])
+    found = Parameters.of(given, compass=3, motor=[1, 2, 3], motor_by=BY_CURRENT)
+    classic, numbered = dict(found.rows()), dict(found.rows("COMPASS2_OFS_X"))
+    assert list(classic) == [
+        "COMPASS_OFS3_X", "COMPASS_OFS3_Y", "COMPASS_OFS3_Z", "COMPASS_DIA3_X", "COMPASS_DIA3_Y", "COMPASS_DIA3_Z",
+        "COMPASS_ODI3_X", "COMPASS_ODI3_Y", "COMPASS_ODI3_Z", "COMPASS_SCALE3",
+        "COMPASS_MOT3_X", "COMPASS_MOT3_Y", "COMPASS_MOT3_Z", "COMPASS_MOTCT",
+    ]  # fmt: skip
+    assert classic["COMPASS_OFS3_X"] == -100.0
+    assert numbered["COMPASS3_OFS_X"] == -100.0
+    for values in (classic, numbered):
+        assert ardupilot.compasses(values) == (3,)
+        npt.assert_allclose(Parameters.read(values, 3).apply([1.0, 2.0, 3.0], 4.0), found.apply([1.0, 2.0, 3.0], 4.0))
+    assert Parameters.read(classic, 1).is_identity
+
+
+def test_values_that_are_not_finite_count_as_not_there() -> None:
+    assert Parameters.read({"COMPASS_OFS_X": np.nan, "COMPASS_DIA_X": np.inf, "COMPASS_ORIENT": np.nan}).is_identity
+
+
+# what does not fit
+
+
+def test_offsets_longer_than_a_vehicle_arms_with_are_refused() -> None:
+    Parameters.of(calibration(np.eye(3), [179.9, 0, 0]))
+    with pytest.raises(NotExportable, match=r"COMPASS_OFS2 would be 1,871 mG long.*at most 1,800") as caught:
+        Parameters.of(calibration(np.eye(3), [180, 51, 0]), compass=2)
+    assert caught.value.beyond == ("COMPASS_OFS2",)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "name"),
+    [
+        (np.diag([2.6, 0.1, 0.3]), "COMPASS_DIA_Y"),
+        (np.array([[1, 1.2, 0], [1.2, 1, 0], [0, 0, 1]]), "COMPASS_ODI_X"),
+        (1.51 * np.eye(3), "COMPASS_SCALE"),
+        (0.66 * np.eye(3), "COMPASS_SCALE"),
+        (np.diag([1.0, 1.0, -2.5]), "COMPASS_SCALE"),
+    ],
+)
+def test_values_that_the_vehicle_does_not_take_are_named(matrix: Floats, name: str) -> None:
+    with pytest.raises(NotExportable, match=name) as caught:
+        Parameters.of(calibration(matrix))
+    assert name in caught.value.beyond
+    wanted = caught.value.evidence["wanted"]
+    assert isinstance(wanted, dict)
+    assert name in wanted
+
+
+def test_a_calibration_that_turns_is_refused_with_its_angle() -> None:
+    turn = euler(0, 0, 3)
+    with pytest.raises(NotExportable, match=r"turns readings by 3\.0°"):
+        Parameters.of(calibration(turn @ np.diag([1.1, 1.0, 0.9]), rotation="estimated"))
+    slight = euler(0, 0, 0.01) @ np.diag([1.1, 1.0, 0.9])
+    assert dict(Parameters.of(calibration(slight, rotation="estimated")).rows())["COMPASS_DIA_X"] == pytest.approx(1.1)
+
+
+def test_counts_and_compasses_that_there_are_not() -> None:
+    with pytest.raises(UnitError, match="--unit mG"):
+        Parameters.of(Calibration(np.eye(3), np.zeros(3), 500.0))
+    with pytest.raises(UsageError, match="compass 4"):
+        Parameters.of(calibration(np.eye(3)), compass=4)
+    with pytest.raises(UsageError, match="motor_by"):
+        Parameters.of(calibration(np.eye(3)), motor=[1, 0, 0])
+    with pytest.raises(UsageError, match="not a rotation"):
+        Parameters.of(calibration(np.eye(3)), mounting=np.diag([1, 1, -1]))
+
+
+def test_what_flattens_cannot_be_undone() -> None:
+    flat = Parameters(diagonal=np.array([1.0, 1.0, 0.0]))
+    with pytest.raises(ArrayError, match=r"COMPASS_DIA 1, 1, 0.*flattens"):
+        flat.unapply([1.0, 2.0, 3.0])
+
+
+# mountings
+
+ORIENTED = {
+    1: lambda x, y, z: ((x - y) / 2**0.5, (x + y) / 2**0.5, z),
+    2: lambda x, y, z: (-y, x, z),
+    4: lambda x, y, z: (-x, -y, z),
+    8: lambda x, y, z: (x, -y, -z),
+    12: lambda x, y, z: (-x, y, -z),
+    16: lambda x, y, z: (x, -z, y),
+    20: lambda x, y, z: (x, z, -y),
+    24: lambda x, y, z: (z, y, -x),
+    25: lambda x, y, z: (-z, y, x),
+    26: lambda x, y, z: (-y, -x, -z),
+    27: lambda x, y, z: (y, x, -z),
+    34: lambda x, y, z: (z, -y, x),
+    36: lambda x, y, z: (z, -x, -y),
+    37: lambda x, y, z: (-z, -x, y),
+    38: lambda x, y, z: (
+        0.143038972 * x + 0.368776487 * y - 0.918446381 * z,
+        -0.332132778 * x - 0.856289421 * y - 0.395545503 * z,
+        -0.932323801 * x + 0.361624570 * y,
+    ),
+    39: lambda x, y, z: ((x - z) / 2**0.5, y, (x + z) / 2**0.5),
+    43: lambda x, y, z: (x, (y + z) / 2**0.5, (z - y) / 2**0.5),
+}  # fmt: skip
+"""Where each axis goes, as `Vector3::rotate` of ArduPilot has it for these numbers."""
+
+
+@pytest.mark.parametrize("orientation", ORIENTED)
+def test_mountings_turn_vectors_as_the_vehicle_does(orientation: int) -> None:
+    vector = np.array([1.0, 2.0, 3.0])
+    npt.assert_allclose(rotation(orientation) @ vector, ORIENTED[orientation](*vector), atol=2e-8)
+
+
+def test_a_rotation_of_ones_own_needs_its_angles() -> None:
+    angles = {"CUST_ROT1_ROLL": 0.0, "CUST_ROT1_PITCH": 0.0, "CUST_ROT1_YAW": 90.0}
+    npt.assert_array_equal(rotation(101, angles), rotation(2))
+    with pytest.raises(UsageError, match="CUST_ROT2_ROLL, CUST_ROT2_PITCH, CUST_ROT2_YAW are not among"):
+        rotation(102, angles)
+    for wrong in (44, 100, -1):
+        with pytest.raises(UsageError, match=f"orientation {wrong} is not known"):
+            rotation(wrong)
+
+
+# parameter files
+
+
+def test_parameter_files_of_three_ground_stations() -> None:
+    told = {"COMPASS_OFS_X": -12.5, "COMPASS_ORIENT": 6.0}
+    assert parse("\ufeffCOMPASS_OFS_X,-12.5\r\nCOMPASS_ORIENT,6\r\n") == told
+    assert parse("# MAVProxy\nCOMPASS_OFS_X    -12.500000\nCOMPASS_ORIENT   6\n\n") == told
+    assert (
+        parse("# Vehicle-Id Component-Id Name Value Type\n1\t1\tCOMPASS_OFS_X\t-12.5\t9\n1\t1\tCOMPASS_ORIENT\t6\t4\n")
+        == told
+    )
+
+
+@pytest.mark.parametrize(
+    "line", ["COMPASS_OFS_X", "COMPASS_OFS_X,", "COMPASS_OFS_X,nan", "12,5", "offset 3", "x" * 500]
+)
+def test_a_line_that_is_no_parameter_is_named(line: str) -> None:
+    with pytest.raises(InputError, match=r"my\.param line 2 is no parameter .*; 1 such line"):
+        parse(f"COMPASS_OFS_Y,3\n{line}\n", "my.param")
+
+
+# logs that are written here
+
+
+class Written:
+    """A DataFlash log in the making."""
+
+    def __init__(self) -> None:
+        self.content = b""
+        self.formats: dict[str, tuple[int, str]] = {}
+        self.describe("FMT", 128, "BBnNZ", "Type,Length,Name,Format,Columns")
+
+    def describe(self, name: str, number: int, letters: str, labels: str) -> None:
+        packed = "<BBB" + "".join({"n": "4s", "N": "16s", "Z": "64s", "L": "i", "c": "h", "C": "H", "e": "i", "E": "I",
+                                   "M": "B"}.get(letter, letter) for letter in letters)  # fmt: skip
+        self.formats[name] = number, packed
+        self.add("FMT", number, struct.calcsize(packed), name.encode(), letters.encode(), labels.encode())
+
+    def add(self, name: str, *values: Any) -> None:
+        number, packed = self.formats[name]
+        self.content += struct.pack(packed, 0xA3, 0x95, number, *values)
+
+
+NEW_MAG = "TimeUS,I,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOX,MOY,MOZ,Health,S"
+
+
+def flight(values: dict[str, float] = EXAMPLE, *, rows: int = 400) -> tuple[Written, Floats, Floats]:
+    """A log of two compasses, an accelerometer and a battery, what the first read in mG, and the times in s."""
+    log = Written()
+    log.describe("PARM", 129, "QNff", "TimeUS,Name,Value,Default")
+    log.describe("MAG", 130, "QBhhhhhhhhhBI", NEW_MAG)
+    log.describe("IMU", 131, "QBffffffIIfBBHH", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz")
+    log.describe("BAT", 132, "QBfffff", "TimeUS,Instance,Volt,VoltR,Curr,CurrTot,EnrgTot")
+    log.describe("ORGN", 133, "QBLLe", "TimeUS,Type,Lat,Lng,Alt")
+    log.describe("GPS", 134, "QBBIHBcLLeffffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U")
+    log.describe("MSG", 135, "QZ", "TimeUS,Message")
+    log.add("MSG", 0, b"ArduRover V4.5.7 (0123abcd)")
+    raw = 480 * simulate.uniform(np.random.default_rng(3), rows)
+    times = 10.0 + 0.1 * np.arange(rows)
+    for name, value in values.items():
+        log.add("PARM", 1, name.encode(), value, 0.0)
+    log.add("ORGN", 2, 0, -353622590, 1491658710, 59700)
+    log.add("GPS", 9_000_000, 0, 1, 0, 0, 0, 99, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0)
+    log.add("GPS", 9_000_000, 0, 3, 86_418_000, 2300, 9, 99, 0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0)
+    for time, reading in zip(times, raw, strict=True):
+        micros, amps = int(time * 1e6), time - 10.0
+        corrected = np.trunc(vehicle(values, reading, amps)).astype(int)
+        offsets = [int(values[f"COMPASS_OFS_{axis}"]) for axis in "XYZ"]
+        motor = [int(amps * values[f"COMPASS_MOT_{axis}"]) for axis in "XYZ"]
+        log.add("IMU", micros - 20_000, 0, time, 0.0, 0.0, 0.0, 0.0, -9.81, 0, 0, 31.5, 1, 1, 1000, 1000)
+        log.add("IMU", micros - 20_000, 1, 77.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0, 0.0, 1, 1, 1000, 1000)
+        log.add("BAT", micros - 10_000, 0, 12.0, 12.0, amps, 0.0, 0.0)
+        log.add("BAT", micros - 10_000, 1, 12.0, 12.0, 99.0, 0.0, 0.0)
+        log.add("MAG", micros, 0, *corrected, *offsets, *motor, 1, micros % 2**32)
+        log.add("MAG", micros, 1, *np.trunc(reading).astype(int), 0, 0, 0, 0, 0, 0, 1, micros % 2**32)
+    return log, raw, times
+
+
+def opened(content: bytes, folder: Path, name: str = "flight.bin") -> Log:
+    path = folder / name
+    path.write_bytes(content)
+    return open_dataflash(File(name, path, len(content)))
+
+
+def all_of(instrument: Instrument, column: str = "field", *, as_logged: bool = False) -> Floats:
+    return np.concatenate([getattr(block, column) for block in instrument.columns(as_logged)])
+
+
+def test_what_the_compass_read_comes_back_to_the_whole_mg_that_was_logged(tmp_path: Path) -> None:
+    """m, MOT x and OFS are cut to whole mG; the parameter gives OFS back, the rest stays: 2 mG through I⁻¹/SCALE."""
+    log, raw, times = flight()
+    found = opened(log.content, tmp_path)
+    first, second = found.instruments
+    assert (first.name, second.name, first.unit.name) == ("MAG 0", "MAG 1", "mG")
+    off = 10 * all_of(first) - raw
+    assert np.abs(off).max() < 1.9
+    assert np.abs(off).max() > 0.5
+    npt.assert_allclose(10 * all_of(second), np.trunc(raw), atol=1e-9)
+    npt.assert_allclose(all_of(first, "time"), times, atol=1e-6)
+    assert second.stored is None
+    assert "no calibration was in force: readings are as they were measured" in second.notes
+    assert first.stored is not None
+    npt.assert_allclose(first.stored.offset, [9.75, -11.8, -21.325])
+    assert first.stored.words.startswith("COMPASS_OFS -97.5, 118, 213.25 mG; COMPASS_DIA 0.9957, 1.0081, 1.0027")
+    assert any("motor compensation of up to 145 mG" in note for note in first.notes)
+    corrected = [vehicle(EXAMPLE, reading, time - 10) for reading, time in zip(raw, times, strict=True)]
+    npt.assert_array_equal(10 * all_of(first, as_logged=True).round(9), np.trunc(corrected))
+
+
+def test_what_stands_beside_a_reading_is_of_its_time_and_of_the_first_sensor(tmp_path: Path) -> None:
+    log, _, times = flight()
+    first = opened(log.content, tmp_path).instruments[0]
+    npt.assert_allclose(all_of(first, "rate")[:-1, 0], times[:-1] + 0.02, atol=1e-5)
+    npt.assert_allclose(all_of(first, "acceleration")[:-1], [[0, 0, -9.81]] * (len(times) - 1), rtol=1e-6)
+    npt.assert_allclose(all_of(first, "temperature")[:-1], 31.5)
+    npt.assert_allclose(all_of(first, "current")[:-1], times[:-1] - 9.99, atol=1e-5)
+
+
+def test_place_date_and_firmware(tmp_path: Path) -> None:
+    """GPS week 2300 begins on 2024-02-04; 86,418 s later, less 18 leap seconds, and 1 s from the fix to the reading."""
+    found = opened(flight()[0].content, tmp_path)
+    assert found.position is not None
+    assert (round(found.position.latitude_deg, 6), round(found.position.longitude_deg, 6)) == (-35.362259, 149.165871)
+    assert found.position.altitude_m == 597.0
+    assert found.begun == datetime(2024, 2, 5, 0, 0, 1, tzinfo=UTC)
+    assert found.notes == ("firmware: ArduRover V4.5.7 (0123abcd)",)
+
+
+def test_parameters_that_change_are_those_of_their_time(tmp_path: Path) -> None:
+    """The first half was corrected with SCALE 1.1, the second with OFS_X 50 and SCALE 0.9."""
+    first, raw, _ = flight()
+    later = EXAMPLE | {"COMPASS_OFS_X": 50.0, "COMPASS_SCALE": 0.9}
+    second, again, _ = flight(later)
+    told = second.content.index(struct.pack("<BBBQ16s", 0xA3, 0x95, 129, 1, b"COMPASS_OFS_X"))
+    compass = opened(first.content + second.content[told:], tmp_path).instruments[0]
+    off = 10 * all_of(compass) - np.concatenate([raw, again])
+    assert np.abs(off).max() < 2.3
+    assert any(note.startswith("its parameters changed 1 time") for note in compass.notes)
+    assert compass.stored is not None
+    assert compass.stored.offset[0] == -5.0
+
+
+def test_offsets_learned_in_flight_are_taken_from_the_messages(tmp_path: Path) -> None:
+    log = Written()
+    log.describe("MAG", 130, "QBhhhhhhhhhBI", NEW_MAG)
+    log.describe("PARM", 129, "QNf", "TimeUS,Name,Value")
+    log.add("PARM", 1, b"COMPASS_OFS_X", 10.5)
+    for step, offset in enumerate((10, 10, 11, 12)):
+        log.add("MAG", 100_000 * step, 0, 300 + offset, 0, 0, offset, 0, 0, 0, 0, 0, 1, 0)
+    compass = opened(log.content, tmp_path).instruments[0]
+    npt.assert_allclose(10 * all_of(compass)[:, 0], [299.5, 299.5, 300.0, 300.0])
+    assert any("changed 2 times" in note for note in compass.notes)
+    assert any("not those of its parameters, and are taken instead" in note for note in compass.notes)
+
+
+def test_old_logs_have_a_name_for_each_compass_and_milliseconds(tmp_path: Path) -> None:
+    log = Written()
+    labels = "TimeMS,MagX,MagY,MagZ,OfsX,OfsY,OfsZ,MOfsX,MOfsY,MOfsZ,Health"
+    for number, name in enumerate(("MAG", "MAG2", "MAG3"), 130):
+        log.describe(name, number, "IhhhhhhhhhB", labels)
+        log.add(name, 11477, number, 4, -586, 10, 0, 0, 0, 0, 2, 1)
+    found = opened(log.content, tmp_path)
+    assert [one.name for one in found.instruments] == ["MAG", "MAG2", "MAG3"]
+    npt.assert_allclose(
+        [10 * all_of(one)[0] for one in found.instruments], [[n - 10, 4, -588] for n in (130, 131, 132)]
+    )
+    assert all_of(found.instruments[0], "time")[0] == pytest.approx(11.477)
+    assert found.position is None
+    assert found.begun is None
+    assert "no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered" in found.notes
+
+
+def test_readings_of_an_unhealthy_compass_are_left_out(tmp_path: Path) -> None:
+    log = Written()
+    log.describe("MAG", 130, "QBhhhhhhhhhBI", NEW_MAG)
+    for step in range(6):
+        log.add("MAG", 100_000 * step, 0, step, 0, 0, 0, 0, 0, 0, 0, 0, int(step % 3 != 0), 0)
+    compass = opened(log.content, tmp_path).instruments[0]
+    npt.assert_allclose(10 * all_of(compass)[:, 0], [1, 2, 4, 5])
+    assert "2 readings of an unhealthy compass left out" in compass.notes
+
+
+def test_a_log_as_text_is_the_same_log(tmp_path: Path) -> None:
+    log, _, _ = flight(rows=50)
+    binary = opened(log.content, tmp_path)
+    text = as_text(log.content)
+    listed = opened(text.encode(), tmp_path, "flight.log")
+    assert sniff_dataflash(text.encode())
+    for one, other in zip(binary.instruments, listed.instruments, strict=True):
+        assert str(one).split(":", 1)[1] == str(other).split(":", 1)[1]
+        for column in ("field", "time", "acceleration", "rate", "current"):
+            npt.assert_allclose(all_of(one, column), all_of(other, column), rtol=1e-6, atol=1e-9)
+    assert (listed.begun, listed.notes) == (binary.begun, binary.notes)
+    assert listed.position is not None
+    assert binary.position is not None
+    assert listed.position.latitude_deg == pytest.approx(binary.position.latitude_deg, abs=1e-9)
+    broken = text.replace("\nMAG, ", "\nMAG, what, ", 1) + "MAG, 1\nno line of a log\n"
+    assert (
+        opened(broken.encode(), tmp_path, "broken.log").notes[-1] == "2 lines in 2 places belong to no message: skipped"
+    )
+
+
+def as_text(content: bytes) -> str:
+    """The lines that a ground station makes of a log."""
+    names = ("FMT", "PARM", "MAG", "IMU", "BAT", "ORGN", "GPS", "MSG")
+    tables = _fmt.read_packed(np.frombuffer(content, np.uint8), names).tables
+    lines: list[tuple[int, str]] = []
+    for name, table in tables.items():
+        assert isinstance(table, _fmt.Packed)
+        cells = [
+            table.texts(label) if letter in "nNZ" else [f"{value:.9g}" for value in table.column(label).tolist()]
+            for label, letter in zip(table.labels, table.format.letters, strict=True)
+        ]
+        lines += [(int(at), ", ".join((name, *row))) for at, *row in zip(table.where, *cells, strict=True)]
+    return "\n".join(line for _, line in sorted(lines)) + "\n"
+
+
+def test_messages_are_found_whatever_the_size_of_the_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    content = flight(rows=100)[0].content
+    content = content[:9000] + b"\xa3\x95\x82 broken" + content[9000:]
+    whole = _fmt.read_packed(np.frombuffer(content, np.uint8), dataflash.WANTED)
+    assert whole.gaps == 1
+    for chunk in (300, 1000, 4097):
+        monkeypatch.setattr(_fmt, "CHUNK", chunk)
+        found = _fmt.read_packed(np.frombuffer(content, np.uint8), dataflash.WANTED)
+        assert (found.strays, list(found.tables)) == (whole.strays, list(whole.tables))
+        for name, table in whole.tables.items():
+            npt.assert_array_equal(found[name].where, table.where)
+
+
+def test_broken_bytes_cost_the_message_before_them_and_those_they_hit(tmp_path: Path) -> None:
+    content = flight(rows=100)[0].content
+    ends = _fmt.read_packed(np.frombuffer(content, np.uint8), ["MAG"])["MAG"].where
+    found = opened(content[: ends[50]] + b"\xa3\x95\x00\xff\xa3" + content[ends[50] :], tmp_path)
+    assert [len(all_of(one)) for one in found.instruments] == [100, 100]
+    assert "in 1 place belong to no message: skipped" in found.notes[-1]
+    hit = bytearray(content)
+    hit[ends[50] + 1] = 0
+    assert sum(len(all_of(one)) for one in opened(bytes(hit), tmp_path).instruments) == 199
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_log_that_was_cut_and_hit_anywhere_is_read_or_refused(seed: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    content = bytearray(flight(rows=60)[0].content)
+    del content[rng.integers(1, len(content)) :]
+    for place in rng.integers(0, len(content), rng.choice([0, 1, 20, 400])):
+        content[place] = rng.integers(256)
+    try:
+        found = opened(bytes(content), tmp_path)
+    except InputError:
+        return
+    assert all(np.isfinite(all_of(one)).all() for one in found.instruments)
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "message"),
+    [
+        (b"\xa3\x95\x80" * 1000, UnreadableInput, "3,000 of its 3,000 bytes belong to no message"),
+        (b"\xa3\x95", UnreadableInput, "broken or cut at its beginning"),
+        (Written().content, NoMagnetometer, "without readings of a compass"),
+        (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", NoMagnetometer, "without readings"),
+    ],
+)
+def test_what_holds_no_readings_is_refused(
+    content: bytes, error: type[InputError], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(error, match=message):
+        opened(content, tmp_path)
+
+
+def test_a_matrix_that_flattens_names_the_way_out(tmp_path: Path) -> None:
+    log, _, _ = flight(EXAMPLE | {"COMPASS_DIA_Z": 0.0, "COMPASS_ODI_Y": 0.0, "COMPASS_ODI_Z": 0.0}, rows=3)
+    compass = opened(log.content, tmp_path).instruments[0]
+    with pytest.raises(ArrayError, match=r"flattens all readings.*--as-logged"):
+        all_of(compass)
+    assert len(all_of(compass, as_logged=True)) == 3
+
+
+def test_parameters_that_never_rest_are_refused(tmp_path: Path) -> None:
+    """Each change costs a pass over the readings: a file made of changes must not take for ever."""
+    log, _, _ = flight(rows=3)
+    for step in range(1002):
+        log.add("PARM", 1, b"COMPASS_OFS_X", step, 0.0)
+    with pytest.raises(UnreadableInput, match="more than 1,000 times"):
+        opened(log.content, tmp_path)
+
+
+def test_a_packed_log_is_read_as_the_log(tmp_path: Path) -> None:
+    log, _, _ = flight(rows=20)
+    (tmp_path / "flight.bin.gz").write_bytes(gzip.compress(log.content))
+    packed = open_dataflash(on_disk(find(tmp_path / "flight.bin.gz")))
+    npt.assert_array_equal(all_of(packed.instruments[0]), all_of(opened(log.content, tmp_path).instruments[0]))
+
+
+# a log that was recorded
+
+
+def test_three_compasses_of_a_quadcopter_and_what_was_in_force(recordings: Callable[[str], Path]) -> None:
+    """Counts, units and un-applied calibration as its provenance states them: raw = S⁻¹ m − OFS."""
+    log = open_dataflash(on_disk(find(recordings("dronekit_log171_3mags/log171.bin"))))
+    assert [(one.name, one.readings, one.unit.name) for one in log.instruments] == [
+        ("MAG", 2384, "mG"), ("MAG2", 2384, "mG"), ("MAG3", 2383, "mG"),
+    ]  # fmt: skip
+    stored = {
+        "MAG": ([-97.79, 118.11, 213.18], [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213]),
+        "MAG2": ([-141.84, -67.99, -255.97], [0.950696, 1.050159, 1.006841], [-0.017186, 0.017152, -0.011334]),
+    }
+    for one, spread in zip(log.instruments, (0.127, 0.227, 0.172), strict=True):
+        table = np.genfromtxt(recordings(f"dronekit_log171_3mags/log171_{one.name}.csv"), delimiter=",", names=True)
+        logged = np.column_stack([table[f"mag_{axis}_mG"] for axis in "xyz"])
+        npt.assert_allclose(10 * all_of(one, as_logged=True), logged, atol=1e-9)
+        npt.assert_allclose(all_of(one, "time"), table["t_s"], atol=1e-9)
+        npt.assert_allclose(all_of(one, "current"), table["curr_A"], atol=0.0051)
+        raw = 10 * all_of(one)
+        if one.name in stored:
+            offset, diagonal, (xy, xz, yz) = stored[one.name]
+            matrix = np.diag(diagonal) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+            npt.assert_allclose(raw, logged @ np.linalg.inv(matrix).T - offset, atol=0.005)
+        else:
+            assert one.stored is None
+            npt.assert_allclose(raw, logged, atol=1e-9)
+        lengths = np.linalg.norm(raw, axis=1)
+        assert lengths.std() / lengths.mean() == pytest.approx(spread, abs=0.001)
+    level = all_of(log.instruments[0], "acceleration")[:50].mean(axis=0)
+    npt.assert_allclose(level, [-0.07, -0.63, -9.58], atol=0.05)  # z down: −g on z
+    assert log.position is not None
+    assert (log.position.latitude_deg, log.position.longitude_deg) == pytest.approx((-35.362259, 149.165871), abs=2e-4)
+    assert log.begun is not None
+    assert log.begun.date().isoformat() == "2015-11-21"
+    assert "COMPASS_ORIENT 38 (ROLL_90_PITCH_68_YAW_293)" in log.instruments[0].notes[0]
+    assert "AHRS_ORIENTATION 12 (PITCH_180)" in log.instruments[1].notes[0]
+    assert "the vehicle did not use it (COMPASS_USE3 is 0)" in log.instruments[2].notes

@@ -1,0 +1,190 @@
+"""Generated code, compiled as strictly as can be and run, gives the calibration."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders import simulate
+from flinders.axes import Axes
+from flinders.calibration import Calibration
+from flinders.conventions.code import Q15, Q31, FixedPoint, Format
+from flinders.exporters import find
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+
+STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-O1")
+C99 = ("gcc", "-std=c99", *STRICT, "-Wconversion")
+CPP = ("g++", "-std=c++11", "-x", "c++", *STRICT)
+
+FUSION = """
+typedef union { float array[3]; struct { float x, y, z; } axis; } FusionVector;
+typedef union { float array[3][3]; struct { float xx, xy, xz, yx, yy, yz, zx, zy, zz; } element; } FusionMatrix;
+"""
+FUSION_USE = """
+static void correct(const float r[3], float c[3]) {
+    int i;
+    for (i = 0; i < 3; i++) {
+        const float *row = softIronMatrix.array[i];
+        c[i] = row[0] * (r[0] NEW hardIronOffset.array[0]) + row[1] * (r[1] NEW hardIronOffset.array[1])
+             + row[2] * (r[2] NEW hardIronOffset.array[2]) OLD hardIronOffset.array[i];
+    }
+}
+"""
+ZSL_USE = """
+static void correct(const float r[3], float c[3]) {
+    int i;
+    for (i = 0; i < 3; i++) {
+        c[i] = magn_K[3 * i] * (r[0] + magn_b[0]) + magn_K[3 * i + 1] * (r[1] + magn_b[1])
+             + magn_K[3 * i + 2] * (r[2] + magn_b[2]);
+    }
+}
+"""
+MAIN = """
+#include <stdio.h>
+int main(void) {{
+    double x, y, z;
+    while (scanf("%lf %lf %lf", &x, &y, &z) == 3) {{
+        {number} v[3];
+        v[0] = ({number})x; v[1] = ({number})y; v[2] = ({number})z;
+        {call};
+        printf("%.9g %.9g %.9g\\n", (double)v[0], (double)v[1], (double)v[2]);
+    }}
+    return 0;
+}}
+"""
+
+
+def given(unit: str = "mG", axes: str = "y,x,-z") -> Calibration:
+    matrix = np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
+    raw = Unit.of("counts", 0.15) if unit == "counts" else Unit.of(unit)
+    return Calibration(matrix, np.array([-69.8, 68.9, -5.6]), 49.4, True, raw=raw, axes=Axes.of(axes))
+
+
+def as_recorded(calibration: Calibration) -> Floats:
+    """(1000, 3) readings in the recorded unit and axes, whole numbers."""
+    field = calibration.field_strength * simulate.uniform(np.random.default_rng(3), 1000)
+    back = calibration.axes.apply(np.eye(3))
+    recorded: Floats = np.rint(calibration.unapply(field) @ back.T / calibration.raw.scale)
+    return recorded
+
+
+def expected(calibration: Calibration, recorded: Floats) -> Floats:
+    """µT, in the calibration's axes."""
+    return calibration.apply(calibration.axes.apply(recorded * calibration.raw.scale))
+
+
+def built(folder: Path, source: str, compiler: tuple[str, ...], readings: Floats) -> Floats:
+    """Compile, feed the readings, and take what comes out."""
+    if shutil.which(compiler[0]) is None:
+        message = f"no {compiler[0]}: install it to compile and run the generated code"
+        if os.environ.get("CI"):
+            pytest.fail(message)
+        pytest.skip(message)
+    (folder / "code.c").write_text(source, encoding="ascii")
+    command = [*compiler, str(folder / "code.c"), "-o", str(folder / "code")]
+    compiled = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert compiled.returncode == 0, compiled.stderr
+    lines = "\n".join(" ".join(f"{value:.17g}" for value in row) for row in readings)
+    ran = subprocess.run([str(folder / "code")], input=lines, capture_output=True, text=True, check=True)
+    return np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
+
+
+def text(name: str, calibration: Calibration) -> str:
+    return find(name).render(calibration, target=name, about=["from a */ test"]).text
+
+
+@pytest.mark.parametrize("compiler", [C99, CPP], ids=["c99", "c++"])
+@pytest.mark.parametrize("unit", ["mG", "counts"])
+def test_the_header_in_single_precision(unit: str, compiler: tuple[str, ...], tmp_path: Path) -> None:
+    """Within 10⁻⁶ of the numbers that go into it: single precision, 1,000 readings."""
+    calibration = given(unit)
+    recorded = as_recorded(calibration)
+    main = MAIN.format(number="float", call="flinders_correct(v, v)")
+    out = built(tmp_path, text("c", calibration) + main, compiler, recorded)
+    npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
+
+
+@pytest.mark.parametrize("compiler", [C99, CPP], ids=["c99", "c++"])
+@pytest.mark.parametrize(("name", "number", "form"), [("c-q15", "int16_t", Q15), ("c-q31", "int32_t", Q31)])
+def test_fixed_point_is_what_it_was_checked_as_to_the_bit(
+    name: str, number: str, form: Format, compiler: tuple[str, ...], tmp_path: Path
+) -> None:
+    """Also where readings are beyond all bounds, and held there."""
+    calibration = given("counts")
+    recorded = np.vstack([as_recorded(calibration), np.array([[32767, -32768, 32767], [-32768, 32767, 0]])])
+    if form is Q31:
+        recorded = np.vstack([recorded, [[2**31 - 1, -(2**31), 2**23]]])
+    main = MAIN.format(number=number, call="flinders_correct(v, v)")
+    out = built(tmp_path, text(name, calibration) + main, compiler, recorded)
+    npt.assert_array_equal(out, FixedPoint.of(calibration, form).apply(recorded))
+    wanted = expected(calibration, recorded[:1000]) / 0.15
+    assert np.abs(out[:1000] - wanted).max() < 0.51 + 0.05  # half a count, and the entries' rounding
+
+
+def test_the_sketch(tmp_path: Path) -> None:
+    calibration = given("uT")
+    recorded = as_recorded(calibration)
+    main = MAIN.format(number="float", call="correctMagnetometer(v[0], v[1], v[2])")
+    out = built(tmp_path, text("arduino", calibration) + main, CPP, recorded)
+    npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("fusion", FUSION, FUSION_USE.replace("NEW", "-").replace("OLD", "- 0.0f *")),
+        ("fusion-1.1", FUSION, FUSION_USE.replace("NEW", "- 0.0f *").replace("OLD", "-")),
+        ("zscilib", "typedef float zsl_real_t;\n", ZSL_USE),
+    ],
+)
+def test_constants_for_libraries_in_c(name: str, before: str, after: str, tmp_path: Path) -> None:
+    """With types laid out as theirs, and their formula; they work in the axes as recorded, in µT here."""
+    calibration = given("uT", "x,y,z")
+    recorded = as_recorded(calibration)
+    main = MAIN.format(number="float", call="float c[3]; correct(v, c); v[0] = c[0]; v[1] = c[1]; v[2] = c[2]")
+    lenient = ("gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-missing-braces")  # as Fusion's own examples need
+    out = built(tmp_path, before + text(name, calibration) + after + main, lenient, recorded)
+    npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
+
+
+def test_the_module_for_micropython(tmp_path: Path) -> None:
+    """Under micropython where it is installed; else under CPython, of whose syntax it uses only what both have."""
+    calibration = given()
+    source, recorded = text("micropython", calibration), as_recorded(calibration)
+    allowed = (
+        ast.Module, ast.Assign, ast.Name, ast.Tuple, ast.UnaryOp, ast.USub, ast.Constant, ast.FunctionDef,
+        ast.arguments, ast.arg, ast.Expr, ast.BinOp, ast.Sub, ast.Add, ast.Mult, ast.Subscript, ast.Return, ast.Call,
+        ast.GeneratorExp, ast.comprehension, ast.expr_context,
+    )  # fmt: skip
+    assert [type(node).__name__ for node in ast.walk(ast.parse(source)) if not isinstance(node, allowed)] == []
+    if shutil.which("micropython"):
+        lines = [f"print(*correct({tuple(row)}))" for row in recorded.tolist()]
+        (tmp_path / "run.py").write_text("\n".join([source, *lines]), encoding="ascii")
+        ran = subprocess.run(["micropython", str(tmp_path / "run.py")], capture_output=True, text=True, check=True)
+        out = np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
+    else:
+        module: dict[str, Any] = {}
+        exec(compile(source, "calibration.py", "exec"), module)
+        out = np.array([module["correct"](tuple(row)) for row in recorded.tolist()])
+    npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
+
+
+def test_the_arrays_for_python(tmp_path: Path) -> None:
+    calibration = given("uT", "x,y,z")
+    module: dict[str, Any] = {}
+    exec(compile(text("fusion-python", calibration), "arrays.py", "exec"), module)
+    recorded = as_recorded(calibration)
+    out = (recorded - module["hard_iron_offset"]) @ module["soft_iron_matrix"].T
+    npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)

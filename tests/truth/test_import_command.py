@@ -1,0 +1,206 @@
+"""`flinders import`, `flinders targets` and `calibrate --export` as a user meets them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.calibration import Calibration
+from flinders.cli import main
+from flinders.exporters import EXPORTERS, read_back
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from click.testing import Result
+
+MATRIX = np.array([[1.1, 0.05, 0], [0.05, 0.9, 0], [0, 0, 1.02]])
+OFFSET = np.array([12.0, -30, 7])
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory, with a calibration, what some targets make of it, and a recording."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+    Calibration(MATRIX, OFFSET, 49.0, True, raw=Unit.of("mG")).save("calibration.json")
+    for name, path in (("ardupilot", "compass.param"), ("px4-shell", "px4.txt"), ("motioncal", "packet.bin")):
+        assert run("export", "--to", name, "calibration.json", "-o", path).exit_code == 0
+    field = simulate.tumble(seed=2).samples.field
+    lines = [",".join(f"{value:.3f}" for value in row) for row in field]
+    Path("tumble.csv").write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+    return tmp_path
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(main, words)
+
+
+# import
+
+
+@pytest.mark.parametrize("path", ["compass.param", "px4.txt", "packet.bin"])
+def test_a_file_of_a_target_becomes_a_calibration_file(path: str) -> None:
+    ended = run("import", path, "--field-strength", "49", "-o", "back.json")
+    assert ended.exit_code == 0
+    assert "written to back.json" in ended.stderr
+    back = Calibration.load("back.json")
+    npt.assert_allclose(back.offset, OFFSET, atol=1e-4)
+    npt.assert_allclose(back.matrix / back.matrix[0, 0], MATRIX / MATRIX[0, 0], atol=1e-6)
+
+
+def test_without_a_name_it_goes_to_standard_output() -> None:
+    ended = run("import", "compass.param")
+    assert ended.exit_code == 0
+    assert json.loads(ended.stdout)["calibration"]["field_strength_known"] is False
+    assert "field strength 50.00 µT is a convention" in ended.stderr
+    assert "in the axes of the vehicle" in ended.stderr
+
+
+def test_json_tells_what_was_found() -> None:
+    ended = run("import", "packet.bin", "-o", "back.json", "--json")
+    told = json.loads(ended.stdout)
+    assert told["target"] == "motioncal"
+    npt.assert_allclose(told["calibration"]["offset"], OFFSET, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("", 2, "Missing argument 'FILE'"),
+        ("-", 2, "must have a name"),
+        ("missing.param", 5, "cannot be read: no such file"),
+        (".", 5, "it is a directory"),
+        ("calibration.json", 2, "is a calibration file already"),
+        ("tumble.csv", 5, "tumble.csv: is no file of ardupilot"),
+        ("tumble.csv --from ardupilot", 5, "line 1 is no parameter"),
+        ("packet.bin --from ardupilot", 5, "is not text in UTF-8"),
+        ("compass.param --from motioncal", 5, "bytes: a MotionCal packet has 68"),
+        ("compass.param --from betaflight", 2, "files of betaflight cannot be read back"),
+        ("compass.param --from nothing", 2, "'nothing' is not known"),
+        ("compass.param --compass 3", 5, "holds compass 1 and not 3"),
+        ("compass.param --compass 4", 2, "4 is not in the range"),
+        ("packet.bin --compass 1", 2, "motioncal holds one compass only"),
+        ("compass.param --field-strength 0", 2, "need a number above 0"),
+        ("compass.param --json", 2, "both go to standard output"),
+        ("compass.param -o calibration.json", 6, "calibration.json exists"),
+        ("compass.param -o compass.param --force", 2, "would be written over"),
+        ("compass.param -o nowhere/back.json", 6, "no such folder"),
+    ],
+)
+def test_wrong_use_is_one_line_on_stderr(words: str, code: int, message: str) -> None:
+    ended = run("import", *words.split())
+    assert ended.exit_code == code
+    assert message in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+def test_numbers_that_are_no_calibration_are_refused() -> None:
+    flat = Path("compass.param").read_text(encoding="utf-8")
+    lines = [f"{line.split(',')[0]},0" if "DIA_Z" in line else line for line in flat.splitlines()]
+    Path("flat.param").write_text("\n".join(lines), encoding="utf-8")
+    ended = run("import", "flat.param")
+    assert ended.exit_code == 5
+    assert "matrix is singular" in ended.stderr
+
+
+def test_what_is_too_large_to_be_a_file_of_parameters_is_not_read() -> None:
+    with Path("large.param").open("wb") as file:
+        file.truncate(2**23)
+    ended = run("import", "large.param")
+    assert ended.exit_code == 5
+    assert "more than 4 MB is no file of parameters" in ended.stderr
+
+
+# targets
+
+
+def test_the_list_has_every_target_with_what_it_holds() -> None:
+    ended = run("targets")
+    assert ended.exit_code == 0
+    assert [line.split()[0] for line in ended.stdout.splitlines()[2:]] == list(EXPORTERS)
+    told = json.loads(run("targets", "--json").stdout)
+    assert set(told) == set(EXPORTERS)
+    assert told["ardupilot"]["import"] is True
+    assert told["betaflight"]["holds"] == "an offset and no soft iron"
+    assert told["adis16480"]["unverified"]
+
+
+# export
+
+
+def test_a_packet_goes_to_standard_output_as_bytes() -> None:
+    ended = run("export", "--to", "motioncal", "calibration.json")
+    assert ended.stdout_bytes == Path("packet.bin").read_bytes()
+    assert "determinant 1" in ended.stderr
+
+
+def test_lossy_is_asked_for() -> None:
+    refused = run("export", "--to", "ros-madgwick", "calibration.json", "-o", "mag.yaml")
+    assert refused.exit_code == 4
+    assert "of heading" in refused.stderr
+    assert not Path("mag.yaml").exists()
+    ended = run("export", "--to", "ros-madgwick", "--lossy", "calibration.json", "-o", "mag.yaml")
+    assert ended.exit_code == 0
+    assert "! imu_filter_madgwick holds an offset and no soft iron" in ended.stderr
+    assert "mag_bias_x: 1.200000000e-05" in Path("mag.yaml").read_text(encoding="ascii")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--to c --compass 1 calibration.json", "c holds one compass only"),
+        ("--to ardupilot --compass 0 calibration.json", "compass 1, 2 and 3"),
+        ("--to px4 --compass 9 calibration.json", "9 is not in the range"),
+    ],
+)
+def test_a_compass_that_there_is_not(words: str, message: str) -> None:
+    ended = run("export", *words.split())
+    assert ended.exit_code == 2
+    assert message in ended.stderr
+
+
+# calibrate --export
+
+
+def test_a_calibration_is_written_for_a_target_at_once() -> None:
+    ended = run("calibrate", "tumble.csv", "-o", "new.json", "--export", "ardupilot")
+    assert ended.exit_code == 0
+    assert "written to ardupilot.param" in ended.stderr
+    assert "# from tumble.csv\n" in Path("ardupilot.param").read_text(encoding="ascii")
+    _, back = read_back(Path("ardupilot.param").read_bytes(), "file")
+    npt.assert_allclose(back.offset, Calibration.load("new.json").offset, atol=1e-4)
+    again = run("calibrate", "tumble.csv", "--export", "ardupilot")
+    assert again.exit_code == 6
+    assert "ardupilot.param exists" in again.stderr
+
+
+def test_to_standard_output_the_page_goes_beside_it() -> None:
+    ended = run("calibrate", "tumble.csv", "--export", "json:-")
+    assert set(json.loads(ended.stdout)) >= {"matrix", "offset"}
+    assert "GOOD" in ended.stderr
+    assert "no calibration file was written" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("tumble.csv --export px5", 2, "target 'px5' is not known"),
+        ("tumble.csv --export json:- --json", 2, "name a file with --export TARGET:FILE"),
+        ("tumble.csv --export json:- -o -", 2, "both go to standard output"),
+        ("tumble.csv --export json:new.json -o new.json", 2, "give them two names"),
+        ("tumble.csv --export json:tumble.csv --force", 2, "would be written over"),
+        ("tumble.csv --export betaflight", 2, "calibrate again with --unit counts"),
+        ("--minmax=-1,2,-1,2,-1,2 --export c", 2, "--export does not go with --minmax"),
+    ],
+)
+def test_wrong_use_of_export_is_told(words: str, code: int, message: str) -> None:
+    ended = run("calibrate", *words.split())
+    assert ended.exit_code == code
+    assert message in ended.stderr

@@ -1,0 +1,141 @@
+"""`flinders info` says what is in a recording: numbers are those that were put in."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import flinders
+from flinders import simulate
+from flinders.cli import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+
+
+def info(*words: str) -> dict[str, Any]:
+    ended = CliRunner().invoke(main, ["info", *words, "--json"])
+    assert ended.exit_code == 0, ended.output
+    found: dict[str, Any] = json.loads(ended.stdout)
+    return found
+
+
+@pytest.fixture
+def field() -> Floats:
+    return simulate.tumble(seed=6).samples.field.round(3)
+
+
+@pytest.fixture
+def bench(tmp_path: Path, field: Floats) -> Path:
+    """At 50 Hz, with a gap of 3 s, ten repeats, and a clock that goes back once."""
+    time = np.arange(len(field)) / 50.0
+    time[1000:] += 3.0
+    time[2000] -= 0.5
+    readings = field.copy()
+    readings[500:510] = readings[499]
+    path = tmp_path / "bench.npz"
+    np.savez(path, t=time, mag_uT=readings, acc=np.ones_like(field))
+    return path
+
+
+def test_the_numbers_are_those_of_the_recording(bench: Path, field: Floats) -> None:
+    found = info(str(bench))
+    (sensor,) = found["sensors"]
+    assert sensor["readings"] == len(field)
+    assert sensor["repeats"] == 10
+    assert sensor["backward_steps"] == 1
+    assert sensor["longest_gap_s"] == pytest.approx(3.02)
+    assert sensor["rate_hz"] == pytest.approx(50.0, rel=1e-3)
+    assert sensor["seconds"] == pytest.approx(len(field) / 50 + 2.98)
+    np.testing.assert_allclose(sensor["lowest"], field.min(axis=0))
+    np.testing.assert_allclose(sensor["highest"], field.max(axis=0))
+    assert sensor["beside"] == ["time", "acceleration"]
+    assert sensor["coverage"] > 0.95
+    assert found["bytes"] == bench.stat().st_size
+
+
+def test_the_strength_is_that_of_the_truth_and_stands_beside_the_model(bench: Path) -> None:
+    """It is the size of the ellipsoid, by whatever method: soft iron makes it another one than the field's."""
+    found = info(str(bench), "--at", "43.77,11.26", "--date", "2026-06-01")
+    (sensor,) = found["sensors"]
+    assert sensor["strength"] == pytest.approx(flinders.fit(flinders.open_recording(bench)).ellipsoid.radius, rel=1e-3)
+    assert found["site"]["strength"] == pytest.approx(47.46, abs=0.01)
+    shown = CliRunner().invoke(main, ["info", str(bench), "--at", "43.77,11.26", "--date", "2026-06-01"])
+    assert f"{sensor['strength'] / 47.46:.2f} of the field there" in shown.stdout
+    assert max(map(len, shown.stdout.partition("next")[0].splitlines())) <= 80
+
+
+def test_the_proposed_command_works(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (command,) = info(str(bench))["commands"]
+    ended = CliRunner().invoke(main, shlex.split(command)[1:])
+    assert ended.exit_code in {0, 3}, ended.output
+    assert (tmp_path / "calibration.json").exists()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("uT", 1.0), ("mG", 10.0), ("G", 0.01), ("nT", 1000.0)])
+def test_the_unit_is_proposed_where_the_strength_tells(unit: str, factor: float, field: Floats, tmp_path: Path) -> None:
+    path = tmp_path / "bare.npy"
+    np.save(path, field * factor)
+    found = info(str(path))
+    assert found["commands"] == [f"flinders calibrate {path} --unit {unit} -o calibration.json"]
+    assert "--unit" not in info(str(path), "--unit", unit)["commands"][0].replace(f"--unit {unit}", "")
+
+
+def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
+    stale = np.repeat(field[:1000], 3, axis=0)
+    stuck = stale.copy()
+    stuck[:, 2] = 7.0
+    clipped = np.clip(stale, -1e9, np.sort(stale[:, 0])[-400])
+    for name, readings, says in (
+        ("stale", stale, "67% of the readings repeat the one before"),
+        ("stuck", stuck, "z never changes"),
+        ("clipped", clipped, "the sensor was at its limit"),
+        ("strong", 9 * stale, "no strength of the earth's field here"),
+    ):
+        np.save(tmp_path / f"{name}.npy", readings)
+        ended = CliRunner().invoke(main, ["info", str(tmp_path / f"{name}.npy"), "--unit", "uT"])
+        assert ended.exit_code == 0, ended.output
+        assert says in " ".join(ended.stdout.split()), ended.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        ("nix.csv", 5, "nix.csv does not exist"),
+        (".", 5, "is a folder"),
+        ("bench.npz --date 2026-01-01", 2, "--date is for the field at a place"),
+        ("bench.npz --at 91,0 --date 2026-01-01", 2, "latitude is 91°"),
+        ("bench.npz --at 43,11", 2, "give the day of the recording"),
+        ("bench.npz --columns a,b,c", 2, "there is no column 'a'"),
+        ("bench.npz --from 900", 2, "no reading of bench.npz lies from 900 s"),
+        ("bench.npz --unit mG", 2, "says uT"),
+        ("bench.npz --topic x", 2, "leave --topic out"),
+        ("", 2, "Missing argument"),
+    ],
+)
+def test_what_cannot_be_told_is_said(
+    words: str, code: int, says: str, bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(bench.parent)
+    ended = CliRunner().invoke(main, ["info", *words.split()])
+    assert ended.exit_code == code, ended.output
+    assert says in ended.stderr
+    assert ended.stdout == ""
+
+
+def test_a_log_of_three_compasses(recordings: Callable[[str], Path]) -> None:
+    """Counts, place and stored offsets as the description of the data set has them."""
+    found = info(str(recordings("dronekit_log171_3mags/log171.bin")))
+    assert [sensor["readings"] for sensor in found["sensors"]] == [2384, 2384, 2383]
+    assert found["sensors"][0]["stored"].startswith("COMPASS_OFS -97.7916, 118.11, 213.18 mG")
+    assert found["position"][:2] == pytest.approx([-35.362, 149.165], abs=1e-3)
+    assert found["site"]["model"].startswith("WMM-2015")

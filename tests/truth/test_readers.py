@@ -1,0 +1,686 @@
+"""Formats beside text: what each format's own library writes is read back to the bit, and what is broken is told."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import flinders
+from flinders import simulate
+from flinders.cli import main
+from flinders.errors import FlindersError, MissingExtra, NoMagnetometer, UnreadableInput, UsageError
+from flinders.readers import READERS, Instrument, Log, Reader, TableRecording
+from flinders.readers._log import Stored
+from flinders.samples import Samples
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.arrays import Floats
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+NAMES = ("t_s", "mag_x_mG", "mag_y_mG", "mag_z_mG", "acc_x", "acc_y", "acc_z")
+ROWS = 300
+
+
+@pytest.fixture(scope="module")
+def tumble() -> Floats:
+    """(N, 7): time in s, field in mG, acceleration."""
+    samples = simulate.tumble(seed=3).samples[:ROWS]
+    acceleration = np.random.default_rng(3).normal(size=(ROWS, 3))
+    return np.column_stack([np.arange(ROWS) / 50.0, 10.0 * samples.field, acceleration])
+
+
+def write_npy(path: Path, table: Floats) -> None:
+    np.save(path, np.rec.fromarrays(list(table.T), names=list(NAMES)))
+
+
+def write_npz(path: Path, table: Floats) -> None:
+    np.savez_compressed(path, t=table[:, 0], mag_mG=table[:, 1:4], acc=table[:, 4:], note=np.array("bench"), gain=3.0)
+
+
+def write_mat(path: Path, table: Floats) -> None:
+    from scipy.io import savemat
+
+    log = {"t": table[:, :1], "mag_mG": table[:, 1:4], "acc": table[:, 4:].T}
+    savemat(path, {"log": log, "operator": "bench"}, do_compression=True)
+
+
+def write_parquet(path: Path, table: Floats) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    columns = pyarrow.table({**dict(zip(NAMES, table.T, strict=True)), "note": ["a"] * len(table)})
+    pyarrow.parquet.write_table(columns, path, row_group_size=64)
+
+
+def write_arrow(path: Path, table: Floats) -> None:
+    import pyarrow
+
+    triples = {name: pyarrow.FixedSizeListArray.from_arrays(table[:, cells].ravel(), 3)
+               for name, cells in (("mag (mG)", slice(1, 4)), ("acc", slice(4, 7)))}  # fmt: skip
+    columns = pyarrow.table({"t": table[:, 0], **triples})
+    with pyarrow.OSFile(str(path), "wb") as sink, pyarrow.ipc.new_file(sink, columns.schema) as writer:
+        writer.write_table(columns, max_chunksize=100)
+
+
+def write_zip(path: Path, table: Floats) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("meta/device.csv", "name,value\nphone,1\n")
+        archive.writestr("Accelerometer.csv", "time,seconds_elapsed,z,y,x\n1,0.1,3,2,1\n")
+        archive.writestr("Magnetometer.csv", text_of(table / 2))
+        archive.writestr("MagnetometerUncalibrated.csv", text_of(table))
+
+
+def write_ros(path: Path, table: Floats) -> None:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+    vector, field = types["geometry_msgs/msg/Vector3"], types["sensor_msgs/msg/MagneticField"]
+    with Writer(path) as bag:
+        topic = bag.add_connection("/imu/mag", field.__msgtype__, typestore=store)
+        for time, *axes in table[:, :4].tolist():
+            when = round(1e9 * time) + 1_600_000_000_000_000_000
+            seconds, nanoseconds = divmod(when, 1_000_000_000)
+            head = header(seq=0, stamp=stamp(sec=seconds, nanosec=nanoseconds), frame_id="imu")
+            tesla = vector(*(1e-7 * axis for axis in axes))
+            message = field(header=head, magnetic_field=tesla, magnetic_field_covariance=np.zeros(9))
+            bag.write(topic, when, store.serialize_ros1(message, field.__msgtype__))
+
+
+def write_tlog(path: Path, table: Floats) -> None:
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    class Sink:
+        def __init__(self) -> None:
+            self.packets: list[bytes] = []
+
+        def write(self, packet: bytes) -> None:
+            self.packets.append(bytes(packet))
+
+    sink = Sink()
+    link = ardupilotmega.MAVLink(sink, srcSystem=1, srcComponent=1)
+    link.heartbeat_send(2, 3, 0, 0, 3)
+    for time, *axes in np.rint(table[:, :4] * [1e6, 1, 1, 1]).astype(int).tolist():
+        link.raw_imu_send(time, 0, 0, -1000, 0, 0, 0, *axes)
+    stamped = [(1_600_000_000_000_000 + 20_000 * place).to_bytes(8, "big") + packet
+               for place, packet in enumerate(sink.packets)]  # fmt: skip
+    path.write_bytes(b"".join(stamped))
+
+
+def write_text(path: Path, table: Floats) -> None:
+    path.write_text(text_of(table), encoding="utf-8")
+
+
+def text_of(table: Floats) -> str:
+    return "\n".join([",".join(NAMES), *(",".join(map(repr, row)) for row in table.tolist()), ""])
+
+
+WRITERS: dict[str, Callable[[Path, Floats], None]] = {
+    "npy": write_npy,
+    "npz": write_npz,
+    "mat": write_mat,
+    "parquet": write_parquet,
+    "arrow": write_arrow,
+    "zip": write_zip,
+    "text": write_text,
+}
+"""Those that this file can write; logs of vehicles have tests of their own."""
+
+LINKED = {"ros": write_ros, "tlog": write_tlog}
+"""Logs that other programs' libraries write; what is in them has tests of its own."""
+
+BY_NAME = {reader.name: reader for reader in READERS}
+
+
+def written(name: str, folder: Path, table: Floats) -> Path:
+    path = folder / f"tumble{BY_NAME[name].suffixes[0]}"
+    WRITERS[name](path, table)
+    return path
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_what_is_written_is_read_back(name: str, tmp_path: Path, tumble: Floats) -> None:
+    """Field in µT, time and acceleration, whatever the format; also with gzip around it, and through a pipe."""
+    path = written(name, tmp_path, tumble)
+    samples = flinders.read(path)
+    assert samples.unit.name == "mG"
+    np.testing.assert_allclose(samples.field, tumble[:, 1:4] / 10.0, rtol=1e-15)
+    assert samples.time is not None
+    assert samples.acceleration is not None
+    np.testing.assert_array_equal(samples.time, tumble[:, 0])
+    np.testing.assert_array_equal(samples.acceleration, tumble[:, 4:])
+
+    packed = tmp_path / "packed"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    np.testing.assert_array_equal(flinders.read(packed).field, samples.field)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_from_and_to_are_seconds_from_the_beginning(name: str, tmp_path: Path, tumble: Floats) -> None:
+    shifted = tumble + np.eye(1, 7) * 100.0  # the clock starts at 100 s
+    path = written(name, tmp_path, shifted)
+    samples = flinders.read(path, start=1.0, end=2.0)
+    np.testing.assert_allclose(samples.field, tumble[50:101, 1:4] / 10.0, rtol=1e-15)
+    with pytest.raises(UsageError, match=r"no reading of .* lies from 60 s: it is 5\.980 s long"):
+        flinders.read(path, start=60.0)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_recording_may_be_piped_in(
+    name: str, tmp_path: Path, tumble: Floats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(name, tmp_path, tumble)
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(path.read_bytes())))
+    np.testing.assert_allclose(flinders.read("-").field, tumble[:, 1:4] / 10.0, rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_calibration_is_the_same_from_any_format(name: str, tmp_path: Path, tumble: Floats) -> None:
+    path = written(name, tmp_path, tumble)
+    fit = flinders.fit(flinders.open_recording(path))
+    truth = flinders.fit(Samples.of(tumble[:, 1:4], unit="mG", time=tumble[:, 0], acceleration=tumble[:, 4:]))
+    np.testing.assert_allclose(fit.calibration.offset, truth.calibration.offset, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name, reader in BY_NAME.items() if reader.extra and name in WRITERS])
+def test_a_missing_package_ends_with_the_command_that_installs_it(
+    name: str, tmp_path: Path, tumble: Floats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(name, tmp_path, tumble)
+    for package in ("scipy.io", "pyarrow", "pyarrow.parquet", "pyarrow.ipc"):
+        monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingExtra, match=re.escape(f"pip install 'flinders[{BY_NAME[name].extra}]'")):
+        flinders.read(path)
+
+
+def test_reading_text_needs_no_extra() -> None:
+    """Optional packages are imported when such a file is opened, and not before."""
+    code = "import flinders.readers, sys; print([n for n in sys.modules if n.split('.')[0] in set(sys.argv[1:])])"
+    extras = ("pyarrow", "scipy", "pyulog", "rosbags", "pymavlink")
+    ended = subprocess.run([sys.executable, "-c", code, *extras], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"
+
+
+SHAPES: dict[str, tuple[Any, dict[str, str]]] = {
+    "N by 3": (np.arange(30.0).reshape(10, 3), {}),
+    "3 by N": (np.arange(30.0).reshape(10, 3).T, {}),
+    "Fortran order": (np.asfortranarray(np.arange(30.0).reshape(10, 3)), {}),
+    "integers": (np.arange(30).reshape(10, 3).astype(">i2"), {}),
+    "time first": (np.column_stack([np.arange(10) / 10, np.arange(30.0).reshape(10, 3)]), {}),
+    "chosen": (np.column_stack([np.zeros((10, 3)), np.arange(30.0).reshape(10, 3)]), {"columns": "4,5,6"}),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_arrays_without_names(name: str, tmp_path: Path) -> None:
+    array, options = SHAPES[name]
+    for path in (tmp_path / "one.npy", tmp_path / "one.npz"):
+        (np.save if path.suffix == ".npy" else np.savez)(path, array)
+        samples = flinders.read(path, unit="uT", columns=options.get("columns"))
+        np.testing.assert_array_equal(samples.field, np.arange(30.0).reshape(10, 3))
+        assert (samples.time is not None) == (name == "time first")
+
+
+def test_rows_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> None:
+    array = np.arange(60_000.0).reshape(20_000, 3)
+    array[[3, 15_000], 1] = np.nan
+    np.save(tmp_path / "gaps.npy", array)
+    samples = flinders.read(tmp_path / "gaps.npy")
+    assert len(samples) == 19_998
+    assert [str(skipped) for skipped in samples.skipped] == ["2 not finite rows (line 4, 15001)"]
+
+
+def test_a_date_is_a_time(tmp_path: Path) -> None:
+    days = np.datetime64("2026-11-21T10:00:00", "ms") + np.arange(10) * np.timedelta64(100, "ms")
+    np.savez(tmp_path / "dated.npz", timestamp=days, mag=np.eye(10, 3))
+    samples = flinders.read(tmp_path / "dated.npz")
+    assert samples.time is not None
+    np.testing.assert_allclose(samples.time, np.arange(10) / 10, atol=1e-6)
+
+
+PAPARAZZI = "".join(
+    f"{0.1 * n:.3f} 7 GPS 1 2 3\n{0.1 * n + 0.02:.3f} 7 IMU_MAG_RAW {{id}}{n} {2 * n} {-n}\n"
+    f"{0.1 * n + 0.03:.3f} 8 IMU_MAG_RAW {{id}}9 9 9\n"
+    for n in range(30)
+)
+
+
+@pytest.mark.parametrize("number", ["", "1 "])
+def test_a_paparazzi_log_is_that_of_its_first_aircraft(number: str, tmp_path: Path) -> None:
+    path = tmp_path / "flight.data"
+    path.write_text(PAPARAZZI.format(id=number))
+    samples = flinders.read(path)
+    counted = np.arange(30.0)
+    np.testing.assert_array_equal(samples.field, np.column_stack([counted, 2 * counted, -counted]))
+    assert samples.unit.name == "counts"
+    assert samples.time is not None
+    np.testing.assert_allclose(samples.time, 0.1 * counted + 0.02)
+
+
+def test_a_paparazzi_log_may_have_the_current_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "flight.data"
+    path.write_text("".join(f"{n / 10} 7 IMU_MAG_CURRENT_CALIBRATION {n} 2 -3 {n / 2}\n" for n in range(9)))
+    samples = flinders.read(path)
+    assert samples.current is not None
+    np.testing.assert_allclose(samples.current, np.arange(9) / 2)
+
+
+def test_a_blackbox_log_has_a_block_of_headers(tmp_path: Path) -> None:
+    head = '"Product","Blackbox flight data recorder by Nicholas Sherlock"\n"magHardware",1\n"motorOutput","158,2047"\n'
+    names = (
+        "loopIteration,time (us),gyroADC[0],gyroADC[1],gyroADC[2],magADC[0],magADC[1],magADC[2],amperageLatest (A)\n"
+    )
+    rows = "".join(f"{n},{1000 * n},1,2,3,{n},{2 * n},{-n},0.5\n" for n in range(20))
+    path = tmp_path / "blackbox.csv"
+    path.write_text(head + names + rows)
+    samples = flinders.read(path)
+    np.testing.assert_array_equal(samples.field[:, 2], -np.arange(20.0))
+    assert samples.time is not None
+    np.testing.assert_allclose(samples.time, np.arange(20) / 1000)
+
+
+# archives
+
+
+def test_the_member_of_an_archive_can_be_chosen(tmp_path: Path, tumble: Floats) -> None:
+    path = written("zip", tmp_path, tumble)
+    recording = flinders.open_recording(path)
+    assert str(recording).startswith("tumble.zip/MagnetometerUncalibrated.csv: ")
+    halved = flinders.read(path, topic="magnetometer.csv")
+    np.testing.assert_allclose(halved.field, tumble[:, 1:4] / 20.0, rtol=1e-15)
+    with pytest.raises(UsageError, match="no member called 'gyro'"):
+        flinders.read(path, topic="gyro")
+    with pytest.raises(UsageError, match="several members called 'magnetometer'"):
+        flinders.read(path, topic="magnetometer")
+
+
+def archive(path: Path, **members: str | bytes) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in members.items():
+            file.writestr(name.replace("__", "."), content)
+    return path
+
+
+def test_a_zip_bomb_is_refused_while_it_is_unpacked(tmp_path: Path) -> None:
+    bomb = archive(tmp_path / "bomb.zip", Magnetometer__csv=b"1,2,3\n" * 10_000_000)
+    assert bomb.stat().st_size < 200_000
+    with pytest.raises(UnreadableInput, match=r"unpacks to more than \d\d MB from [\d,]+ bytes"):
+        flinders.read(bomb)
+
+
+def test_archives_that_are_none_of_recordings(tmp_path: Path) -> None:
+    sheet = archive(tmp_path / "sheet.zip", **{"[Content_Types]__xml": "<x/>", "xl/sheet__xml": "<x/>"})
+    with pytest.raises(UnreadableInput, match="an Office document: export the sheet as CSV"):
+        flinders.read(sheet)
+    with pytest.raises(NoMagnetometer, match="no text recording in it: it holds photo"):
+        flinders.read(archive(tmp_path / "photos.zip", photo__jpg=b"\xff\xd8\xff"))
+    with pytest.raises(NoMagnetometer, match="2 recordings, and none is named like a magnetometer"):
+        flinders.read(archive(tmp_path / "two.zip", a__csv="1,2,3\n", b__csv="1,2,3\n"))
+
+
+def test_objects_of_python_are_not_read(tmp_path: Path) -> None:
+    """An array of objects is a program: it is refused, and not run."""
+    trap = np.empty(2, dtype=object)
+    np.save(tmp_path / "trap.npy", trap, allow_pickle=True)
+    with pytest.raises(UnreadableInput, match="holds Python objects"):
+        flinders.read(tmp_path / "trap.npy")
+
+
+def test_a_header_that_lies_about_its_size_is_told(tmp_path: Path) -> None:
+    """A few bytes claim to be 24 TB: refused by their header, before anything is allocated."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**12, 3)})
+    (tmp_path / "huge.npy").write_bytes(header.getvalue() + bytes(240))
+    with pytest.raises(UnreadableInput, match="tells of 24,000,000,000,000 bytes and 240 are there"):
+        flinders.read(tmp_path / "huge.npy")
+
+
+@pytest.mark.parametrize(
+    ("head", "says"),
+    [
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(600), r"save\('log.mat', '-v7'\)"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(90), "an HDF5 file"),
+        (b"FEA1" + bytes(90), "Feather file of version 1"),
+    ],
+)
+def test_relatives_that_are_not_read_are_told_apart(head: bytes, says: str, tmp_path: Path) -> None:
+    (tmp_path / "log").write_bytes(head)
+    with pytest.raises(UnreadableInput, match=says):
+        flinders.read(tmp_path / "log")
+
+
+# logs
+
+
+def log_of(path: Path, beginning: float = 50.0) -> Log:
+    """Two magnetometers that were logged with an offset of (1, 2, 3) µT taken off, the second a second later."""
+    truth = simulate.tumble(seed=4).samples.field[:ROWS]
+    stored = Stored(np.eye(3), np.array([1.0, 2.0, 3.0]), words="OFFSET 1, 2, 3 µT")
+
+    def columns(late: float) -> Callable[[bool], Iterator[Samples]]:
+        def blocks(logged: bool) -> Iterator[Samples]:
+            field = truth - stored.offset if logged else truth
+            yield from Samples.of(field, unit="uT", time=beginning + late + np.arange(ROWS) / 50.0).blocks(100)
+
+        return blocks
+
+    instruments = (
+        Instrument(path.name, "MAG 0", Unit.of("uT"), columns(0.0), stored),
+        Instrument(path.name, "MAG 1", Unit.of("uT"), columns(1.0)),
+    )
+    return Log(path.name, "a log of tests", instruments)
+
+
+@pytest.fixture
+def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A log of a format that the table of readers has for the length of a test."""
+    row = Reader("test", "log of tests", (".test",), lambda head: head == b"TEST", log=lambda file: log_of(file.path))
+    monkeypatch.setattr(flinders.readers, "READERS", (row, *READERS))
+    path = tmp_path / "flight.test"
+    path.write_bytes(b"TEST")
+    return path
+
+
+def test_of_several_magnetometers_the_first_is_read_and_names_the_others(flight: Path) -> None:
+    first = flinders.open_recording(flight)
+    assert str(first) == (
+        "flight.test: MAG 0 in uT; un-applied: OFFSET 1, 2, 3 µT; also there: 2 MAG 1 (choose with --sensor)"
+    )
+    assert str(flinders.open_recording(flight, sensor="mag 1")) == "flight.test: MAG 1 in uT"
+    with pytest.raises(UsageError, match=r"has no magnetometer 3: there are 1 \(MAG 0\), 2 \(MAG 1\)"):
+        flinders.open_recording(flight, sensor="3")
+
+
+def test_one_option_says_which_magnetometer(flight: Path) -> None:
+    assert str(flinders.open_recording(flight, topic="MAG 1")) == "flight.test: MAG 1 in uT"
+    with pytest.raises(UsageError, match="leave one of them out"):
+        flinders.open_recording(flight, topic="MAG 1", sensor="2")
+
+
+def test_a_bag_is_in_tesla_unless_its_driver_wrote_another_unit(tmp_path: Path, tumble: Floats) -> None:
+    bag = tmp_path / "walk.bag"
+    write_ros(bag, tumble)
+    np.testing.assert_allclose(flinders.read(bag).field, tumble[:, 1:4] / 10.0, rtol=1e-9)
+    assert flinders.open_recording(bag, unit="G").unit.name == "G"
+
+
+def test_progress_goes_to_the_end(flight: Path, tmp_path: Path, tumble: Floats) -> None:
+    for name in ("npz", "parquet", "arrow", "text"):
+        seen: list[tuple[int, int | None]] = []
+        path = written(name, tmp_path, tumble)
+        flinders.read(path, progress=lambda done, total, seen=seen: seen.append((done, total)))
+        assert seen[-1] == (path.stat().st_size, path.stat().st_size), name
+        assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_what_the_vehicle_had_corrected_is_taken_off_unless_it_is_to_stay(flight: Path) -> None:
+    truth = simulate.tumble(seed=4).samples.field[:ROWS]
+    np.testing.assert_array_equal(flinders.read(flight).field, truth)
+    np.testing.assert_array_equal(flinders.read(flight, as_logged=True).field, truth - [1.0, 2.0, 3.0])
+    turned = flinders.read(flight, axes="x,-y,-z")
+    np.testing.assert_array_equal(turned.field, truth * [1.0, -1.0, -1.0])
+
+
+def test_the_beginning_of_a_log_is_the_same_for_all_its_magnetometers(flight: Path) -> None:
+    """The second starts a second later: of the first two seconds it has one."""
+    assert len(flinders.read(flight, sensor="1", end=2.0)) == 101
+    assert len(flinders.read(flight, sensor="2", end=2.0)) == 51
+
+
+@pytest.mark.parametrize("option", ["columns", "unit", "scale"])
+def test_a_log_knows_its_columns_and_units(option: str, flight: Path) -> None:
+    value: Any = 0.1 if option == "scale" else "1,2,3" if option == "columns" else "uT"
+    with pytest.raises(UsageError, match=f"says so itself: leave --{option} out"):
+        flinders.open_recording(flight, **{option: value})
+
+
+def test_a_table_has_one_magnetometer(tmp_path: Path, tumble: Floats) -> None:
+    path = written("npz", tmp_path, tumble)
+    with pytest.raises(UsageError, match="has one magnetometer: leave --sensor out"):
+        flinders.open_recording(path, sensor="2")
+    (alone,) = flinders.open_log(path).instruments
+    np.testing.assert_allclose(next(alone.blocks()).field, tumble[:, 1:4] / 10.0, rtol=1e-15)
+    assert isinstance(flinders.open_recording(path), TableRecording)
+
+
+def test_all_magnetometers_are_calibrated_in_one_run(flight: Path, tmp_path: Path) -> None:
+    ended = CliRunner().invoke(
+        main, ["calibrate", str(flight), "--sensor", "all", "-o", str(tmp_path / "mag-{sensor}.json"), "--json"]
+    )
+    rows = json.loads(ended.stdout)["sensors"]
+    assert [row["sensor"] for row in rows] == ["MAG 0", "MAG 1"]
+    for number, row in enumerate(rows, 1):
+        saved = flinders.Calibration.load(tmp_path / f"mag-{number}.json")
+        np.testing.assert_allclose(saved.offset, row["calibration"]["offset"])
+        assert saved.sensor == row["sensor"]
+    assert ended.exit_code == max(0 if row["verdict"] == "good" else 3 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("--sensor 7", "has no magnetometer 7"),
+        ("--sensor all -o -", "several calibrations do not go to standard output"),
+        ("--sensor all --report-text page.txt", "--report-text is for one magnetometer"),
+        ("--from 3 --to 2", "nothing lies between"),
+        ("--from -1", "need seconds from the beginning"),
+        ("--unit mG", "says so itself: leave --unit out"),
+    ],
+)
+def test_what_a_log_cannot_do_is_said(words: str, says: str, flight: Path) -> None:
+    ended = CliRunner().invoke(main, ["calibrate", str(flight), *words.split()])
+    assert ended.exit_code == 2, ended.output
+    assert says in ended.stderr
+
+
+def test_the_name_of_the_magnetometer_is_kept(flight: Path, tmp_path: Path) -> None:
+    output = tmp_path / "calibration.json"
+    ended = CliRunner().invoke(main, ["calibrate", str(flight), "--sensor", "2", "-o", str(output)])
+    assert ended.exit_code in {0, 3}, ended.output
+    assert flinders.Calibration.load(output).sensor == "MAG 1"
+    checked = CliRunner().invoke(main, ["check", str(output), str(flight), "--sensor", "2"])
+    assert "NO CHECK" in checked.output
+
+
+# what is broken
+
+CUTS, FLIPS = 100, 100
+
+JUDGE = """
+import json, resource, signal, sys, traceback
+from pathlib import Path
+import flinders
+from flinders.errors import FlindersError
+
+def slow(*_):
+    raise TimeoutError("a hang")
+
+signal.signal(signal.SIGALRM, slow)
+folder, bad, outcomes = Path(sys.argv[1]), [], {"read": 0, "refused": 0}
+for path in sorted(folder.iterdir()):
+    signal.alarm(20)
+    try:
+        log = flinders.open_log(path)
+        for instrument in log.instruments:
+            for block in instrument.blocks():
+                pass
+        outcomes["read"] += 1
+    except FlindersError as error:
+        outcomes["refused"] += 1
+        message = str(error)
+        if not message.isprintable() or len(message) > 600:
+            bad.append([path.name, message])
+    except BaseException:
+        bad.append([path.name, traceback.format_exc()])
+    signal.alarm(0)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(json.dumps({"bad": bad, "peak_mb": peak / 1024, **outcomes}))
+"""
+"""Reads each file of a folder in a process of its own, whose memory can be measured and whose crash can be seen."""
+
+LARGEST_SAMPLE = 300_000
+"""Bytes of a sample that is broken: a real log is cut to that first, so that two hundred of them take seconds."""
+
+
+def broken(content: bytes, seed: int) -> Iterator[bytes]:
+    """Truncations, and flips of up to eight bytes, half of them in the first kilobyte, where headers are."""
+    random = np.random.default_rng(seed)
+    for place in random.integers(1, len(content), CUTS):
+        yield content[:place]
+    for turn in range(FLIPS):
+        changed = bytearray(content)
+        reach = min(len(content), 1024) if turn % 2 else len(content)
+        for place in random.integers(0, reach, random.integers(1, 9)):
+            changed[place] ^= int(random.integers(1, 256))
+        yield bytes(changed)
+
+
+REAL = {
+    "dataflash": "dronekit_log171_3mags/log171.bin",
+    "ulog": "px4_pyulog_cubeorange/sample_log_small.ulg",
+}
+"""Logs of vehicles are real ones: nothing else has all that such a log may hold."""
+
+
+@pytest.mark.parametrize("name", [reader.name for reader in READERS if reader.name in {*WRITERS, *REAL, *LINKED}])
+def test_broken_files_are_told_and_never_hang_nor_fill_the_memory(
+    name: str, tmp_path: Path, tumble: Floats, request: pytest.FixtureRequest
+) -> None:
+    """200 truncations and byte flips: an error in a line or a result; no traceback, no hang, no more than 600 MB."""
+    if name in REAL:
+        content = request.getfixturevalue("recordings")(REAL[name]).read_bytes()[:LARGEST_SAMPLE]
+    else:
+        path = tmp_path / "sample"
+        {**WRITERS, **LINKED}[name](path, tumble)
+        content = next(tmp_path.glob("sample*")).read_bytes()  # NumPy adds an ending
+    folder = tmp_path / "broken"
+    folder.mkdir()
+    for number, changed in enumerate(broken(content, seed=11)):
+        (folder / f"{number:03}{BY_NAME[name].suffixes[0]}").write_bytes(changed)
+    words = [sys.executable, "-W", "ignore", "-c", JUDGE, str(folder)]
+    ended = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    found = json.loads(ended.stdout.splitlines()[-1])
+    assert found["bad"] == []
+    assert found["read"] + found["refused"] == CUTS + FLIPS
+    assert found["peak_mb"] < 600, found
+
+
+# documentation
+
+
+def test_each_format_is_documented_from_the_table(request: pytest.FixtureRequest) -> None:
+    """The table in docs/formats.md is that of the readers, and each has a section with a command to type."""
+    path = ROOT / "docs" / "formats.md"
+    text = path.read_text(encoding="utf-8")
+    rows = ["| format | endings | needs |", "|---|---|---|"]
+    for reader in READERS:
+        endings = ", ".join(f"`{suffix}`" for suffix in reader.suffixes)
+        needs = f"`pip install 'flinders[{reader.extra}]'`" if reader.extra else ""
+        rows.append(f"| [{reader.title}](#{anchor(reader.title)}) | {endings} | {needs} |")
+    table = "\n".join(rows)
+    pattern = re.compile(r"(?<=<!-- table of readers -->\n).*?(?=<!-- end of the table -->)", re.DOTALL)
+    if request.config.getoption("--regenerate", default=False):
+        path.write_text(pattern.sub(lambda _: f"{table}\n", text), encoding="utf-8")
+        return
+    assert f"{table}\n" in text, "docs/formats.md has another table than READERS: pytest --regenerate this test"
+    for reader in READERS:
+        section = re.search(rf"^## {re.escape(reader.title)}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL | re.I)
+        assert section, f"docs/formats.md has no section '## {reader.title}'"
+        assert "```sh\nflinders " in section[1], f"'## {reader.title}' shows no command"
+
+
+def anchor(title: str) -> str:
+    return re.sub(r"[^\w\- ]", "", title.casefold()).replace(" ", "-")
+
+
+def test_extras_are_those_that_can_be_installed() -> None:
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    section = text[text.index("[project.optional-dependencies]") :]
+    assert all(f"\n{reader.extra} = [" in section for reader in READERS if reader.extra)
+
+
+def test_every_real_log_can_be_opened(recordings: Callable[[str], Path]) -> None:
+    for name in (*REAL.values(), "ros1_imu_tools_bags/phidgets_imu_upside_down.bag"):
+        log = flinders.open_log(recordings(name))
+        assert log.instruments
+        assert all(len(block) for block in log.instruments[0].blocks())
+
+
+def test_real_arrays(recordings: Callable[[str], Path]) -> None:
+    """Readings as the description of the data set counts them, 1,890 to 2,706."""
+    path = recordings("leiria_robot/V_300_path1_MPU9150.npz")
+    with np.load(path) as arrays:
+        samples = flinders.read(path, unit="uT")
+        np.testing.assert_array_equal(samples.field, arrays["mag"][np.isfinite(arrays["mag"]).all(axis=1)])
+        assert samples.acceleration is not None
+
+
+def test_errors_stay_errors_of_flinders(tmp_path: Path) -> None:
+    (tmp_path / "empty.npy").write_bytes(b"\x93NUMPY")
+    with pytest.raises(FlindersError, match="cannot be read as a NumPy array"):
+        flinders.read(tmp_path / "empty.npy")
+    assert os.listdir(tmp_path) == ["empty.npy"]  # noqa: PTH208 - nothing was left behind
+
+
+# two columns
+
+
+def two_columns(folder: Path, *, header: str = "", third: bool = False) -> tuple[Path, Floats]:
+    """A level turn of 72 points with hard iron of 10 and −5."""
+    angle = np.radians(np.arange(0, 360, 5))
+    turn = np.stack([30 * np.cos(angle) + 10, 30 * np.sin(angle) - 5], axis=1)
+    shown = np.column_stack([np.full(len(turn), 7.0), turn]) if third else turn
+    path = folder / "turn.csv"
+    path.write_text(header + "".join(",".join(f"{value:.4f}" for value in row) + "\n" for row in shown))
+    return path, turn
+
+
+@pytest.mark.parametrize(
+    ("header", "third", "words"),
+    [
+        ("", False, ""),
+        ("hx,hy\n", False, ""),
+        ("hx,hy\n", False, "--columns hx,hy"),
+        ("count,hx,hy\n", True, "--columns hx,hy"),
+        ("count,hx,hy\n", True, "--columns 2,3"),
+    ],
+)
+@pytest.mark.parametrize(("plane", "axes"), [("xy", (0, 1)), ("yz", (1, 2)), ("zx", (2, 0))])
+def test_two_columns_are_those_of_the_plane(
+    header: str, third: bool, words: str, plane: str, axes: tuple[int, int], tmp_path: Path
+) -> None:
+    path, _ = two_columns(tmp_path, header=header, third=third)
+    line = ["two-axis", str(path), "--plane", plane, "--unit", "uT", "-o", str(tmp_path / "c.json"), *words.split()]
+    ended = CliRunner().invoke(main, line)
+    assert ended.exit_code == 3, ended.output
+    offset = flinders.Calibration.load(tmp_path / "c.json").offset
+    np.testing.assert_allclose(offset[list(axes)], [10.0, -5.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("command", ["calibrate", "info", "compare-methods"])
+def test_two_columns_are_for_two_axis_alone(command: str, tmp_path: Path) -> None:
+    path, _ = two_columns(tmp_path)
+    ended = CliRunner().invoke(main, [command, str(path)])
+    assert ended.exit_code == 5
+    assert "two, of a level turn, are for flinders two-axis" in ended.stderr
+    asked = CliRunner().invoke(main, [command, str(path), "--columns", "1,2"])
+    assert asked.exit_code in {2, 5}
+    assert "flinders two-axis" in asked.stderr

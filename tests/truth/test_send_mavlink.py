@@ -1,0 +1,398 @@
+"""`flinders send --mavlink`: over UDP to a vehicle made of pymavlink that answers well, late, wrongly, or not."""
+
+from __future__ import annotations
+
+import json
+import select
+import socket
+import struct
+import threading
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from flinders.calibration import Calibration
+from flinders.cli import main
+from flinders.conventions import ardupilot, px4
+from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
+from flinders.live import mavlink
+from flinders.live.mavlink import Vehicle
+from flinders.live.plan import Plan
+from flinders.live.sources import Udp
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from click.testing import Result
+
+dialect = pytest.importorskip("pymavlink.dialects.v20.common")
+
+DEVICE = 396809
+MATRIX = [[1.1034567, 0.0512345, -0.0234567], [0.0512345, 0.9123456, 0.0312345], [-0.0234567, 0.0312345, 1.0234567]]
+
+
+def found(**more: Any) -> Calibration:
+    return Calibration(np.array(MATRIX), np.array([12.3456789, -30.98765, 7.000432]), 49.1, raw=Unit.of("uT"), **more)
+
+
+class Autopilot:
+    """A vehicle: sends heartbeats to a port, answers questions about its parameters, takes new values.
+
+    `ignores` are parameters it keeps as they are; `answers_wrongly` it takes and reports as another value;
+    `late` seconds pass before it answers; `falls_silent` after so many settings; `arms` after so many.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        *,
+        kind: int = mavlink.ARDUPILOT,
+        device: int = DEVICE,
+        system: int = 1,
+        armed: bool = False,
+        ignores: tuple[str, ...] = (),
+        answers_wrongly: tuple[str, ...] = (),
+        late: float = 0.0,
+        falls_silent: int = 99,
+        arms: int = 99,
+        scheme: int = 0,
+        old: bool = False,
+        drops: int = 0,
+    ) -> None:
+        self.kind, self.armed, self.ignores, self.answers_wrongly = kind, armed, ignores, answers_wrongly
+        self.late, self.falls_silent, self.arms, self.old, self.drops = late, falls_silent, arms, old, drops
+        self.values = px4_values(device) if kind == mavlink.PX4 else ardupilot_values(device, scheme)
+        self.before = dict(self.values)
+        self.sets: list[tuple[str, float]] = []
+        self._due: list[tuple[float, str]] = []
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self._link = dialect.MAVLink(self, srcSystem=system, srcComponent=1)
+        self._link.robust_parsing = True
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._live, daemon=True)
+        self._thread.start()
+
+    def write(self, content: bytes) -> None:
+        with suppress(ConnectionError):
+            self._socket.send(content)
+
+    def _live(self) -> None:
+        beaten = 0.0
+        while not self._ended.is_set():
+            if len(self.sets) >= self.falls_silent:
+                time.sleep(0.02)
+                continue
+            if time.monotonic() - beaten > 0.05:
+                beaten = time.monotonic()
+                mode = 81 | (mavlink.ARMED if self.armed or len(self.sets) >= self.arms else 0)
+                self._send(dialect.MAVLink_heartbeat_message(2, self.kind, mode, 0, 3, 3))
+                self._send(dialect.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0))
+            while self._due and self._due[0][0] <= time.monotonic():
+                self._report(self._due.pop(0)[1])
+            if select.select([self._socket], [], [], 0.002)[0]:
+                try:
+                    content = self._socket.recv(65535)
+                except ConnectionError:
+                    continue
+                for message in self._link.parse_buffer(content) or []:
+                    self._answer(message)
+
+    def _send(self, message: Any) -> None:  # noqa: ANN401
+        self._link.send(message, force_mavlink1=self.old)
+
+    def _answer(self, message: Any) -> None:  # noqa: ANN401
+        kind = message.get_type()
+        if kind not in ("PARAM_REQUEST_READ", "PARAM_SET"):
+            return
+        if self.drops:
+            self.drops -= 1
+            return
+        name = message.param_id
+        if name not in self.values:
+            return
+        if kind == "PARAM_SET":
+            value = message.param_value
+            self.sets.append((name, value))
+            if name not in self.ignores:
+                self.values[name] = np.float32(value).item()
+        self._due.append((time.monotonic() + self.late, name))
+
+    def _report(self, name: str) -> None:
+        value, kind = self.values[name], mavlink.REAL32
+        if name.endswith("_ID") or "DEV_ID" in name:
+            kind = 6
+            if self.kind == mavlink.PX4:
+                value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
+        if name in self.answers_wrongly and self.sets:
+            value += 0.25
+        self._send(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.values), 0))
+
+    def stop(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._socket.close()
+
+
+def ardupilot_values(device: int, scheme: int = 0) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for compass in (1, 2, 3):
+        for group, default in (("OFS", 3.0), ("DIA", 1.0), ("ODI", 0.0)):
+            for axis in ("_X", "_Y", "_Z"):
+                values[ardupilot.names(group, compass, axis)[scheme]] = default
+        values[ardupilot.names("SCALE", compass)[scheme]] = 1.0
+        values[ardupilot.names("DEV_ID", compass)[scheme]] = device + compass - 1 if compass < 3 else 0
+    return values
+
+
+def px4_values(device: int) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for slot in range(3):
+        for axis in "XYZ":
+            values |= {f"CAL_MAG{slot}_{axis}OFF": 0.1, f"CAL_MAG{slot}_{axis}SCALE": 1.0}
+            values |= {f"CAL_MAG{slot}_{axis}ODIAG": 0.0}
+        values[f"CAL_MAG{slot}_ID"] = device + slot
+    return values
+
+
+@contextmanager
+def vehicle(*, answer: float = 0.25, **more: Any) -> Iterator[tuple[Autopilot, Vehicle]]:
+    source = Udp(0, "127.0.0.1")
+    autopilot = Autopilot(source.port, **more)
+    try:
+        yield autopilot, Vehicle.find(source, listen=0.15, answer=answer, silent=0.6)
+    finally:
+        autopilot.stop()
+        source.close()
+
+
+def test_ardupilot_holds_every_value_and_no_other_changed() -> None:
+    with vehicle() as (autopilot, seen):
+        assert seen.name == "ArduPilot, system 1"
+        plan = Plan.of(seen, found(), compass=2, device_id=DEVICE + 1)
+        assert autopilot.sets == []
+        plan.carry_out(seen)
+    held = ardupilot.Parameters.read(autopilot.values, 2)
+    wanted = ardupilot.Parameters.of(found(), compass=2).as_held()
+    np.testing.assert_array_equal(held.matrix, wanted.matrix)
+    np.testing.assert_array_equal(held.offset, wanted.offset)
+    changed = {name for name, value in autopilot.values.items() if value != autopilot.before[name]}
+    assert changed == {change.new.name for change in plan.pending}
+    assert all("2" in name for name in changed)
+
+
+def test_px4_device_ids_travel_byte_by_byte() -> None:
+    with vehicle(kind=mavlink.PX4) as (autopilot, seen):
+        plan = Plan.of(seen, found(sensor=f"sensor_mag 1 (device {DEVICE + 1})"))
+        assert (plan.compass, plan.device_id) == (1, DEVICE + 1)  # looked up by the id that the calibration names
+        plan.carry_out(seen)
+    held = px4.Parameters.read(autopilot.values, 1)
+    wanted = px4.Parameters.of(found(), compass=1).as_held()
+    np.testing.assert_array_equal(held.matrix, wanted.matrix)
+    np.testing.assert_array_equal(held.offset, wanted.offset)
+    assert plan.backup().splitlines()[1] == f"1\t1\tCAL_MAG1_XOFF\t{np.float32(0.1):.9g}\t9"
+
+
+def test_the_other_scheme_of_names_and_mavlink_1_work() -> None:
+    with vehicle(scheme=1, old=True) as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1, device_id=DEVICE)
+        plan.carry_out(seen)
+    assert autopilot.values["COMPASS1_OFS_X"] == np.float32(-123.456789)
+
+
+def test_an_armed_vehicle_is_refused_before_anything_is_asked() -> None:
+    with vehicle(armed=True) as (autopilot, seen), pytest.raises(NotSent, match="is armed"):
+        Plan.of(seen, found(), compass=1)
+    assert autopilot.sets == []
+
+
+def test_another_compass_is_refused() -> None:
+    with vehicle() as (autopilot, seen):
+        with pytest.raises(NotSent, match=f"has device id {DEVICE}, and the calibration is for 42"):
+            Plan.of(seen, found(), compass=1, device_id=42)
+        with pytest.raises(NotSent, match="has no compass with device id 42"):
+            Plan.of(seen, found(), device_id=42)
+        with pytest.raises(NotSent, match="has no compass 3"):
+            Plan.of(seen, found(), compass=3)
+        with pytest.raises(UsageError, match="compass 0: ArduPilot counts them from 1 to 3"):
+            Plan.of(seen, found(), compass=0)
+        assert "nobody said which compass" in Plan.of(seen, found()).notes[-1]
+    assert autopilot.sets == []
+
+
+def test_a_value_that_is_not_taken_brings_all_the_old_ones_back() -> None:
+    with vehicle(ignores=("COMPASS_ODI_Y",)) as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        with pytest.raises(NotConfirmed, match="did not confirm COMPASS_ODI_Y") as caught:
+            plan.carry_out(seen)
+    assert "holds the values from before again (all 8 that were touched, confirmed)" in str(caught.value)
+    assert autopilot.values == autopilot.before
+    assert len(autopilot.sets) > 8  # it had been under way
+
+
+def test_where_the_old_values_cannot_be_put_back_their_names_are_told() -> None:
+    with vehicle(answers_wrongly=("COMPASS_OFS_Y",)) as (_, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        with pytest.raises(NotConfirmed, match="could not be put back for COMPASS_OFS_Y: DO NOT ARM"):
+            plan.carry_out(seen)
+
+
+def test_a_vehicle_that_is_armed_on_the_way_gets_its_old_values_back() -> None:
+    with vehicle(arms=2) as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        with pytest.raises(NotConfirmed, match=r"is armed.*holds the values from before again"):
+            plan.carry_out(seen, done=lambda _: time.sleep(0.12))
+    assert autopilot.values == autopilot.before
+
+
+def test_a_link_that_is_lost_on_the_way_says_what_is_not_known() -> None:
+    with vehicle(falls_silent=3) as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        with pytest.raises(NotConfirmed, match=r"has been silent for 0\.6 s; and .* COMPASS_OFS_X, COMPASS_OFS_Y, CO"):
+            plan.carry_out(seen)
+    assert len(autopilot.sets) == 3
+
+
+def test_stopping_puts_the_old_values_back() -> None:
+    with vehicle() as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        with pytest.raises(NotConfirmed, match=r"stopped before all was sent; .* \(all 4 "):
+            plan.carry_out(seen, stopped=lambda: len(autopilot.sets) >= 4)
+    assert autopilot.values == autopilot.before
+
+
+def test_late_and_lost_answers_are_waited_for() -> None:
+    with vehicle(late=0.05, drops=2) as (autopilot, seen):
+        Plan.of(seen, found(), compass=1).carry_out(seen)
+    assert autopilot.values["COMPASS_OFS_X"] == np.float32(-123.456789)
+
+
+def test_a_late_answer_to_an_earlier_question_does_no_harm() -> None:
+    with vehicle(answer=0.08) as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        autopilot.late = 0.1  # longer than a first try: many answers are to the try before
+        plan.carry_out(seen)
+        assert autopilot.values["COMPASS_DIA_Z"] == np.float32(dict(plan_values(plan))["COMPASS_DIA_Z"])
+
+
+def plan_values(plan: Plan) -> Iterator[tuple[str, float]]:
+    return ((change.new.name, change.new.value) for change in plan.changes)
+
+
+def test_nobody_and_several_are_told_apart() -> None:
+    source = Udp(0, "127.0.0.1")
+    with pytest.raises(LinkError, match="no heartbeat from UDP port 0"):
+        Vehicle.find(source, wait=0.1)
+    one, two = Autopilot(source.port), Autopilot(source.port, system=7)
+    try:
+        with pytest.raises(UsageError, match="several vehicles, systems 1, 7: say which with --system"):
+            Vehicle.find(source, listen=0.3)
+        assert Vehicle.find(source, system=7).system == 7
+        with pytest.raises(LinkError, match=r"no heartbeat of system 9 \(there is 1, 7\)"):
+            Vehicle.find(source, system=9, wait=0.3)
+    finally:
+        one.stop()
+        two.stop()
+        source.close()
+
+
+def test_another_autopilot_is_refused() -> None:
+    source = Udp(0, "127.0.0.1")
+    other = Autopilot(source.port, kind=4)
+    try:
+        with pytest.raises(NotSent, match="is autopilot 4"):
+            Vehicle.find(source, listen=0.1)
+    finally:
+        other.stop()
+        source.close()
+
+
+# the command
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found().save("cal.json")
+
+
+def send(*words: str) -> Result:
+    return CliRunner().invoke(main, ["send", *words])
+
+
+@contextmanager
+def at(**more: Any) -> Iterator[tuple[Autopilot, str]]:
+    """A vehicle that sends to a free port, and the address to give."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    autopilot = Autopilot(port, **more)
+    try:
+        yield autopilot, f"udp:127.0.0.1:{port}"
+    finally:
+        autopilot.stop()
+
+
+def test_the_command_saves_the_old_values_first_and_tells_the_end() -> None:
+    with at() as (autopilot, address):
+        dry = send("--mavlink", address, "--system", "1", "--compass", "1", "--dry-run", "cal.json")
+        assert (dry.exit_code, autopilot.sets) == (0, [])
+        assert "10 values would change" in dry.stdout
+        assert list(Path().glob("*.param")) == []
+        ended = send(
+            "--mavlink", address, "--system", "1", "--device-id", str(DEVICE), "--backup", "old.param", "cal.json"
+        )
+        assert ended.exit_code == 0, ended.output
+        again = send("--mavlink", address, "--system", "1", "--device-id", str(DEVICE), "--json", "cal.json")
+    assert "compass 1 holds the calibration, all 10 values read back" in ended.stderr
+    saved = ardupilot.parse(Path("old.param").read_text(encoding="utf-8"))
+    assert saved == {name: autopilot.before[name] for name in saved}
+    assert len(saved) == 10
+    assert "holds these values already" in again.stderr
+    assert json.loads(again.stdout)["sent"] is False
+
+
+def test_the_command_never_writes_over_old_values() -> None:
+    Path("old.param").write_text("COMPASS_OFS_X,1\n", encoding="utf-8")
+    with at() as (autopilot, address):
+        ended = send("--mavlink", address, "--system", "1", "--backup", "old.param", "cal.json")
+    assert (ended.exit_code, autopilot.sets) == (6, [])
+    assert "old.param exists" in ended.stderr
+
+
+def test_the_command_ends_with_the_code_of_what_went_wrong() -> None:
+    with at(ignores=("COMPASS_SCALE",)) as (autopilot, address):
+        ended = send("--mavlink", address, "--system", "1", "--compass", "1", "cal.json")
+    assert ended.exit_code == 6
+    assert "did not confirm COMPASS_SCALE" in ended.stderr
+    assert "The values from before are in compass-before-" in ended.stderr
+    assert autopilot.values == autopilot.before
+    assert len(list(Path().glob("compass-before-*.param"))) == 1
+    with at(armed=True) as (_, address):
+        assert send("--mavlink", address, "--system", "1", "cal.json").exit_code == 4
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (("--mavlink", "udp:127.0.0.1", "cal.json"), 2, "need HOST:PORT"),
+        (("--mavlink", "udp:127.0.0.1:99999", "cal.json"), 2, "need HOST:PORT"),
+        (("--mavlink", "http://x", "cal.json"), 2, "need udp:HOST:PORT"),
+        (("--mavlink", "tcp:127.0.0.1:1", "cal.json"), 5, "nobody listens there"),
+        (("--mavlink", "udp:nohost.invalid:14550", "cal.json"), 5, "no such host"),
+        (("--mavlink", "/dev/ttyNONE", "cal.json"), 5, "is not there"),
+        (("--mavlink", "udp:127.0.0.1:14550", "--compass", "4", "cal.json"), 2, "--compass"),
+        (("--mavlink", "udp:127.0.0.1:14550", "none.json"), 5, "none.json"),
+    ],
+)
+def test_mistakes_end_in_a_line(words: tuple[str, ...], code: int, message: str) -> None:
+    ended = send(*words)
+    assert ended.exit_code == code, ended.output
+    assert message in ended.stderr
+    assert "Traceback" not in ended.output

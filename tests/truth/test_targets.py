@@ -1,0 +1,595 @@
+"""What is written for each target, put through the target's own formula as its sources have it, is the calibration.
+
+The formulas stand here a second time, and take their numbers from the file that was written, rounded to what the target
+keeps.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders import simulate
+from flinders.arrays import Floats, floats
+from flinders.axes import Axes
+from flinders.calibration import Calibration
+from flinders.conventions import motioncal, vectornav
+from flinders.conventions._affine import nearest_diagonal, symmetric_root
+from flinders.conventions._rotations import euler
+from flinders.errors import DocumentError, InputError, NotExportable, UnitError, UsageError
+from flinders.exporters import EXPORTERS, Asked, find, read_back
+from flinders.exporters._sheet import BLOCK, HASH, HOLDS, MARKUP, WHERE, digits, plain_ascii
+from flinders.units import PER_UNIT, Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.exporters import Export, Exporter
+
+ROWS = [row for row in EXPORTERS.values() if not row.name.startswith("adis")]
+"""The registers of the ADIS have tests of their own."""
+
+COUNT_UT = 0.15
+"""µT in one count of the sensors below."""
+
+
+def sensor(seed: int, unit: str = "mG", axes: str = "x,y,z", keeps: str = "all") -> Calibration:
+    """A calibration with as much soft iron as the target keeps."""
+    random = np.random.default_rng(seed)
+    soft = {
+        "all": np.eye(3) + random.normal(0, 0.08, (3, 3)),
+        "diagonal": np.diag(random.uniform(0.8, 1.25, 3)),
+        "offset": np.eye(3),
+    }[keeps]
+    matrix = (soft + soft.T) / 2
+    raw = Unit.of("counts", COUNT_UT) if unit == "counts" else Unit.of(unit)
+    return Calibration(matrix, random.normal(0, 25, 3), 48.0, True, raw=raw, axes=Axes.of(axes))
+
+
+def readings(calibration: Calibration) -> Floats:
+    """(1000, 3) what the sensor reads, µT, in the axes as recorded."""
+    back = calibration.axes.apply(np.eye(3))
+    field = simulate.uniform(np.random.default_rng(9), 1000) * calibration.field_strength
+    return calibration.unapply(field) @ back.T
+
+
+def rendered(name: str, calibration: Calibration, **asked: Any) -> Export:
+    return find(name).render(calibration, target=name, about=["from a test"], asked=Asked(**asked))
+
+
+# the formulas, each from its source (formats.md, section 3)
+
+
+def f32(values: object) -> Floats:
+    return np.asarray(values, np.float32).astype(np.float64)
+
+
+def pairs(text: str, pattern: str) -> dict[str, float]:
+    return {name: float(value) for name, value in re.findall(pattern, text, re.MULTILINE)}
+
+
+def symmetric(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Floats:
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def lists(text: str, count: int) -> Floats:
+    """The last `count` numbers of some code, without its comments."""
+    code = re.sub(r"/\*.*?\*/|^\s*[#%].*?$", "", text, flags=re.DOTALL | re.MULTILINE)
+    found = re.findall(r"(?<![\w.])-?\d+\.\d*(?:e[-+]?\d+)?(?=f?\b)", code)
+    return f32([float(word) for word in found][-count:])
+
+
+def ardupilot(export: Export, r: Floats) -> Floats:
+    p = {name: float(np.float32(v)) for name, v in pairs(export.text, r"^(\w+),(\S+)$").items()}
+    iron = symmetric(*(p[f"COMPASS_{group}_{axis}"] for group in ("DIA", "ODI") for axis in "XYZ"))
+    return floats((r + [p[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]) * p["COMPASS_SCALE"] @ iron.T)
+
+
+def px4(export: Export, r: Floats) -> Floats:
+    p = {
+        name: float(np.float32(v))
+        for name, v in pairs(export.text, r"^(?:1\t1\t|param set )(CAL_MAG0_\w+)[ \t](\S+)").items()
+    }
+    scale = symmetric(*(p[f"CAL_MAG0_{axis}{group}"] for group in ("SCALE", "ODIAG") for axis in "XYZ"))
+    return floats((r - [p[f"CAL_MAG0_{axis}OFF"] for axis in "XYZ"]) @ scale.T)
+
+
+def motioncal_packet(export: Export, r: Floats) -> Floats:
+    assert export.data is not None
+    values = struct.unpack_from("<16f", export.data, 2)
+    return floats((r - np.array(values[6:9])) @ symmetric(*values[10:16]).T)
+
+
+def sensorlab(export: Export, r: Floats) -> Floats:
+    p = json.loads(export.text)
+    return floats((r - f32(p["mag_hardiron"])) @ f32(p["mag_softiron"]).reshape(3, 3).T)
+
+
+def subtracted(export: Export, r: Floats) -> Floats:
+    numbers = lists(export.text, 12)
+    return floats((r - numbers[9:]) @ numbers[:9].reshape(3, 3).T)
+
+
+def fusion_old(export: Export, r: Floats) -> Floats:
+    numbers = lists(export.text, 12)
+    return floats(r @ numbers[:9].reshape(3, 3).T - numbers[9:])
+
+
+def zscilib(export: Export, r: Floats) -> Floats:
+    numbers = lists(export.text, 12)
+    return floats((r + numbers[9:]) @ numbers[:9].reshape(3, 3).T)
+
+
+def rtimulib(export: Export, r: Floats) -> Floats:
+    assert "CompassCalValid=true" in export.text
+    assert "compassCalEllipsoidValid=true" in export.text
+    p = {name: float(np.float32(value)) for name, value in pairs(export.text, r"^(\w+)=([-\d.]+)$").items()}
+    low, high = (np.array([p[f"CompassCal{end}{axis}"] for axis in "XYZ"]) for end in ("Min", "Max"))
+    delta = high - low
+    matrix = np.array([[p[f"compassCalCorr{row}{column}"] for column in (1, 2, 3)] for row in (1, 2, 3)])
+    scaled = (r - (low + high) / 2) * (delta.max() / delta)
+    return floats((scaled - [p[f"compassCalOffset{axis}"] for axis in "XYZ"]) @ matrix.T)
+
+
+def betaflight(export: Export, r: Floats) -> Floats:
+    found = re.search(r"^set mag_calibration = (-?\d+),(-?\d+),(-?\d+)$", export.text, re.MULTILINE)
+    assert found
+    return floats(np.rint(r) - [int(word) for word in found.groups()])
+
+
+def inav(export: Export, r: Floats) -> Floats:
+    p = pairs(export.text, r"^set (\w+) = (-?\d+)$")
+    zero, gain = (np.array([p[f"mag{kind}_{axis}"] for axis in "xyz"]) for kind in ("zero", "gain"))
+    return floats(np.trunc((np.rint(r) - zero) * 1024 / gain))
+
+
+def paparazzi(export: Export, r: Floats) -> Floats:
+    p = pairs(export.text, r'<define name="(\w+)" value="(\S+?)"')
+    neutral, sens = (np.array([p[f"MAG_{axis}_{kind}"] for axis in "XYZ"]) for kind in ("NEUTRAL", "SENS"))
+    return floats((np.rint(r) - neutral) * sens)
+
+
+def register23(export: Export, r: Floats) -> Floats:
+    words = export.text.strip().partition("*")[0].split(",")
+    assert words[:2] == ["$VNWRG", "23"]
+    numbers = f32([float(word) for word in words[2:]])
+    return floats((r - numbers[9:]) @ numbers[:9].reshape(3, 3).T)
+
+
+def madgwick(export: Export, r: Floats) -> Floats:
+    p = pairs(export.text, r"(mag_bias_\w): (\S+)")
+    return floats(r - [p[f"mag_bias_{axis}"] for axis in "xyz"])
+
+
+def pipeline(export: Export, r: Floats) -> Floats:
+    p = pairs(export.text, r"(initial_mag_bias_\w): (\S+)")
+    matrix = re.search(r"initial_mag_scaling_matrix: \[([^\]]*)\]", export.text)
+    assert matrix
+    rows = np.array([float(word) for word in matrix[1].split(",")]).reshape(3, 3)
+    return floats((r - [p[f"initial_mag_bias_{axis}"] for axis in "xyz"]) @ rows.T)
+
+
+def esphome(export: Export, r: Floats) -> Floats:
+    found = re.findall(r"(-?[\d.]+(?:e-?\d+)?)f \* \(id\(field_strength_(.)\).state - \((\S+)f\)\)", export.text)
+    assert [axis for _, axis, _ in found] == list("xyz") * 3
+    rows = f32([float(gain) for gain, _, _ in found]).reshape(3, 3)
+    offsets = f32([float(offset) for _, _, offset in found]).reshape(3, 3)
+    return np.stack([np.sum(row * (r - offset), axis=1) for row, offset in zip(rows, offsets, strict=True)], axis=1)
+
+
+def matlab(export: Export, r: Floats) -> Floats:
+    """The two literals of the file, and its last line by hand: there is no Octave here to run it."""
+    b, a = (re.search(rf"^  {name} = \[([^\]]*)\];$", export.text, re.MULTILINE) for name in "bA")
+    assert a
+    assert b
+    assert "C = bsxfun(@minus, D, b) * A;" in export.text
+    rows = np.array([[float(word) for word in row.split()] for row in a[1].split(";")])
+    return floats((r - [float(word) for word in b[1].split()]) @ rows)
+
+
+def micropython(export: Export, r: Floats) -> Floats:
+    module: dict[str, Any] = {}
+    exec(compile(export.text, "flinders_calibration.py", "exec"), module)
+    return np.array([module["correct"](tuple(row)) for row in r])
+
+
+def fixed(form: tuple[int, int]) -> Callable[[Export, Floats], Floats]:
+    fraction, largest = form
+
+    def run(export: Export, r: Floats) -> Floats:
+        """In whole numbers of Python, which do not overflow, from the numbers in the header."""
+        shift = int(re.findall(r"units of 2\^-(\d+)", export.text)[0])
+        body = export.text.partition("flinders_matrix[3][3] = {")[2].partition("};")[0]
+        rows = [[int(word) for word in row.split(",")] for row in re.findall(r"\{(.*?)\}", body)]
+        offset = [int(word) for word in re.search(r"offset\[3\] = \{(.*?)\}", export.text)[1].split(",")]  # type: ignore[index]
+        found = []
+        for reading in np.rint(r).astype(int).tolist():
+            moved = [(value << fraction) - b for value, b in zip(reading, offset, strict=True)]
+            sums = [sum(a * d for a, d in zip(row, moved, strict=True)) for row in rows]
+            found.append([(total + (1 << (shift + fraction - 1))) >> (shift + fraction) for total in sums])
+        return floats(np.clip(np.array(found, float), -largest - 1, largest))
+
+    return run
+
+
+def plain(export: Export, r: Floats) -> Floats:
+    p = json.loads(export.text) if export.text.startswith("{") else export.fields["values"]
+    return floats((r - p["offset"]) @ np.array(p["matrix"]).T)
+
+
+FORMULAS: dict[str, Callable[[Export, Floats], Floats]] = {
+    "ardupilot": ardupilot, "px4": px4, "px4-shell": px4, "motioncal": motioncal_packet,
+    "adafruit-eeprom": motioncal_packet, "sensorlab": sensorlab, "fusion": subtracted, "fusion-python": subtracted,
+    "fusion-1.1": fusion_old, "rtimulib": rtimulib, "betaflight": betaflight, "inav": inav, "paparazzi": paparazzi,
+    "vectornav": register23, "ros-madgwick": madgwick, "ros-pipeline": pipeline, "esphome": esphome,
+    "zscilib": zscilib, "matlab": matlab, "arduino": subtracted, "micropython": micropython,
+    "c-q15": fixed((8, 2**15 - 1)), "c-q31": fixed((4, 2**23 - 1)), "json": plain, "yaml": plain,
+}  # fmt: skip
+"""The header in single precision is compiled and run elsewhere."""
+
+BOUND_UT = {
+    # half a count of the offset and half a count of the reading, on each axis
+    "betaflight": 3**0.5 * COUNT_UT,
+    # the same, half a step of each gain of some 256 counts or more, and one of 1024 cut off
+    "inav": 3**0.5 * (COUNT_UT * 1.25 + 48 * 0.5 / 256 + 48 / 1024),
+    "paparazzi": 3**0.5 * COUNT_UT * 1.25,
+    # half a unit (0.1 µT) of the reading times the largest gain, and half a unit of the result
+    "c-q15": 3**0.5 * 0.1 * (0.5 * 1.5 + 0.5),
+    "c-q31": 3**0.5 * 0.1 * (0.5 * 1.5 + 0.5),
+}
+"""What rounding allows, in µT; elsewhere that of single precision."""
+SINGLE_UT = 1e-4
+
+
+def test_every_target_has_its_formula_here() -> None:
+    assert {*FORMULAS, "c"} == {row.name for row in ROWS}
+
+
+@pytest.mark.parametrize("axes", ["x,y,z", "x,-y,-z", "-z,x,-y"])
+@pytest.mark.parametrize("name", FORMULAS)
+def test_the_targets_own_formula_gives_the_calibration(name: str, axes: str) -> None:
+    """On 1,000 readings in directions of the whole sphere, with three mountings and three sensors."""
+    sheet = find(name).sheet
+    for seed in range(3):
+        keeps = sheet.keeps if sheet.keeps in {"diagonal", "offset"} else "all"
+        given = sensor(seed, "counts" if sheet.unit == "counts" else "mG", axes, keeps)
+        export = rendered(name, given)
+        raw, own = readings(given), {"own": 1.0, "recorded": given.raw.scale, "counts": COUNT_UT}
+        size = own.get(sheet.unit) or PER_UNIT[sheet.unit]
+        gives = own[sheet.gives] if sheet.gives else size
+        fed = given.axes.apply(raw) if sheet.acts == "mapped" else raw
+        found = FORMULAS[name](export, fed / size) * gives
+        if sheet.acts == "recorded":
+            found = given.axes.apply(found)
+        expected = given.apply(given.axes.apply(raw))
+        if sheet.lengths:
+            found = found * np.sum(found * expected) / np.sum(found**2)
+        assert np.linalg.norm(found - expected, axis=1).max() <= BOUND_UT.get(name, SINGLE_UT)
+        assert export.fields["checked"]["worst"] <= BOUND_UT.get(name, SINGLE_UT)
+
+
+def test_lengths_are_those_that_a_target_wants() -> None:
+    """1024 of INAV, 2048 of Paparazzi, and B of MotionCal, whose matrix has determinant 1."""
+    given = sensor(1, "counts", keeps="diagonal")
+    raw = readings(given) / COUNT_UT
+    npt.assert_allclose(np.linalg.norm(inav(rendered("inav", given), raw), axis=1), 1024, rtol=0.01)
+    npt.assert_allclose(np.linalg.norm(paparazzi(rendered("paparazzi", given), raw), axis=1), 2048, rtol=0.01)
+    export = rendered("motioncal", sensor(1))
+    matrix, radius = export.fields["values"]["matrix"], export.fields["values"]["field"]
+    assert np.linalg.det(matrix) == pytest.approx(1, abs=1e-6)
+    lengths = np.linalg.norm(motioncal_packet(export, readings(sensor(1))), axis=1)
+    npt.assert_allclose(lengths, radius, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["ardupilot", "px4"])
+def test_a_compass_that_is_mounted_at_an_angle(name: str) -> None:
+    """ROLL_180_YAW_45: a log of ArduPilot is in the axes of the vehicle, one of PX4 in those of the sensor."""
+    mounting = euler(180, 0, 45)
+    truth = sensor(4, "uT")
+    seen = readings(truth)  # in the axes of the sensor
+    in_vehicle = truth.apply(seen) @ mounting.T
+    if name == "ardupilot":
+        turned = replace(truth, matrix=mounting @ truth.matrix @ mounting.T, offset=mounting @ truth.offset)
+        found = 0.1 * ardupilot(rendered(name, turned), 10 * seen @ mounting.T)
+    else:
+        found = 100 * px4(rendered(name, truth), seen / 100) @ mounting.T
+    npt.assert_allclose(found, in_vehicle, atol=SINGLE_UT)
+
+
+def test_signs_worked_by_hand() -> None:
+    """An offset of +10, −20, +30 µT: who adds, who subtracts, and in which unit."""
+    given = Calibration(np.diag([1.25, 1.0, 0.8]), np.array([10.0, -20, 30]), 50.0, raw=Unit.of("uT"))
+    assert "COMPASS_OFS_X,-100\nCOMPASS_OFS_Y,200\nCOMPASS_OFS_Z,-300\n" in rendered("ardupilot", given).text
+    assert "param set CAL_MAG0_XOFF 0.100000001\n" in rendered("px4-shell", given).text
+    assert "hardIronOffset = {10.0f, -20.0f, 30.0f};" in rendered("fusion", given).text
+    assert "hardIronOffset = {12.5f, -20.0f, 24.0f};" in rendered("fusion-1.1", given).text
+    assert "magn_b[3] = { -10.0, 20.0, -30.0 };" in rendered("zscilib", given).text
+    assert "initial_mag_bias_y: -2.000000000e-05\n" in rendered("ros-pipeline", given).text
+    counts = replace(given, matrix=np.diag([1.0, 1.0, 1.0]), raw=Unit.of("counts", 0.1))
+    assert "set mag_calibration = 100,-200,300\n" in rendered("betaflight", counts).text
+    assert "set maggain_x = 500\n" in rendered("inav", counts).text
+
+
+def test_which_compass() -> None:
+    given = sensor(0)
+    assert "COMPASS_OFS2_X," in rendered("ardupilot", given, compass=2).text
+    assert "CAL_MAG3_XOFF" in rendered("px4", given, compass=3).text
+    with pytest.raises(UsageError, match="compass 1, 2 and 3"):
+        rendered("ardupilot", given, compass=0)
+
+
+# what does not fit
+
+
+@pytest.mark.parametrize("name", ["betaflight", "inav", "paparazzi", "ros-madgwick"])
+def test_soft_iron_that_has_no_room_is_refused_with_what_it_costs(name: str) -> None:
+    unit = "mG" if name == "ros-madgwick" else "counts"
+    given = sensor(2, unit)
+    with pytest.raises(NotExportable, match=r"what is left out costs up to \d+° of heading") as caught:
+        rendered(name, given)
+    told = caught.value.evidence["heading_deg"]
+    export = rendered(name, given, lossy=True)
+    assert export.fields["checked"]["heading_deg"] == told
+    assert any("what is left out costs" in warning for warning in export.warnings)
+
+
+def test_soft_iron_that_costs_little_is_written_with_a_warning() -> None:
+    matrix = np.diag([1.003, 1.0, 0.998])
+    given = Calibration(matrix, np.array([5.0, 6, 7]), 50.0, raw=Unit.of("uT"))
+    export = rendered("ros-madgwick", given)
+    (warning,) = export.warnings
+    assert "imu_filter_madgwick holds an offset and no soft iron: what is left out costs up to 0." in warning
+    assert "# imu_filter_madgwick holds" in export.text
+
+
+def test_the_heading_error_told_is_the_worst_of_all_attitudes() -> None:
+    """Held so that the vertical is anywhere 30° from the field, the dip being 60°."""
+    given = sensor(3, "mG", keeps="diagonal")
+    export = rendered("ros-madgwick", given, lossy=True)
+    told = export.fields["checked"]["heading_deg"]
+    field = simulate.uniform(np.random.default_rng(1), 2000)
+    found = 1e6 * madgwick(export, given.unapply(given.field_strength * field) * 1e-6)
+    worst = 0.0
+    for angle in np.arange(0, 2 * np.pi, 0.1):
+        first = np.cross(field, np.roll(field, 1, axis=1))
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        across = np.cos(angle) * first + np.sin(angle) * np.cross(field, first)
+        down = np.cos(np.deg2rad(30)) * field + np.sin(np.deg2rad(30)) * across
+        level = [vector - np.sum(vector * down, axis=1, keepdims=True) * down for vector in (field, found)]
+        cosine = np.sum(level[0] * level[1], axis=1) / np.prod([np.linalg.norm(each, axis=1) for each in level], axis=0)
+        worst = max(worst, float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1)).max())))
+    assert worst == pytest.approx(told, rel=0.05)
+    assert worst <= told * 1.02
+
+
+def test_the_diagonal_left_over_is_the_one_that_costs_least() -> None:
+    matrix = sensor(5).matrix
+    found = nearest_diagonal(matrix)
+    left = [np.linalg.norm(np.diag(found * factor) @ np.linalg.inv(matrix) - np.eye(3)) for factor in (0.99, 1, 1.01)]
+    assert left[1] < min(left[0], left[2])
+    npt.assert_allclose(nearest_diagonal(np.diag([2.0, 1.0, 0.5])), [2.0, 1.0, 0.5])
+
+
+def test_a_rotation_that_a_symmetric_matrix_cannot_hold_is_refused() -> None:
+    given = replace(sensor(1), matrix=euler(0, 0, 5) @ sensor(1).matrix, rotation="estimated")
+    for name in ("ardupilot", "px4", "motioncal"):
+        with pytest.raises(NotExportable, match=r"turns readings|costs up to"):
+            rendered(name, given)
+    assert rendered("vectornav", given).fields["checked"]["worst_deg"] < 1e-4
+    npt.assert_allclose(symmetric_root(given.matrix), symmetric_root(given.matrix).T)
+    npt.assert_allclose(symmetric_root(given.matrix), sensor(1).matrix, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("betaflight", "would be 40,000 and holds -32768 to 32767"),
+        ("inav", "magzero_x would be 40,000"),
+        ("c-q15", "offset x would be"),
+    ],
+)
+def test_whole_numbers_that_are_too_large_are_named(name: str, message: str) -> None:
+    with pytest.raises(NotExportable, match=re.escape(message)):
+        rendered(name, Calibration(np.eye(3), np.array([40000.0, 0, 0]), 500.0))
+
+
+def test_whole_numbers_of_too_large_a_unit_are_refused() -> None:
+    """50 µT in whole microtesla is a degree."""
+    with pytest.raises(NotExportable, match="rounded to the target's numbers"):
+        rendered("c-q15", sensor(0, "uT"))
+    fine = rendered("c-q15", Calibration(np.eye(3), np.zeros(3), 20.0, raw=Unit.of("nT")))
+    assert fine.fields["checked"]["worst_deg"] < 0.003
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_units_that_cannot_be_had_are_told_with_what_to_do(row: Exporter) -> None:
+    in_counts = Calibration(np.eye(3), np.array([10.0, 20, 30]), 400.0)
+    if row.sheet.unit in {"own", "recorded", "counts"}:
+        assert row.render(in_counts, target=row.name).target == row.name
+    else:
+        with pytest.raises(UnitError, match="--scale"):
+            row.render(in_counts, target=row.name)
+    if row.sheet.unit == "counts":
+        with pytest.raises(UnitError, match="--unit counts"):
+            row.render(sensor(0), target=row.name)
+
+
+def test_a_matrix_that_is_symmetric_but_for_rounding_loses_nothing() -> None:
+    whole = sensor(2)
+    rounded = replace(whole, matrix=whole.matrix + 1e-13 * np.triu(np.ones((3, 3)), 1), rotation="composed")
+    assert rendered("motioncal", rounded).warnings == ()
+
+
+# what is written besides the numbers
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_comments_say_what_it_is_and_cannot_be_ended_from_outside(row: Exporter) -> None:
+    keeps = row.sheet.keeps if row.sheet.keeps in {"diagonal", "offset"} else "all"
+    given = sensor(0, "counts" if row.sheet.unit == "counts" else "mG", keeps=keeps)
+    evil = "x */ int main; /* --> <evil/> \n set evil = 1\u2028evil: 1\x85evil\r\nevil\x1b[2J ??/ é"
+    export = row.render(given, target=row.name, about=[f"from {evil}"])
+    assert export.text.isascii()
+    assert "\x1b" not in export.text
+    clean = row.render(given, target=row.name, about=["from x"])
+    if export.told:
+        assert "checked: its own formula" in export.text
+        assert row.sheet.formula.split()[0] in export.text
+        assert all(len(line) < 130 for line in export.text.splitlines() if "evil" in line)
+    body = clean.text.splitlines()
+    lines = export.text.splitlines()
+    extra = [line for line in lines if "evil" in line]
+    assert all(line.startswith(("# ", "% ", " * ", "  ")) for line in extra)
+    assert lines[-3:] == body[-3:]
+    assert "evil" not in re.sub(r"/\*.*?\*/|<!--.*?-->|^[#%].*?$", "", export.text, flags=re.DOTALL | re.MULTILINE)
+    assert export.data == clean.data
+
+
+def test_comments_of_all_kinds_are_closed_once() -> None:
+    for comment, closing in ((BLOCK, "*/"), (MARKUP, "-->")):
+        text = "\n".join(comment.lines(["a */ b --> c -----> */*/ /*/ <!-- d"]))
+        assert text.count(closing) == 1
+        assert text.endswith(closing)
+    assert HASH.lines(["one\ntwo"]) == ["# one\\ntwo"]
+    assert plain_ascii("48 µT ± 0.1°") == "48 uT +/- 0.1 deg"
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 1.0, 0.1, -1e-12, 123456789.0, 1e20])
+def test_numbers_are_read_back_as_they_were(value: float) -> None:
+    assert np.float32(digits(value)) == np.float32(value)
+    assert re.fullmatch(r"-?\d+\.\d*(e[-+]?\d+)?|-?\d+e[-+]?\d+|-?\d+\.\d+", digits(value))
+
+
+def test_the_table_is_complete() -> None:
+    for name, row in EXPORTERS.items():
+        assert row.name == name
+        assert row.sheet.keeps in HOLDS
+        assert row.sheet.acts in WHERE
+        assert row.sheet.source
+        assert row.sheet.storage
+        assert row.sheet.unit in {*PER_UNIT, "counts", "own", "recorded"}
+
+
+# there and back
+
+
+READABLE = [row.name for row in EXPORTERS.values() if row.reader]
+
+
+@pytest.mark.parametrize("name", READABLE)
+def test_what_was_written_is_read_back(name: str) -> None:
+    """The correction comes back to single precision (VectorNav: to seven decimals), found by its content."""
+    given = sensor(7, "mG")
+    export = rendered(name, given)
+    content = export.data if export.data is not None else export.text.encode()
+    found, back = read_back(content, "file", strength=48.0)
+    assert find(found).reader == find(name).reader
+    raw = readings(given)
+    out, expected = back.apply(raw), given.apply(raw)
+    if find(name).sheet.lengths:
+        out = out * np.sum(out * expected) / np.sum(out**2)
+    assert np.linalg.norm(out - expected, axis=1).max() < SINGLE_UT
+    assert read_back(content, "file", target=name, strength=48.0)[1].isclose(back)
+
+
+def test_a_packet_made_elsewhere_is_read() -> None:
+    """Laid out here by hand, with the CRC of a bitwise loop from the high end of the reflected polynomial."""
+    body = b"\x75\x54" + struct.pack("<16f", *[0.0] * 6, 1.5, -2.5, 3.5, 48.0, 1.0, 1.1, 0.9, 0.01, 0.02, 0.03)
+    crc = 0xFFFF
+    for byte in body:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ 0xA001 if crc % 2 else crc >> 1
+    packet = motioncal.Packet.decode(body + struct.pack("<H", crc))
+    npt.assert_allclose(packet.offset, [1.5, -2.5, 3.5])
+    npt.assert_allclose(packet.matrix, [[1, 0.01, 0.02], [0.01, 1.1, 0.03], [0.02, 0.03, 0.9]], atol=1e-7)
+    assert packet.strength == 48.0
+    assert packet.encode() == body + struct.pack("<H", crc)
+
+
+def test_every_flipped_bit_of_a_packet_is_noticed() -> None:
+    data = rendered("motioncal", sensor(0)).data
+    assert data is not None
+    for bit in range(8 * len(data)):
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(DocumentError):
+            motioncal.Packet.decode(bytes(damaged))
+
+
+def test_a_vehicle_with_several_compasses_asks_which() -> None:
+    both = "\n".join(rendered("ardupilot", sensor(n), compass=n).text for n in (1, 2)).encode()
+    with pytest.raises(DocumentError, match="holds compass 1 and 2: say which one with --compass"):
+        read_back(both, "vehicle.param")
+    _, second = read_back(both, "vehicle.param", compass=2)
+    npt.assert_allclose(second.offset, sensor(2).offset, atol=1e-4)
+    with pytest.raises(DocumentError, match="holds compass 1 and 2 and not 3"):
+        read_back(both, "vehicle.param", compass=3)
+    with pytest.raises(UsageError, match="holds one compass only"):
+        read_back(rendered("rtimulib", sensor(0)).text.encode(), "RTIMULib.ini", compass=1)
+
+
+def test_settings_with_extremes_of_their_own_are_composed() -> None:
+    """RTIMULib after its first step alone, or with an ellipsoid behind it: off and scale are those of the file."""
+    text = rendered("rtimulib", sensor(1)).text
+    text = re.sub("(CompassCalMinX)=.*", r"\1=-30.0", re.sub("(CompassCalMaxY)=.*", r"\1=60.0", text))
+    _, back = read_back(text.encode(), "RTIMULib.ini")
+    raw = readings(sensor(1))
+    export = replace(rendered("rtimulib", sensor(1)), text=text)
+    npt.assert_allclose(back.apply(raw), rtimulib(export, raw), atol=SINGLE_UT)
+    _, first = read_back(text.replace("compassCalEllipsoidValid=true", "").encode(), "RTIMULib.ini")
+    npt.assert_allclose(first.offset[:2], [(48 - 30) / 2, (60 - 48) / 2])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is no file of ardupilot"),
+        (b"hello", "is no file of ardupilot"),
+        (b'{"formula": "corrected = matrix (raw - offset)"}', "unit is None: need uT or counts"),
+        (b'{"formula": "corrected = matrix (raw - offset)", "unit": "uT", "matrix": 7}', "three lists of three"),
+        (b"\x75\x54\x00", "3 bytes: a MotionCal packet has 68"),
+        (b"\x75\x54" + bytes(66), "its CRC is 0000"),
+        (b"$VNWRG,23,1,2*00", "checksum 00, need"),
+        (b"$VNWRG,23,1,2*XX", "2 numbers, register 23 has 12"),
+        (b"$VNWRG,24,1,2*XX", "need one line that begins with"),
+        (b"$VNWRG,23,1,0,0,0,1,0,0,0,nan,0,0,0*XX", "C22 is 'nan': need a finite number"),
+        (b'{"mag_hardiron": [1, 2, 3]}', "mag_softiron is missing: need a list of 9 numbers"),
+        (b'{"mag_hardiron": [1, 2, "x"], "mag_softiron": [1,0,0,0,1,0,0,0,1]}', r"mag_hardiron[2] is 'x'"),
+        (b'{"mag_hardiron": ', "is no JSON"),
+        (b"CompassCalValid=false\n", "CompassCalValid is false"),
+        (b"CompassCalValid=true\n", "no CompassCalMinX, CompassCalMinY, CompassCalMinZ"),
+        (b"initial_mag_bias_x: 1\n", "no initial_mag_bias_y, initial_mag_bias_z"),
+        (b"initial_mag_bias_x: 1\ninitial_mag_bias_y: 1\ninitial_mag_bias_z: 1\n", "no initial_mag_scaling_matrix"),
+        (b"COMPASS_OFS_X,hello\n", "line 1 is no parameter"),
+        (b"COMPASS_DEC,0.1\n", "holds no offsets of a compass"),
+        (b"1\t1\tCAL_MAG_SIDES\t63\t6\n", "holds no offsets of a compass"),
+        (b"COMPASS_OFS_X \xff\n", "byte 15 is not text"),
+    ],
+)
+def test_files_that_are_damaged_or_none_are_refused_with_a_message(content: bytes, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        read_back(content, "file")
+
+
+def test_targets_that_cannot_be_read_back_say_which_can() -> None:
+    with pytest.raises(UsageError, match="files of betaflight cannot be read back: those of ardupilot, px4"):
+        read_back(b"set mag_calibration = 1,2,3", "diff.txt", target="betaflight")
+
+
+def test_the_checksum_is_that_of_the_manual() -> None:
+    """UM001 has $VNRRG,01*72 and $VNWRG,06,0*6C as examples."""
+    assert f"{vectornav.checksum('VNRRG,01'):02X}" == "72"
+    line = rendered("vectornav", sensor(0)).text.strip()
+    body, _, stated = line[1:].partition("*")
+    total = 0
+    for letter in body:
+        total ^= ord(letter)
+    assert int(stated, 16) == total
