@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 
-from flinders.errors import UsageError
+from flinders.errors import UsageError, counted
 from flinders.samples import Joined, Samples, Wrapped
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ class Filter:
         odd = self.name == "kalman" or self.width % 2 == 1
         if not 3 <= self.width <= WIDEST or not odd:
             need = "a whole number" if self.name == "kalman" else "an odd number"
-            raise UsageError(f"{self.name} over {self.width} readings: need {need} from 3 to {WIDEST}")
+            raise UsageError(f"{self.name} over {counted(self.width, 'reading')}: need {need} from 3 to {WIDEST}")
 
     @classmethod
     def of(cls, text: str) -> Filter:

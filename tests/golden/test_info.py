@@ -1,4 +1,4 @@
-"""What `flinders info` and `flinders calibrate --sensor all` print, to the letter; and the sessions in docs/cli.md."""
+"""What `flinders info` and `flinders calibrate --sensor all` print, to the letter, as docs/cli.md shows it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
-from tests.golden.sessions import assert_sessions_are_real, session
+from tests.golden.sessions import session
 
 from flinders import simulate
 
@@ -79,7 +79,3 @@ def test_all_sensors(golden: Golden) -> None:
 
 def test_help(golden: Golden) -> None:
     golden("cli/flinders-info-help.txt", session("flinders info --help"))
-
-
-def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
-    assert_sessions_are_real("cli.md", request)

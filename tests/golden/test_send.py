@@ -1,10 +1,11 @@
-"""What `flinders send` would do, shown without a board: the page of the docs shows this session."""
+"""What `flinders send` would do, shown without a board, and the help of `send` and `record`."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 
 from flinders.calibration import Calibration
@@ -13,7 +14,6 @@ from flinders.units import Unit
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pytest
     from tests.golden.sessions import Golden
 
 
@@ -22,6 +22,11 @@ def test_send_dry_run(golden: Golden, tmp_path: Path, monkeypatch: pytest.Monkey
     matrix = np.array([[1.25, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.8]])
     Calibration(matrix, np.array([12.5, -30.25, 7.0]), 50.0, raw=Unit.of("uT")).save("calibration.json")
     golden("cli/send.txt", session("flinders send --port /dev/ttyACM0 --dry-run calibration.json"))
+
+
+@pytest.mark.parametrize("command", ["record", "send"])
+def test_help(command: str, golden: Golden) -> None:
+    golden(f"cli/flinders-{command}-help.txt", session(f"flinders {command} --help"))
 
 
 def test_the_page_shows_this_session(request: pytest.FixtureRequest) -> None:

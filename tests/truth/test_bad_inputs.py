@@ -265,7 +265,7 @@ def judged(odd: Odd, code: int, out: str, err: str) -> None:
         return
     assert (json.loads(out)["error"]["exit_code"] == code) if "--json" in odd.words else out == ""
     if "REFUSED" in err:
-        assert "nothing was written" in err
+        assert "no calibration was written" in err
         assert odd.says in " ".join(err.split())
         return
     assert last.startswith(TELLS)

@@ -322,7 +322,7 @@ def test_a_refused_fit_says_why_and_how_to_move_and_shows_no_number_to_copy(home
     ended = flinders_("calibrate", "half.csv", "--target", "0.001", "-o", "out.json")
     shown = " ".join(ended.err.split())
     assert (ended.code, ended.out) == (4, "")
-    assert "REFUSED not fit for use, nothing was written" in shown
+    assert "REFUSED not fit for use, no calibration was written" in shown
     assert shown.count("record for longer while turning through all directions") == 1
     assert "to be sure of all attitudes, turn the sensor as above" in shown
     assert "matrix" not in shown
@@ -336,7 +336,7 @@ def test_a_refused_fit_says_what_is_odd_about_the_recording_and_nothing_of_the_f
     rows[20:30] = rows[29:19:-1]
     Path("table.csv").write_text("\n".join(["time_s,mx_uT,my_uT,mz_uT", *rows, ""]), encoding="utf-8")
     shown = " ".join(flinders_("calibrate", "table.csv", "--method", "robust").err.split())
-    assert "REFUSED not fit for use, nothing was written" in shown
+    assert "REFUSED not fit for use, no calibration was written" in shown
     assert "998 readings; robust ✗ all readings lie in one plane" in shown
     assert "· left out: 1 not finite row (line 12: 'nan,nan,nan,nan'); 1 unreadable row (line 13: 'what?')" in shown
     assert "· time steps back 9 times" in shown

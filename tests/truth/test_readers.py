@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,10 @@ def tumble() -> Floats:
 
 
 def write_npy(path: Path, table: Floats) -> None:
-    np.save(path, np.rec.fromarrays(list(table.T), names=list(NAMES)))
+    records = np.zeros(len(table), dtype=[(name, "<f8") for name in NAMES])
+    for name, column in zip(NAMES, table.T, strict=True):
+        records[name] = column
+    np.save(path, records)
 
 
 def write_npz(path: Path, table: Floats) -> None:
@@ -421,11 +425,46 @@ def test_a_bag_is_in_tesla_unless_its_driver_wrote_another_unit(tmp_path: Path, 
     assert flinders.open_recording(bag, unit="G").unit.name == "G"
 
 
-def test_progress_goes_to_the_end(flight: Path, tmp_path: Path, tumble: Floats) -> None:
+def note(seen: list[tuple[int, int | None]], done: int, total: int | None) -> None:
+    seen.append((done, total))
+
+
+def test_a_recording_of_ros_2_is_a_folder(tmp_path: Path, tumble: Floats) -> None:
+    """Its files belong together: the folder is the recording, and its description is what a calibration knows it by."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types = store.types
+    field = types["sensor_msgs/msg/MagneticField"]
+    folder = tmp_path / "walk"
+    with Writer(folder, version=9) as bag:
+        topic = bag.add_connection("/imu/mag", field.__msgtype__, typestore=store)
+        for time, *axes in tumble[:, :4].tolist():
+            when = round(1e9 * time) + 1_600_000_000_000_000_000
+            stamp = types["builtin_interfaces/msg/Time"](*divmod(when, 1_000_000_000))
+            vector = types["geometry_msgs/msg/Vector3"](*(1e-7 * axis for axis in axes))
+            head = types["std_msgs/msg/Header"](stamp=stamp, frame_id="imu")
+            message = field(header=head, magnetic_field=vector, magnetic_field_covariance=np.zeros(9))
+            bag.write(topic, when, store.serialize_cdr(message, field.__msgtype__))
+    for path in (folder, folder / "metadata.yaml", next(folder.glob("*.db3"))):
+        np.testing.assert_allclose(flinders.read(path).field, tumble[:, 1:4] / 10.0, rtol=1e-9)
+    saved = tmp_path / "calibration.json"
+    ended = CliRunner().invoke(main, ["calibrate", str(folder), "-o", str(saved)])
+    assert ended.exit_code in {0, 3}, ended.output
+    (file,) = json.loads(saved.read_text())["provenance"]["files"]
+    assert file["name"] == "walk"
+    assert file["rows"] == ROWS
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {")
+    with pytest.raises(UnreadableInput, match="walk cannot be read as a ROS recording"):
+        flinders.read(folder)
+
+
+def test_progress_goes_to_the_end(tmp_path: Path, tumble: Floats) -> None:
     for name in ("npz", "parquet", "arrow", "text"):
         seen: list[tuple[int, int | None]] = []
         path = written(name, tmp_path, tumble)
-        flinders.read(path, progress=lambda done, total, seen=seen: seen.append((done, total)))
+        flinders.read(path, progress=partial(note, seen))
         assert seen[-1] == (path.stat().st_size, path.stat().st_size), name
         assert [done for done, _ in seen] == sorted(done for done, _ in seen)
 
@@ -447,7 +486,7 @@ def test_the_beginning_of_a_log_is_the_same_for_all_its_magnetometers(flight: Pa
 @pytest.mark.parametrize("option", ["columns", "unit", "scale"])
 def test_a_log_knows_its_columns_and_units(option: str, flight: Path) -> None:
     value: Any = 0.1 if option == "scale" else "1,2,3" if option == "columns" else "uT"
-    with pytest.raises(UsageError, match=f"says so itself: leave --{option} out"):
+    with pytest.raises(UsageError, match=f"which knows its own columns and units: leave --{option} out"):
         flinders.open_recording(flight, **{option: value})
 
 
@@ -481,7 +520,7 @@ def test_all_magnetometers_are_calibrated_in_one_run(flight: Path, tmp_path: Pat
         ("--sensor all --report-text page.txt", "--report-text is for one magnetometer"),
         ("--from 3 --to 2", "nothing lies between"),
         ("--from -1", "need seconds from the beginning"),
-        ("--unit mG", "says so itself: leave --unit out"),
+        ("--unit mG", "which knows its own columns and units: leave --unit out"),
     ],
 )
 def test_what_a_log_cannot_do_is_said(words: str, says: str, flight: Path) -> None:
@@ -530,7 +569,10 @@ for path in sorted(folder.iterdir()):
     except BaseException:
         bad.append([path.name, traceback.format_exc()])
     signal.alarm(0)
+status = Path("/proc/self/status")  # where there is none, what getrusage says holds the parent's peak too
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+if status.exists():
+    peak = int(next(line for line in status.read_text().splitlines() if line.startswith("VmHWM")).split()[1])
 print(json.dumps({"bad": bad, "peak_mb": peak / 1024, **outcomes}))
 """
 """Reads each file of a folder in a process of its own, whose memory can be measured and whose crash can be seen."""
@@ -673,6 +715,17 @@ def test_two_columns_are_those_of_the_plane(
     assert ended.exit_code == 3, ended.output
     offset = flinders.Calibration.load(tmp_path / "c.json").offset
     np.testing.assert_allclose(offset[list(axes)], [10.0, -5.0], atol=1e-3)
+
+
+def test_an_array_of_two_columns_is_a_level_turn_too(tmp_path: Path) -> None:
+    _, turn = two_columns(tmp_path)
+    np.save(tmp_path / "turn.npy", turn)
+    np.savez(tmp_path / "turn.npz", count=np.arange(len(turn)), hx=turn[:, 0], hy=turn[:, 1])
+    for name, words in (("turn.npy", []), ("turn.npz", ["--columns", "hx,hy"])):
+        line = ["two-axis", str(tmp_path / name), "-o", str(tmp_path / "c.json"), "--force", *words]
+        ended = CliRunner().invoke(main, line)
+        assert ended.exit_code == 3, ended.output
+        np.testing.assert_allclose(flinders.Calibration.load(tmp_path / "c.json").offset[:2], [10.0, -5.0], atol=1e-3)
 
 
 @pytest.mark.parametrize("command", ["calibrate", "info", "compare-methods"])

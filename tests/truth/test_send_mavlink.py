@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import select
+import signal
 import socket
 import struct
+import subprocess
+import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
@@ -378,12 +381,29 @@ def test_the_command_ends_with_the_code_of_what_went_wrong() -> None:
         assert send("--mavlink", address, "--system", "1", "cal.json").exit_code == 4
 
 
+def test_ctrl_c_pressed_twice_leaves_the_vehicle_as_it_was() -> None:
+    code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
+    with at(late=0.05) as (autopilot, address):
+        words = ["send", "--mavlink", address, "--system", "1", "--compass", "1", "cal.json"]
+        running = subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
+        until = time.monotonic() + 10
+        while len(autopilot.sets) < 2 and time.monotonic() < until:
+            time.sleep(0.005)
+        running.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=10)
+    assert running.returncode == 130, err
+    assert "stopped before all was sent; the vehicle holds the values from before again" in err
+    assert autopilot.values == autopilot.before
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
         (("--mavlink", "udp:127.0.0.1", "cal.json"), 2, "need HOST:PORT"),
         (("--mavlink", "udp:127.0.0.1:99999", "cal.json"), 2, "need HOST:PORT"),
-        (("--mavlink", "http://x", "cal.json"), 2, "need udp:HOST:PORT"),
+        (("--mavlink", "bluetooth:x", "cal.json"), 2, "need udp:HOST:PORT"),
         (("--mavlink", "tcp:127.0.0.1:1", "cal.json"), 5, "nobody listens there"),
         (("--mavlink", "udp:nohost.invalid:14550", "cal.json"), 5, "no such host"),
         (("--mavlink", "/dev/ttyNONE", "cal.json"), 5, "is not there"),

@@ -251,7 +251,7 @@ def test_the_command_sends_and_says_that_it_is_confirmed() -> None:
 def test_a_dry_run_opens_no_port() -> None:
     ended = send("--port", "/dev/ttyNONE", "--dry-run", "cal.json")
     assert ended.exit_code == 0, ended.output
-    assert PACKET.encode().hex() in ended.stdout.replace(" ", "")
+    assert PACKET.encode().hex() in "".join(ended.stdout.split())
     assert motioncal.echo_lines(PACKET)[1] in ended.stdout
 
 

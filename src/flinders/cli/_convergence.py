@@ -5,13 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.cli._method_options import SITE
 from flinders.cli._talk import say
-from flinders.errors import UsageError
+from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
+    from flinders.estimators import Convergence
     from flinders.samples import Recording
 
 KINDS: Final = (".svg", ".csv")
+
+OF_THE_FIT: Final = ("method", "target_deg", "alignment_sigma_deg", "sensor")
+"""Options of `flinders.fit` that no method asks for."""
 
 
 def refuse(path: str | None, method: str) -> None:
@@ -23,10 +28,11 @@ def refuse(path: str | None, method: str) -> None:
         For a method that cannot be watched, or a file that is neither a drawing nor a table.
     """
     from flinders.estimators import METHODS
+    from flinders.estimators.convergence import Watched
 
     if path is None:
         return
-    watched = [name for name, kind in METHODS.items() if hasattr(kind, "converge")]
+    watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
     if method not in watched:
         raise UsageError(
             f"--convergence goes with --method {' or '.join(watched)}: {method} looks at all readings at once, and "
@@ -37,27 +43,22 @@ def refuse(path: str | None, method: str) -> None:
 
 
 def write(path: str | None, recording: Recording, options: dict[str, Any], *, force: bool) -> None:
-    """Follow the method through a recording, and write what was seen.
+    """Follow the method through a recording, and write what was seen; also where nothing but the way is known.
 
     Raises
     ------
-    FitError
-        As the method.
     OutputError
         Where it cannot be written.
     """
-    import dataclasses
-
-    from flinders.estimators import METHODS, Readings, within_range
     from flinders.files import write_text
     from flinders.report.convergence import Settling, drawing, table
 
     if path is None:
         return
-    method: Any = METHODS[options["method"]]
-    known = [field.name for field in dataclasses.fields(method)]
-    estimator = method(**{name: value for name, value in options.items() if name in known})
-    steps = estimator.converge(within_range(Readings.of(recording)))
+    steps = _watched(recording, options)
+    if steps is None or steps.last is None:
+        say(f"{path} was not written: {options['method']} had nothing at any step")
+        return
     settling = Settling(
         steps,
         options["method"],
@@ -68,3 +69,18 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
     is_drawing = Path(path).suffix.lower() == KINDS[0]
     write_text(drawing(settling) if is_drawing else table(settling), path, force=force)
     say(f"convergence written to {path}")
+
+
+def _watched(recording: Recording, options: dict[str, Any]) -> Convergence | None:
+    """What the method, with its options, gives on its way; None where there is nothing to follow."""
+    from flinders.estimators import Readings, within_range
+    from flinders.estimators.convergence import Watched
+    from flinders.fitting import estimator_of
+
+    site = {name: options[name] for name in SITE}
+    own = {name: value for name, value in options.items() if name not in {*SITE, *OF_THE_FIT}}
+    estimator = estimator_of(options["method"], own, site)
+    try:
+        return estimator.converge(within_range(Readings.of(recording))) if isinstance(estimator, Watched) else None
+    except FitError:
+        return None

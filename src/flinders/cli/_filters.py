@@ -21,7 +21,7 @@ UNKNOWN_DEG: Final = 180.0
 """What a filter may have moved the heading by, where there is nothing to hold it against."""
 
 HIDDEN: Final = ("saturated", "stale-repeats")
-"""Findings about single readings, which a filter blurs: those of the readings as they were recorded are kept."""
+"""Findings about single readings, which a filter blurs, and a median invents: told of them as they were recorded."""
 
 
 def _filter(value: str) -> Filter:
@@ -34,8 +34,15 @@ def _filter(value: str) -> Filter:
         raise click.BadParameter(str(error)) from None
 
 
+def _one(_context: click.Context, _option: click.Parameter, given: tuple[Filter, ...]) -> Filter | None:
+    """Take the filter, if there is one; two would come one after the other, in an order that nobody has stated."""
+    if len(given) > 1:
+        raise click.BadParameter(f"{given[0]}, and {given[1]}: give one filter")
+    return given[0] if given else None
+
+
 option = click.option(
-    "--filter", "by", type=_filter, metavar="NAME[:WIDTH]",
+    "--filter", "by", type=_filter, multiple=True, callback=_one, metavar="NAME[:WIDTH]",
     help="Filter the readings: moving-average, median or kalman, over WIDTH readings [default: 5].",
 )  # fmt: skip
 
@@ -71,15 +78,14 @@ def fit_filtered(parts: Sequence[Recording], by: Filter, options: dict[str, Any]
 
 
 def _with_findings(found: Fit, plain: Fit | None, filtered: Finding) -> Fit:
-    """Add what the filter did, and what it hides, gravest first."""
+    """Add what the filter did, and tell of single readings what was recorded, gravest first."""
     from dataclasses import replace
 
     from flinders.result import gravest_first
 
-    told = {finding.code for finding in found.findings}
-    hidden = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
-    kept = [finding for finding in hidden if finding.code not in told]
-    return replace(found, findings=gravest_first([*found.findings, *kept, filtered]))
+    seen = [finding for finding in found.findings if finding.code not in HIDDEN]
+    recorded = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
+    return replace(found, findings=gravest_first([*seen, *recorded, filtered]))
 
 
 def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:

@@ -110,7 +110,6 @@ def command(
     phone logger or MotionCal, a table, a vehicle's log, or - for standard input: see `flinders info`. Several
     recordings of one sensor are fitted together.
     """
-    from flinders.result import Refused
     from flinders.samples import Joined
 
     if prior is not None:
@@ -152,8 +151,7 @@ def command(
                 fit = _fitted(parts, by, options)
         except FitError as refusal:
             _report(refusal, report, parts, force=force)
-            if isinstance(refusal, Refused):
-                _convergence.write(convergence, _filters.through(parts, by), options, force=force)
+            _convergence.write(convergence, _filters.through(parts, by), options, force=force)
             raise
     _write(fit, output, parts, force=force)
     _convergence.write(convergence, _filters.through(parts, by), options, force=force)
@@ -165,7 +163,7 @@ def command(
         print_fit(fit, err="-" in {output, to})
     _report(fit, report, parts, force=force)
     if output != "-":
-        nothing = "nothing" if to is None else "no calibration file"
+        nothing = "nothing" if to is None and convergence is None else "no calibration file"
         say(f"written to {output}" if output else f"{nothing} was written: name a file with -o calibration.json")
     return GOOD if fit.verdict == "good" else LIMITED
 

@@ -68,6 +68,9 @@ COMPUTED: Final = 1e-4
 COLLAPSED: Final = 0.5
 """Of the gain that the fit began with: no noise halves it, the root at D = −I does."""
 
+MOST: Final = 50_000
+"""Readings that are gone through one by one; of a longer recording so many, spread evenly."""
+
 ROUNDING: Final = 1e-12
 """Of the information, its diagonal scaled to one: less is none."""
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from flinders.estimators.estimate import Estimate, Estimator
 from flinders.quadric import Ellipsoid, symmetric, upper
 
 if TYPE_CHECKING:
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
 
 
@@ -44,6 +44,7 @@ class Convergence:
     def of(cls, counts: Sequence[int], estimates: Sequence[Estimate | None], stages: Sequence[str] = ()) -> Self:
         """Put together what was found after so many readings; None where there was no ellipsoid yet.
 
+        >>> from flinders.estimators import Estimate
         >>> sphere = Ellipsoid(np.ones(3), 50.0 * np.eye(3))
         >>> settling = Convergence.of([5, 10], [None, Estimate(sphere, np.eye(9), 1.0, "sphere")])
         >>> settling.counts, settling.parameters[:, 0], settling.ellipsoid(1).radius
@@ -67,6 +68,12 @@ class Convergence:
         """(K,) where there was an ellipsoid."""
         return np.asarray(np.isfinite(self.parameters).all(axis=1), dtype=np.bool_)
 
+    @property
+    def last(self) -> int | None:
+        """The last step that has an ellipsoid; None where none has."""
+        known = np.flatnonzero(self.is_known)
+        return int(known[-1]) if len(known) else None
+
     def ellipsoid(self, step: int) -> Ellipsoid:
         """What was found at a step."""
         return Ellipsoid(self.parameters[step, :3], symmetric(self.parameters[step, 3:]))
@@ -85,14 +92,22 @@ def spread_counts(readings: int, steps: int) -> list[int]:
     return sorted({max(1, round(share * readings)) for share in shares.tolist()}) if readings else []
 
 
-class Sequential(Estimator, Protocol):
-    """An estimator that takes readings one after the other, and can be watched."""
+@runtime_checkable
+class Watched(Protocol):
+    """An estimator that takes readings one after the other, and can be watched.
+
+    >>> from flinders.estimators import METHODS
+    >>> [name for name, method in METHODS.items() if issubclass(method, Watched)]
+    ['sequential', 'ekf', 'forgetting', 'ladder']
+    """
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Follow the estimate at about so many steps, spread over the recording; the last is what `estimate` gives.
 
+        Where a method loses its way, what it gave until then is followed, and nothing after it.
+
         Raises
         ------
         FitError
-            As `estimate`.
+            As `estimate`, where there is nothing to follow.
         """

@@ -10,6 +10,7 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.attitude_independent import (
     ENOUGH_EXPLAINED,
+    MOST,
     ConstantStrength,
     Reference,
     Sums,
@@ -33,9 +34,6 @@ if TYPE_CHECKING:
 
 Find: TypeAlias = Literal["auto", "all", "offset"]
 Form: TypeAlias = Literal["exact", "published"]
-
-MOST: Final = 50_000
-"""Readings that are gone through one by one; of a longer recording so many, spread evenly."""
 
 FIRST: Final = 20
 """Readings of the batch that the recursion starts from, at the least: doubled until they determine its unknowns."""

@@ -51,6 +51,8 @@ SILENT_S: Final = 5.0
 """Seconds without a heartbeat after which the link is lost."""
 ANSWER_S: Final = 0.8
 TRIES: Final = 4
+BACKLOG: Final = 1000
+"""Datagrams that are taken in before anything is set, at most."""
 KINDS: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as `struct` packs them."""
 REAL32: Final = 9
@@ -216,8 +218,12 @@ class Vehicle:
 
     def listen(self) -> None:
         """Take in what has arrived, so that `armed` is up to date."""
-        for _ in self._arrived(0.0):
-            pass
+        for _ in range(BACKLOG):
+            content = self._source.read(0.0)
+            if not content:
+                return
+            for _ in self._messages(content):
+                pass
 
     def _is_about(self, message: Any, name: str, kind: str) -> bool:  # noqa: ANN401 - pymavlink has no types
         return bool(message.get_type() == kind and message.param_id.rstrip("\0") == name)
@@ -258,7 +264,11 @@ class Vehicle:
         if time.monotonic() - self._beaten > 1.0:
             self._beaten = time.monotonic()
             self._send(self._dialect.MAVLink_heartbeat_message(GROUND_STATION, NO_AUTOPILOT, 0, 0, 4, 3))
-        for message in self._link.parse_buffer(self._source.read(timeout)) or []:
+        yield from self._messages(self._source.read(timeout))
+
+    def _messages(self, content: bytes) -> Iterator[Any]:
+        """Yield the messages in some bytes, and keep what they say of the vehicle."""
+        for message in self._link.parse_buffer(content) or []:
             if message.get_type() == "BAD_DATA":
                 continue
             if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:

@@ -79,6 +79,7 @@ class Open(Protocol):
         unit: str | None,
         scale: float | None,
         axes: Axes,
+        flat: str | None,
         progress: Progress | None,
     ) -> TextRecording | TableRecording:
         """As `open_recording`."""
@@ -104,6 +105,8 @@ class Reader:
         Or opens a log: several instruments, which know their units.
     extra : str
         The optional dependency it needs, or nothing.
+    takes_topic : bool
+        Of a table: it has several, and takes the name of one.
     takes_unit : bool
         Of a log: it may hold readings whose unit it does not know, and takes one.
     """
@@ -115,6 +118,7 @@ class Reader:
     open: Open | None = None
     log: Callable[..., Log] | None = None
     extra: str = ""
+    takes_topic: bool = False
     takes_unit: bool = False
 
 
@@ -139,7 +143,7 @@ READERS: Final = (
     Reader("tlog", "MAVLink telemetry", (".tlog",), sniff_tlog, log=open_tlog, extra="mavlink"),
     Reader("ros", "ROS bag, MCAP", (".bag", ".mcap", ".db3"), _sniff_ros, log=_open_ros, extra="ros", takes_unit=True),
     Reader("ulog", "PX4 ULog", (".ulg",), sniff_ulog, log=open_ulog, extra="px4"),
-    Reader("zip", "phone logger's archive", (".zip",), sniff_zip, open_zip),
+    Reader("zip", "phone logger's archive", (".zip",), sniff_zip, open_zip, takes_topic=True),
     Reader("text", "text", (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"), sniff_text, open_text),
 )
 """Asked in this order."""
@@ -396,12 +400,11 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
         "unit": asked.unit,
         "scale": asked.scale,
         "axes": asked.axes,
+        "flat": asked.flat,
         "progress": asked.progress,
     }
-    if asked.flat is not None and reader.name in {"text", "zip"}:
-        options["flat"] = asked.flat
     if asked.topic is not None:
-        if reader.name != "zip":
+        if not reader.takes_topic:
             raise UsageError(f"{file.name} has no topics and no members: leave --topic out")
         options["topic"] = asked.topic
     if reader.open is open_text:
@@ -421,7 +424,9 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
     told = {"unit": given.pop("--unit")} if reader.takes_unit else {}
     for option, value in given.items():
         if value is not None:
-            raise UsageError(f"{file.name} is {reader.title} and says so itself: leave {option} out")
+            raise UsageError(
+                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave {option} out"
+            )
     disk = on_disk(file)
     log = reader.log(disk, **told)  # type: ignore[misc]
     if not log.instruments:

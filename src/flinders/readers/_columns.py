@@ -224,6 +224,44 @@ def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
     return Columns(Column(FIELD, field, tuple(str(cell + 1) for cell in field)), beside=time)
 
 
+def choose(
+    names: Sequence[str],
+    values: Floats,
+    asked: str | None = None,
+    *,
+    units: Sequence[str] = (),
+    flat: str | None = None,
+) -> Columns | None:
+    """Choose columns as the user asked, else by their names, else by their places; None where neither tells.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The header; empty where there is none.
+    values : (N, width) float
+        The first rows, NaN where a cell is not a number.
+    asked : str, optional
+        As `wanted_places`.
+    units : sequence of str, optional
+        What stands below the names.
+    flat : str, optional
+        The plane whose two columns will do: two that are asked for, or the only two there are.
+
+    Raises
+    ------
+    UsageError
+        For columns that there are not.
+    """
+    width = values.shape[1]
+    if flat is not None and asked is None and width == 2:
+        asked = "1,2"
+    wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
+    chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
+    if chosen is None or flat is None or len(wanted) != 2:
+        return chosen
+    return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
 def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
     """Look up what the user asked for: three names, or three numbers counted from 1; two will do if `flat`.
 

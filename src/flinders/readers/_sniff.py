@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._columns import Column, Columns, by_name, by_place, names_magnetometer, wanted_places
+from flinders.readers._columns import Column, Columns, choose, names_magnetometer, wanted_places
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
@@ -183,13 +183,8 @@ def _table(
     place, header = (-1, list(known)) if known else _header(texts[:start], dialect[0], width, closed=closed)
     width -= closed and len(header) != width  # each line ends with a delimiter
     values = _values(list(like.values())[:SAMPLED], width, dialect[1])
-    if columns is None and flat is not None and width == 2:
-        columns = "1,2"
-    wanted = wanted_places(columns, header, width, flat=flat is not None) if columns is not None else ()
     units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
-    chosen = by_name(header, values, wanted, units) if header else by_place(values, wanted)
-    if chosen is not None and len(wanted) == 2 and flat is not None:
-        chosen = replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+    chosen = choose(header, values, columns, units=units, flat=flat)
     if chosen is None:
         raise _no_magnetometer(name, header, width, (start + 1, texts[start]))
     return Layout(

@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.axes import Axes
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._columns import Columns, by_name, by_place, wanted_places
+from flinders.readers._columns import Columns, choose
 from flinders.readers._lines import shown
 from flinders.readers._span import Span
 from flinders.readers.text import unit_of
@@ -211,6 +211,7 @@ def open_table(
     unit: str | None = None,
     scale: float | None = None,
     axes: Axes | None = None,
+    flat: str | None = None,
     progress: Progress | None = None,
 ) -> TableRecording:
     """Recognise which columns are what; parameters as `flinders.readers.open_recording`.
@@ -227,8 +228,7 @@ def open_table(
     if not table.length:
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
     first = next(table.rows(range(table.width)))[:SAMPLED]
-    wanted = () if columns is None else wanted_places(columns, table.names, table.width)
-    known = by_name(table.names, first, wanted) if table.names else by_place(first, wanted)
+    known = choose(table.names, first, columns, flat=flat)
     if known is None:
         raise NoMagnetometer(_unknown(file.name, table))
     settled = unit_of(known, file.name, unit, scale)

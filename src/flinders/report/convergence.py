@@ -71,9 +71,12 @@ STYLE: Final = """<style>
 class Settling:
     """A convergence with what is needed to show it.
 
+    The last value is that of the last step with an ellipsoid: a method that loses its way has none at the end.
+
     Attributes
     ----------
     steps : Convergence
+        With an ellipsoid at one step at the least.
     method : str
     unit : str
         ``uT`` or ``counts``.
@@ -90,14 +93,19 @@ class Settling:
     @cached_property
     def off(self) -> Floats:
         """(K, 9) how far each parameter is off its last value."""
-        off: Floats = self.steps.parameters - self.steps.parameters[-1]
+        off: Floats = self.steps.parameters - self.steps.parameters[self.last]
         return off
+
+    @cached_property
+    def last(self) -> int:
+        """The last step that has an ellipsoid."""
+        return -1 if self.steps.last is None else self.steps.last
 
     @cached_property
     def heading_off_deg(self) -> Floats:
         """(K,) how far the worst level heading is off the last one, to first order; at most 180."""
         known = self.steps.is_known
-        gradients = level_gradients(self.steps.ellipsoid(-1), dip_deg=self.dip_deg)
+        gradients = level_gradients(self.steps.ellipsoid(self.last), dip_deg=self.dip_deg)
         found: Floats = np.full(len(self.steps), np.nan)
         found[known] = np.minimum(np.rad2deg(np.abs(self.off[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0)
         return found
@@ -123,8 +131,7 @@ def table(settling: Settling) -> str:
 def drawing(settling: Settling) -> str:
     """Three plots over the readings seen, as SVG for light and dark pages: offset, shape, heading."""
     unit = label(settling.unit)
-    seen = counted(int(settling.steps.counts[-1]), "reading")
-    parts = [_text(LEFT, 20, f"How {settling.method} settles over {seen}", weight="bold", size=15)]
+    parts = [_text(LEFT, 20, _title(settling), weight="bold", size=15)]
     top = 20.0 + GAP
     for title, first, last in (("offset", 0, 3), ("shape", 3, 9)):
         drawn, top = _parameters(settling, f"{title}, {unit}: off its last value, ± 1 σ", range(first, last), top)
@@ -145,6 +152,13 @@ def drawing(settling: Settling) -> str:
         f"<title>How the estimate settles</title>\n{STYLE.format(lines=lines)}\n"
         f'<rect class="ground" width="{WIDE}" height="{high:.0f}" fill="#ffffff"/>\n{inside}\n</svg>\n'
     )
+
+
+def _title(settling: Settling) -> str:
+    counts = settling.steps.counts.tolist()
+    title = f"How {settling.method} settles over {counted(counts[-1], 'reading')}"
+    held = counts[settling.last]
+    return title if held == counts[-1] else f"{title}: lost after {held:,}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,7 +263,7 @@ def _scale(sizes: Floats) -> float:
 def _legend(settling: Settling, title: str, which: range, top: float) -> tuple[list[str], float]:
     """A title, and below it the name, last value and uncertainty of each line; and where the plot begins."""
     parts = [_text(LEFT, top + LINE - 5, title, weight="bold")]
-    last, sigma = settling.steps.parameters[-1], settling.steps.sigmas[-1]
+    last, sigma = settling.steps.parameters[settling.last], settling.steps.sigmas[settling.last]
     for place, parameter in enumerate(which):
         x = LEFT + (WIDE - LEFT - RIGHT) / 3 * (place % 3)
         y = top + LINE * (2 + place // 3) - 5

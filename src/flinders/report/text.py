@@ -148,7 +148,7 @@ def _verdict(fit: Fit) -> RenderableType:
     words = {
         "good": f"{within}, {reach(fit)}",
         "limited": f"{within}, with these limits:",
-        "refused": "not fit for use, nothing was written",
+        "refused": "not fit for use, no calibration was written",
     }[fit.verdict]
     seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
