@@ -202,13 +202,22 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             raise ValueError("`covariance` has a negative variance on its diagonal")
 
 
-class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One recording that a calibration came from: its name, SHA-256, size and rows."""
+class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One recording that a calibration came from.
+
+    Attributes
+    ----------
+    name, sha256 : str
+    bytes, rows : int
+    as_logged : bool
+        The calibration that was in force on board was left on its readings: this one comes on top of that.
+    """
 
     name: str
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
     bytes: Count
     rows: Count
+    as_logged: bool = False
 
 
 class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

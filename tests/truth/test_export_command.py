@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -198,3 +199,18 @@ def record(name: str, motion: str) -> None:
     field = simulate.tumble(seed=2, motion=motion).samples.field
     lines = [",".join(f"{value:.3f}" for value in row) for row in field]
     Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+
+
+@pytest.mark.parametrize("target", ["ardupilot", "px4", "px4-shell"])
+def test_what_comes_on_top_of_the_onboard_calibration_does_not_replace_it(target: str) -> None:
+    """Of a log taken as logged: the autopilot would put these numbers in the place of those that were in force."""
+    raw = document.SourceFile(name="flight.bin", sha256="0" * 64, bytes=1, rows=1)
+    for as_logged, code in ((False, 0), (True, 4)):
+        file = document.SourceFile(name=raw.name, sha256=raw.sha256, bytes=1, rows=1, as_logged=as_logged)
+        made_from = document.Provenance(flinders="0.1.0", date=datetime(2026, 1, 1, tzinfo=UTC), files=(file,))
+        found = made(np.eye(3), [1, 2, 3]).to_document(provenance=made_from)
+        Path("logged.json").write_text(document.dumps(found), encoding="utf-8")
+        ended = export("--to", target, "logged.json")
+        assert ended.exit_code == code, ended.output
+    assert "come on top of that one" in ended.stderr
+    assert export("--to", "c", "logged.json").exit_code == 0

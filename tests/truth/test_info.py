@@ -73,6 +73,16 @@ def test_the_strength_is_that_of_the_truth_and_stands_beside_the_model(bench: Pa
     assert max(map(len, shown.stdout.partition("next")[0].splitlines())) <= 80
 
 
+def test_the_day_may_come_from_the_clock_of_a_table(field: Floats, tmp_path: Path) -> None:
+    path = tmp_path / "phone.csv"
+    rows = ("".join(f",{axis}" for axis in row) for row in field.tolist())
+    body = "".join(f"{1_780_000_000_000 + 20 * n}{row}\n" for n, row in enumerate(rows))
+    path.write_text(f"timestamp,mag_x_uT,mag_y_uT,mag_z_uT\n{body}")
+    found = info(str(path), "--at", "43.77,11.26")
+    assert found["begun"] == "2026-05-28 20:26:40"
+    assert found["site"]["year"] == pytest.approx(2026.405, abs=0.001)
+
+
 def test_the_proposed_command_works(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (command,) = info(str(bench))["commands"]

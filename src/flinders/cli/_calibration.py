@@ -6,7 +6,7 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from flinders.cli._sources import sha256
-from flinders.errors import DocumentError, FlindersError, UnitError, UsageError
+from flinders.errors import DocumentError, FlindersError, NotExportable, UnitError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -39,6 +39,49 @@ def load(command: str, calibration: str, recordings: Sequence[str]) -> Judged:
                     f"{path} is the calibration, it comes first: flinders {command} {path} {calibration}"
                 ) from None
         raise
+
+
+def for_use(command: str, path: str) -> Judged:
+    """Load a calibration that is about to be used.
+
+    Raises
+    ------
+    UsageError
+        For a recording, or standard input.
+    DocumentError
+        For what is no calibration file.
+    NotExportable
+        For one that was refused.
+    """
+    try:
+        judged = load(command, path, [])
+    except DocumentError:
+        if is_recording(path):
+            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
+        raise
+    if judged.record is not None and judged.record.verdict == "refused":
+        raise NotExportable(
+            f"{path} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
+        )
+    return judged
+
+
+def refuse_on_top(judged: Judged, autopilot: str) -> None:
+    """Refuse a calibration of corrected readings for an autopilot, whose own it would replace and not complete.
+
+    Raises
+    ------
+    NotExportable
+    """
+    logged = [file.name for file in judged.files if file.as_logged]
+    if logged:
+        raise NotExportable(
+            f"{judged.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
+            f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again without "
+            "--as-logged",
+            beyond=(),
+            as_logged=logged,
+        )
 
 
 def is_calibration(path: str) -> bool:

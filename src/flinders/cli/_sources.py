@@ -81,4 +81,10 @@ def _source_file(part: Counted) -> SourceFile:
     from flinders.document import SourceFile
 
     size = part.recording.file.size  # type: ignore[attr-defined]
-    return SourceFile(name=part.source, sha256=sha256(part.recording), bytes=size, rows=part.rows)
+    return SourceFile(
+        name=part.source,
+        sha256=sha256(part.recording),
+        bytes=size,
+        rows=part.rows,
+        as_logged=getattr(part.recording, "as_logged", False) and getattr(part.recording, "stored", None) is not None,
+    )

@@ -156,7 +156,7 @@ def command(
     _write(fit, output, parts, force=force)
     _convergence.write(convergence, _filters.through(parts, by), options, force=force)
     if target and to:
-        export.beside(fit, target, to, name=", ".join(part.source for part in parts), force=force)
+        export.beside(fit, target, to, files=provenance(parts).files, force=force)
     if as_json:
         print_json(fit.as_dict())
     elif report != "-":

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
 from flinders.cli import _options, targets
-from flinders.cli._calibration import is_recording
+from flinders.cli._calibration import for_use, refuse_on_top
 from flinders.cli._talk import print_json, say
-from flinders.errors import DocumentError, NotExportable, UsageError, figures
+from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
-    from flinders.exporters import Export
+    from collections.abc import Sequence
+
+    from flinders.document import SourceFile
+    from flinders.exporters import Export, Exporter
     from flinders.judged import Judged
     from flinders.result import Fit
 
@@ -81,7 +85,7 @@ def command(
     to_file = output if output != "-" else None
     if to_file:
         refuse_existing(to_file, force=force)
-    judged = _load(calibration)
+    judged = _loaded(calibration, exporter)
     asked = Asked(compass=compass, lossy=lossy)
     export = exporter.render(judged.calibration, target=exporter.name, about=about(judged), asked=asked)
     if to_file:
@@ -98,6 +102,14 @@ def command(
             say(f"! {warning}")
     if to_file:
         say(f"written to {to_file}")
+
+
+def _loaded(path: str, exporter: Exporter) -> Judged:
+    """Load a calibration that a target may have."""
+    judged = for_use("export --to TARGET", path)
+    if exporter.compasses:
+        refuse_on_top(judged, exporter.name)
+    return judged
 
 
 def named(value: str | None) -> tuple[str | None, str | None]:
@@ -133,8 +145,8 @@ def refuse_with(value: str | None, option: str) -> None:
         raise UsageError(f"--export does not go with {option}: write the calibration with -o, then use flinders export")
 
 
-def beside(fit: Fit, target: str, path: str, *, name: str, force: bool) -> None:
-    """Write a fit for a target, beside its calibration file; `name` tells what it was made from.
+def beside(fit: Fit, target: str, path: str, *, files: Sequence[SourceFile], force: bool) -> None:
+    """Write a fit for a target, beside its calibration file; `files` are what it was made from.
 
     Raises
     ------
@@ -144,8 +156,11 @@ def beside(fit: Fit, target: str, path: str, *, name: str, force: bool) -> None:
     from flinders.exporters import find
     from flinders.judged import Judged
 
-    judged = Judged.from_fit(fit, name=name)
-    export = find(target).render(judged.calibration, target=target, about=about(judged))
+    judged = replace(Judged.from_fit(fit, name=", ".join(file.name for file in files)), files=tuple(files))
+    exporter = find(target)
+    if exporter.compasses:
+        refuse_on_top(judged, exporter.name)
+    export = exporter.render(judged.calibration, target=target, about=about(judged))
     if path == "-":
         show(export)
     else:
@@ -181,35 +196,6 @@ def show(export: Export) -> None:
     if sys.stdout.isatty():
         raise UsageError(f"{export.target} is {len(export.data)} bytes, and no text: name a file with -o")
     click.echo(export.data, nl=False)
-
-
-def _load(path: str) -> Judged:
-    """Load a calibration that may be used.
-
-    Raises
-    ------
-    UsageError
-        For a recording, or standard input.
-    DocumentError
-        For what is no calibration file.
-    NotExportable
-        For one that was refused.
-    """
-    from flinders.judged import Judged
-
-    if path == "-":
-        raise UsageError("the calibration must be a file: flinders export --to TARGET calibration.json")
-    try:
-        judged = Judged.load(path)
-    except DocumentError:
-        if is_recording(path):
-            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
-        raise
-    if judged.record is not None and judged.record.verdict == "refused":
-        raise NotExportable(
-            f"{path} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
-        )
-    return judged
 
 
 def about(judged: Judged) -> list[str]:

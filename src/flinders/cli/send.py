@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._calibration import is_recording, load
+from flinders.cli._calibration import for_use, refuse_on_top
 from flinders.cli._talk import print_json, say
-from flinders.errors import DocumentError, NotConfirmed, NotExportable, UsageError, counted
+from flinders.errors import NotConfirmed, UsageError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -102,9 +102,10 @@ def command(
         vehicles = {"--compass": compass, "--device-id": device_id, "--system": system, "--backup": backup}
         if wrong := [name for name, value in vehicles.items() if value is not None]:
             raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --port has one compass")
-        _to_board(_load(calibration), port, baud, dry_run=dry_run, as_json=as_json)
+        _to_board(for_use("send", calibration), port, baud, dry_run=dry_run, as_json=as_json)
         return
-    judged = _load(calibration)
+    judged = for_use("send", calibration)
+    refuse_on_top(judged, "the vehicle")
     with contextlib.ExitStack() as stack:
         source = _opened(str(mavlink), baud)
         stack.callback(source.close)
@@ -127,31 +128,6 @@ def _unclear(*, both: bool) -> str:
     from flinders.live.sources import ports_in_words
 
     return f"no receiver: name the board's --port ({ports_in_words()}), or the vehicle's --mavlink udp:127.0.0.1:14550"
-
-
-def _load(path: str) -> Judged:
-    """Load a calibration that may be used.
-
-    Raises
-    ------
-    UsageError
-        For a recording, or standard input.
-    DocumentError
-        For what is no calibration file.
-    NotExportable
-        For one that was refused.
-    """
-    try:
-        judged = load("send", path, [])
-    except DocumentError:
-        if is_recording(path):
-            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
-        raise
-    if judged.record is not None and judged.record.verdict == "refused":
-        raise NotExportable(
-            f"{path} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
-        )
-    return judged
 
 
 def _render(calibration: Calibration, target: str) -> Export:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
+    from flinders.readers._columns import Columns
 
 __all__ = [
     "READERS",
@@ -269,17 +271,18 @@ def open_log(
     if reader.log is not None:
         return _log_of(file, reader, asked)
     table = _table_of(file, reader, asked)
-    names = table.layout.columns.field.names if isinstance(table, TextRecording) else table.columns.field.names
+    columns_read = table.layout.columns if isinstance(table, TextRecording) else table.columns
     alone = Instrument(
         source=table.source,
-        name=f"columns {', '.join(names)}",
+        name=f"columns {', '.join(columns_read.field.names)}",
         unit=table.unit,
         columns=lambda _: table.blocks(),
         axes=table.axes,
         readings=table.readings if isinstance(table, TableRecording) else None,
         file=table.file,
     )
-    return Log(table.source, reader.title, (alone,), notes=(table.describe().removeprefix(f"{table.source}: "),))
+    told = table.describe().removeprefix(f"{table.source}: ")
+    return Log(table.source, reader.title, (alone,), begun=_begun(columns_read), notes=(told,))
 
 
 def holds_log(path: AnyPath) -> bool:
@@ -446,6 +449,17 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
         for instrument in log.instruments
     )
     return replace(log, instruments=tuple(ready))
+
+
+def _begun(columns: Columns) -> datetime | None:
+    """When a table begins, where its clock counts from 1970."""
+    time = columns.time
+    if time is None or not time.start:
+        return None
+    try:
+        return datetime.fromtimestamp(time.start * time.factor, tz=UTC)
+    except (OverflowError, ValueError, OSError):
+        return None
 
 
 def _chosen(log: Log, asked: _Asked) -> Instrument:

@@ -26,6 +26,7 @@ from flinders.errors import UnreadableInput, UsageError
 from flinders.files import REASONS, reason
 from flinders.readers._kinds import GZIP, foreign_kind, may_be_log
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
+from flinders.readers._unpacking import is_bomb, too_large
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
@@ -295,10 +296,15 @@ def unpacked(source: Source) -> Iterator[bytes]:
     Raises
     ------
     UnreadableInput
-        Where they were cut short.
+        Where they were cut short, or are more than any recording packs to so few.
     """
+    done = 0
     try:
-        yield from source.chunks()
+        for chunk in source.chunks():
+            done += len(chunk)
+            if source.size and is_bomb(done, source.size):
+                raise too_large(source.name, done, source.size)
+            yield chunk
     except EndsEarly as cut:
         raise cut.refusal(source.name) from None
 

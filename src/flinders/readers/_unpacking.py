@@ -41,8 +41,28 @@ def members(file: File) -> list[zipfile.ZipInfo]:
     return found
 
 
-def member_chunks(file: File, member: zipfile.ZipInfo) -> Iterator[bytes]:
+def is_bomb(unpacked: int, packed: int) -> bool:
+    """Tell whether so many bytes have come of so few as no table of readings packs to."""
+    return unpacked > LARGE and unpacked > MOST_RATIO * packed
+
+
+def too_large(name: str, unpacked: int, packed: int) -> UnreadableInput:
+    """Say so."""
+    return UnreadableInput(
+        f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
+        "yourself if you trust it"
+    )
+
+
+def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) -> Iterator[bytes]:
     """Unpack a member, a piece at a time.
+
+    Parameters
+    ----------
+    file : File
+    member : ZipInfo
+    ratio : bool
+        Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
 
     Raises
     ------
@@ -55,9 +75,6 @@ def member_chunks(file: File, member: zipfile.ZipInfo) -> Iterator[bytes]:
     with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive, archive.open(member) as stream:
         while chunk := stream.read(CHUNK):
             done += len(chunk)
-            if done > MOST_UNPACKED or (done > LARGE and done > MOST_RATIO * member.compress_size):
-                raise UnreadableInput(
-                    f"{member.filename} in {file.name} unpacks to more than {done >> 20:,} MB from "
-                    f"{member.compress_size:,} bytes, as no recording does: unpack it yourself if you trust it"
-                )
+            if done > MOST_UNPACKED or (ratio and is_bomb(done, member.compress_size)):
+                raise too_large(f"{member.filename} in {file.name}", done, member.compress_size)
             yield chunk

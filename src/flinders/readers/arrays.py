@@ -94,7 +94,7 @@ def open_npz(file: File, **options: Any) -> TableRecording:
     kept = []  # the temporary files go when these do
     for member in members(file):
         if member.filename.endswith(".npy"):
-            unpacked = spooled(file.name, member_chunks(file, member))
+            unpacked = spooled(file.name, member_chunks(file, member, ratio=False))
             kept.append(unpacked)
             array = _mapped(unpacked, f"{member.filename} in {file.name}")
             if array is not None:

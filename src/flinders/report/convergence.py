@@ -98,8 +98,8 @@ class Settling:
 
     @cached_property
     def last(self) -> int:
-        """The last step that has an ellipsoid."""
-        return -1 if self.steps.last is None else self.steps.last
+        """The last step that has an ellipsoid; of none, the last of all."""
+        return len(self.steps) - 1 if self.steps.last is None else self.steps.last
 
     @cached_property
     def heading_off_deg(self) -> Floats:
@@ -184,7 +184,8 @@ def _parameters(settling: Settling, title: str, which: range, top: float) -> tup
     """Draw some parameters off their last values, each with a band of 1 σ; and say where the next plot begins."""
     steps = settling.steps
     parts, below = _legend(settling, title, which, top)
-    end = _scale(np.abs(settling.off[:, which]) + steps.sigmas[:, which])
+    sizes = np.abs(settling.off[:, which]) + steps.sigmas[:, which]
+    end = _scale(sizes[: settling.last + 1])
     frame = _Frame(below, -end, end, int(steps.counts[-1]))
     parts += _grid(frame, [(value, f"{value:+g}" if value else "0") for value in (-end, -end / 2, 0.0, end / 2, end)])
     parts += _clipped(frame, _bands(settling, which, frame))
