@@ -203,10 +203,10 @@ def _repeated(estimate: Estimate, summary: Summary) -> float:
 def _few(estimate: Estimate, count: float) -> float:
     """Factor by which few readings widen a covariance, as their noise is known from few residuals.
 
-    The variance of Student's t, ν/(ν − 2), for the ν independent readings beyond those that the parameters take up.
-    Below three there is no such variance, and the factor grows by four for each reading that is missing.
+    The variance of Student's t, ν/(ν − 2), for the ν readings beyond those that the parameters take up. Below three
+    there is no such variance, and the factor grows by four for each reading that is missing.
     """
-    freedom = min(_independent(estimate, count), count) - (5 if estimate.plane else 9)
+    freedom = count - (5 if estimate.plane else 9)
     return freedom / (freedom - 2.0) if freedom >= 3.0 else 3.0 * 4.0 ** (3.0 - max(freedom, 0.0))
 
 
@@ -265,7 +265,8 @@ def _repeats(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeat
         source = "" if part.recording is None else part.recording.source
         if alone.plane or not alone.unseen:
             alike = turns if alone.plane else others
-            alike.append(Part(source, alone.used, alone.ellipsoid, alone.covariance))
+            covariance = alone.covariance * _few(alone, len(part.summary))
+            alike.append(Part(source, alone.used, alone.ellipsoid, covariance))
     parts = turns if estimate.plane or len(others) < 2 else others
     return compared(parts, dip_deg=likelihood.dip_deg) if len(parts) > 1 else None
 

@@ -52,6 +52,7 @@ CODES: Final = {
     "time-gap": "nothing was recorded for `number` seconds in one stretch",
     "skipped-rows": "`number` rows could not be used",
     "typed-extremes": "no readings, only typed extremes: a turn that missed ends costs `number` degrees of heading",
+    "composed": "turns in one plane after the other leave a rotation, which costs a level heading `number` degrees",
     "filtered": "the filter that readings went through moved the heading by `number` degrees at the worst",
     "axis-ratio": "the longest axis of the ellipsoid is `number` times the shortest",
     "field-strength": "the field found, `number` µT, is not one of the earth's",

@@ -128,6 +128,32 @@ def test_the_name_alone_gives_help_on_stderr_and_2() -> None:
     assert ended.err.startswith("Usage: ")
 
 
+# what is no text
+
+
+@pytest.mark.parametrize("words", [(), ("--add",), ("--filter", "median:3")])
+def test_a_table_is_corrected_into_text(home: Path, calibration: Calibration, words: tuple[str, ...]) -> None:
+    np.save("tumble.npy", FIELD)
+    lines = flinders_("apply", "calibration.json", "tumble.npy", *words).out.splitlines()
+    rows = np.array([line.split(",") for line in lines[1:]], float)
+    assert lines[0].startswith("mag_x_uT,mag_y_uT,mag_z_uT")
+    assert len(rows) == len(FIELD)
+    if "--filter" not in words:
+        npt.assert_allclose(rows[:, -3:], calibration.apply(FIELD), atol=1e-4)
+    if "--add" in words:
+        assert lines[0].endswith(",mag_x_uT_cal,mag_y_uT_cal,mag_z_uT_cal")
+        npt.assert_allclose(rows[:, :3], FIELD, atol=1e-4)
+
+
+def test_a_part_of_a_recording_is_corrected_as_a_table(home: Path, calibration: Calibration) -> None:
+    timed = np.column_stack([np.arange(len(FIELD)) / 10.0, FIELD])
+    Path("timed.csv").write_text(text(timed, header="time_s,mx_uT,my_uT,mz_uT"), encoding="utf-8")
+    rows = flinders_("apply", "calibration.json", "timed.csv", "--from", "1", "--to", "2").out.splitlines()
+    assert rows[0] == "time_s,mag_x_uT,mag_y_uT,mag_z_uT"
+    assert [float(row.split(",")[0]) for row in (rows[1], rows[-1])] == [1.0, 2.0]
+    npt.assert_allclose([float(cell) for cell in rows[1].split(",")[1:]], calibration.apply(FIELD[10]), atol=2e-4)
+
+
 # results
 
 

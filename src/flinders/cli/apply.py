@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.filters import Filter
     from flinders.readers import TextRecording
+    from flinders.samples import Recording
 
 FOREIGN: Final = 3.0
 """Readings that come out so many times too long or too short are of another sensor or unit: refused."""
@@ -45,6 +47,8 @@ Example:
 @click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
 @_filters.option
 @_options.columns
+@_options.sensor
+@_options.log
 @_options.force
 @_options.as_json
 def command(
@@ -53,15 +57,16 @@ def command(
     output: str,
     add: bool,
     by: Filter | None,
-    columns: str | None,
     force: bool,
     as_json: bool,
+    **reading: Any,
 ) -> None:
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
     Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
     readings are in the calibration's axes. RECORDING is a file, or - for standard input, which may go on as
-    long as it likes: lines are corrected as they come, and memory does not grow.
+    long as it likes: lines are corrected as they come, and memory does not grow. What is no text, such as a
+    vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known.
     """
     from flinders.files import refuse_existing
     from flinders.readers import TextRecording, open_recording
@@ -73,16 +78,18 @@ def command(
         refuse_existing(output, force=force)
     correction = load("apply", calibration, [recording]).calibration
     with progress("correcting") as watch:
-        source = open_recording(recording, columns=columns, axes=str(correction.axes), once=True, progress=watch)
-        if not isinstance(source, TextRecording):
-            raise UsageError(f"{recording} is no text: only text recordings can be corrected")
+        source = open_recording(recording, axes=str(correction.axes), once=True, progress=watch, **reading)
         agree(correction, source)
         corrector = Corrector(correction, source.source)
         smoother = None if by is None else _filters.Smoother(by, corrector)
-        with _output(output, source, force=force, live=not Path(recording).is_file()) as file:
-            for line in source.corrected_lines(smoother or corrector, add=add, timed=smoother is not None):
+        is_text = isinstance(source, TextRecording) and not _is_part(reading)
+        lines = _rewritten if is_text else _tabulated
+        encoding = source.layout.encoding if isinstance(source, TextRecording) else "utf-8"
+        with _output(output, encoding, force=force, live=not Path(recording).is_file()) as file:
+            for line in lines(source, corrector, smoother, add=add):  # type: ignore[arg-type]
                 file.write(line)
-    for skipped in source.skipped:
+    left_out = getattr(source, "skipped", ())
+    for skipped in left_out:
         say(f"{source.source}: {skipped}")
     say(str(corrector))
     if smoother is not None:
@@ -93,7 +100,33 @@ def command(
         say(f"written to {output}")
     if as_json:
         filtered = {} if smoother is None else {"filter": smoother.as_dict()}
-        print_json({**corrector.as_dict(), **filtered, "skipped": [str(skipped) for skipped in source.skipped]})
+        print_json({**corrector.as_dict(), **filtered, "skipped": [str(skipped) for skipped in left_out]})
+
+
+def _is_part(reading: dict[str, Any]) -> bool:
+    """Whether a part of the recording was asked for."""
+    return any(reading.get(name) is not None for name in ("start", "end"))
+
+
+def _rewritten(
+    source: TextRecording, corrector: Corrector, smoother: _filters.Smoother | None, *, add: bool
+) -> Iterator[str]:
+    """Yield the lines of a text with corrected readings in them."""
+    return source.corrected_lines(smoother or corrector, add=add, timed=smoother is not None)
+
+
+def _tabulated(
+    source: Recording, corrector: Corrector, smoother: _filters.Smoother | None, *, add: bool
+) -> Iterator[str]:
+    """Yield the lines of a table of corrected readings, with what stands beside them."""
+    from flinders.simulate import table
+
+    for number, block in enumerate(source.blocks()):
+        if len(block):
+            corrected = corrector(block.field) if smoother is None else smoother(block.field, block.time)
+            written = block if add else replace(block, field=corrected)
+            header, *rows = table.lines(written, corrected=corrected if add else None)
+            yield from (f"{line}\n" for line in ([header] if number == 0 else []) + rows)
 
 
 class Corrector:
@@ -161,15 +194,15 @@ def _doubt(calibration: str, recording: str) -> str:
 
 
 @contextlib.contextmanager
-def _output(path: str, source: TextRecording, *, force: bool, live: bool) -> Iterator[IO[str]]:
+def _output(path: str, encoding: str, *, force: bool, live: bool) -> Iterator[IO[str]]:
     """Open the output: a file that appears when it is complete, or standard output; if live, line by line."""
     from flinders.files import replacing
 
     if path != "-":
-        with replacing(path, force=force, encoding=source.layout.encoding, newline="") as file:
+        with replacing(path, force=force, encoding=encoding, newline="") as file:
             yield file
         return
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(encoding=source.layout.encoding, newline="", line_buffering=live)
+        sys.stdout.reconfigure(encoding=encoding, newline="", line_buffering=live)
     yield sys.stdout
     sys.stdout.flush()

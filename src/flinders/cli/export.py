@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     short_help="Write a calibration for what uses it.",
     epilog="""\b
 Example:
-  flinders targets
   flinders export --to ardupilot --compass 2 calibration.json -o compass.param
   flinders export --to c calibration.json -o calibration.h
+  flinders targets
 
 \b
 Exit codes:

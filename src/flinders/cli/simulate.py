@@ -242,6 +242,8 @@ def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, 
     from flinders.report.recovery import page
 
     output = "" if output == "-" else output
+    if polar and Path(polar).suffix.lower() == ".svg":
+        raise UsageError(f"--polar {polar}: a table is written, name it .csv; flinders two-axis --polar draws")
     _check(output, truth, None, polar, force=force, as_json=False)
     found = _Swung(**options)
     if output:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -17,7 +16,7 @@ from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.composing import Composed
     from flinders.document import Document
     from flinders.judged import Judged
     from flinders.planar import Turn
@@ -28,8 +27,10 @@ if TYPE_CHECKING:
 PLANES: Final = ("xy", "yz", "zx")
 """Those of `flinders.planar`, so that help needs no NumPy; a test holds the two together."""
 
+DRAWING: Final = ".svg"
+
 FLAT: Final = 0.05
-"""Variance across over that along, below which readings lie in a plane."""
+"""Variance across over that along, below which readings lie in a plane, and those of a plane on a line."""
 
 
 @click.command(
@@ -82,6 +83,9 @@ def command(context: click.Context, /, recording: str, as_json: bool, **options:
     wrong: --method ellipse fits the ellipse of least squares instead. The result holds for this plane alone: exit
     code 3, as of everything limited.
     """
+    from flinders.composing import Composed, refuse_unloaded
+    from flinders.result import Refused
+
     after, output, polar = options["after"], options["output"], options["polar"]
     _check(recording, after, output, polar, force=options["force"], as_json=as_json)
     first = None if after is None else _loaded(context, after, options)
@@ -90,10 +94,17 @@ def command(context: click.Context, /, recording: str, as_json: bool, **options:
         say(str(source))
         with saying_what_was_skipped([source]):
             turn = _turn(source, options["plane"], options["method"])
-            fit = _fit(source, turn, first, options, as_json=as_json)
-    composed = None if first is None else fit.calibration @ first.calibration
-    document = _document(fit, composed, first, source, len(turn.points))
-    _write(document, turn, fit, output, polar, force=options["force"])
+            if first is not None:
+                refuse_unloaded(first, turn, dip_deg=options["dip_deg"], source=source.source)
+            try:
+                fit = _fit(source, turn, first, options, as_json=as_json)
+            except Refused as refusal:
+                _draw(turn, refusal.fit, polar, force=options["force"])
+                raise
+    composed = None if first is None else Composed.of(first, fit)
+    if output:
+        _write(_document(fit, composed, first, source, len(turn.points)), output, force=options["force"])
+    _draw(turn, fit, polar, force=options["force"])
     _show(fit, turn, composed, options, as_json=as_json)
     return LIMITED
 
@@ -106,7 +117,8 @@ def _check(
     Raises
     ------
     UsageError
-        Where two results would go to one place, or over what is read; for a calibration in place of a recording.
+        Where two results would go to one place, or over what is read; for a calibration in place of a recording, or
+        a drawing that is named as something else.
     OutputError
         Where a file is in the way, or could not be written.
     """
@@ -114,6 +126,8 @@ def _check(
 
     if (output == "-") + (polar == "-") + as_json > 1:
         raise UsageError("two results would go to standard output: give all but one of them a file")
+    if polar and polar != "-" and Path(polar).suffix.lower() != DRAWING:
+        raise UsageError(f"--polar {polar}: need a name that ends in {DRAWING} (a drawing), or - for standard output")
     files = [path for path in (output, polar) if path and path != "-"]
     if len(files) > 1 and Path(files[0]).resolve() == Path(files[1]).resolve():
         raise UsageError(f"{output} is named for the calibration and for the drawing: give them two names")
@@ -219,7 +233,8 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - as above
         return
     variances, axes = np.linalg.eigh(summary.moments.covariance)
     about = "xyz"[int(np.abs(axes[:, 0]).argmax())]
-    if variances[0] < FLAT * variances[1] and about != across(plane):
+    goes_round = variances[0] < FLAT * variances[1] and variances[1] > FLAT * variances[2]
+    if goes_round and about != across(plane):
         lies = next(other for other in PLANES if across(other) == about)
         say(f"! the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}")
 
@@ -251,15 +266,10 @@ def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str,
     return replace(found, calibration=replace(found.calibration, field_strength_known=known))
 
 
-def _document(fit: Fit, composed: Calibration | None, first: Judged | None, source: Recording, rows: int) -> Document:
-    """Make the calibration file: of this turn alone, or composed.
-
-    A composed one claims no covariance, and of the heading what all turns claim, each in its plane, together.
-    """
+def _document(fit: Fit, composed: Composed | None, first: Judged | None, source: Recording, rows: int) -> Document:
+    """Make the calibration file: of this turn alone, or composed."""
     from datetime import UTC, datetime
     from importlib.metadata import version
-
-    import msgspec
 
     from flinders.document import Provenance, SourceFile
 
@@ -270,39 +280,34 @@ def _document(fit: Fit, composed: Calibration | None, first: Judged | None, sour
         date=datetime.now(UTC).replace(microsecond=0),
         files=(*(first.files if first else ()), own),
     )
-    document = fit.to_document(provenance)
-    if composed is None or document.fit is None or first is None:
-        return document
-    before = first.record.method if first.record else "a calibration"
-    told, error = first.record.heading_error_deg if first.record else None, document.fit.heading_error_deg
-    if told is not None and error is not None:
-        rms, worst = math.hypot(told.rms, error.rms), math.hypot(told.worst, error.worst)
-        error = msgspec.structs.replace(error, rms=rms, worst=worst)
-    record = msgspec.structs.replace(
-        document.fit, method=f"{before}, then {fit.method}", covariance=None, heading_error_deg=error
-    )
-    return composed.to_document(fit=record, provenance=provenance)
+    return (composed or fit).to_document(provenance)
 
 
-def _write(document: Document, turn: Turn, fit: Fit, output: str | None, polar: str | None, *, force: bool) -> None:
-    """Write calibration and drawing where they were asked for."""
+def _write(document: Document, output: str, *, force: bool) -> None:
+    """Write the calibration."""
     from flinders.document import dumps
     from flinders.files import write_text
-    from flinders.report.rose import drawing
 
     if output == "-":
         click.echo(dumps(document), nl=False)
-    elif output:
+    else:
         write_text(dumps(document), output, force=force)
-    if polar:
-        picture = drawing(turn, fit)
-        if polar == "-":
-            click.echo(picture, nl=False)
-        else:
-            write_text(picture, polar, force=force)
 
 
-def _show(fit: Fit, turn: Turn, composed: Calibration | None, options: dict[str, Any], *, as_json: bool) -> None:
+def _draw(turn: Turn, fit: Fit, polar: str | None, *, force: bool) -> None:
+    """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
+    from flinders.files import write_text
+    from flinders.report.rose import drawing
+
+    if polar == "-":
+        click.echo(drawing(turn, fit), nl=False)
+    elif polar:
+        write_text(drawing(turn, fit), polar, force=force)
+        if fit.verdict == "refused":
+            say(f"written to {polar}")
+
+
+def _show(fit: Fit, turn: Turn, composed: Composed | None, options: dict[str, Any], *, as_json: bool) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.report.two_axis import page
 
@@ -323,7 +328,7 @@ def _show(fit: Fit, turn: Turn, composed: Calibration | None, options: dict[str,
         say("no calibration was written: name a file with -o calibration.json")
 
 
-def _as_dict(fit: Fit, turn: Turn, composed: Calibration | None) -> dict[str, Any]:
+def _as_dict(fit: Fit, turn: Turn, composed: Composed | None) -> dict[str, Any]:
     """JSON-ready: a fit, the turn, and what is to be loaded where it is composed."""
     even = turn.spacing.is_even(within_deg=fit.target_deg)
     return {

@@ -370,6 +370,8 @@ def _open(file: Source, asked: _Asked) -> FileRecording:
         return _chosen(_log_of(file, reader, asked), asked)
     if asked.sensor is not None:
         raise UsageError(f"{file.name} has one magnetometer: leave --sensor out; its columns are chosen with --columns")
+    if asked.as_logged:
+        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave --as-logged out")
     return _table_of(file, reader, asked)
 
 

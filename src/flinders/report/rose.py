@@ -42,18 +42,18 @@ svg { max-width: 100%; height: auto; font-family: system-ui, sans-serif; font-si
 .faint { fill: #5b5b66 } .small { font-size: 12px } .grid { stroke: #e4e4e7; fill: none } .edge { stroke: #b5b5be }
 .curve { stroke: #1d4ed8; stroke-width: 1.5; fill: none } .axis { stroke: #1d4ed8; stroke-dasharray: 5 4 }
 .iron { stroke: #c2410c; stroke-width: 2.5 } .head { fill: #c2410c }
-.dot { fill: #1d4ed8; stroke: #ffffff }
+.dot { fill: #1d4ed8; stroke: #ffffff } .refused { fill: #b91c1c; font-size: 17px; font-weight: 700 }
 .true { stroke: #8b8b95; stroke-width: 1.5; stroke-dasharray: 2 4; stroke-linecap: round; fill: none }
 @media (prefers-color-scheme: dark) {
 .paper { fill: #18181b } text { fill: #f4f4f5 } .faint { fill: #a8a8b3 } .grid { stroke: #36363c }
 .edge { stroke: #5f5f68 } .curve, .axis { stroke: #7cb0ff } .dot { fill: #7cb0ff; stroke: #18181b }
-.iron { stroke: #ff9d57 } .head { fill: #ff9d57 } .true { stroke: #85858f }
+.iron { stroke: #ff9d57 } .head { fill: #ff9d57 } .true { stroke: #85858f } .refused { fill: #f87171 }
 }"""
 """Light or dark as the reader's screen is."""
 
 
 def drawing(turn: Turn, fit: Fit) -> str:
-    """Draw a turn before and after the correction of a fit."""
+    """Draw a turn before and after the correction of a fit; of a refused one it says so, and gives no number of it."""
     loaded = turn.recipe if is_mean(fit) else turn.ellipse
     points = turn.points[:: max(1, -(-len(turn.points) // SHOWN))]
     unit = label(fit.calibration.unit)
@@ -62,6 +62,7 @@ def drawing(turn: Turn, fit: Fit) -> str:
         [
             f'<text class="title" x="24" y="34">{title}</text>',
             f'<text class="faint" x="24" y="56">{_subtitle(turn, fit)}</text>',
+            *_refused(fit),
             *_rose(LEFT, points, loaded, turn.plane, unit, is_raw=True),
             *_words(LEFT, "before", _before(loaded, fit, unit)),
             *_rose(RIGHT, loaded.correct(points), loaded, turn.plane, unit, is_raw=False),
@@ -85,7 +86,15 @@ def _subtitle(turn: Turn, fit: Fit) -> str:
     return f"method {fit.method}; {evenness(turn, fit.target_deg, is_mean=is_mean(fit))}"
 
 
+def _refused(fit: Fit) -> Iterator[str]:
+    """Say of a refused fit that it is one, where nobody can miss it."""
+    if fit.verdict == "refused":
+        yield f'<text class="refused" x="{WIDE - 24}" y="34" text-anchor="end">REFUSED: not fit for use</text>'
+
+
 def _before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
+    if fit.verdict == "refused":
+        return "the ellipse that this method makes of the points", "nothing of it is to be used"
     x, y = loaded.centre
     raw = fit.uncorrected_heading_error_deg
     return (
@@ -99,6 +108,8 @@ def _signed(value: float) -> str:
 
 
 def _after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
+    if fit.verdict == "refused":
+        return f"heading off by up to {degrees(fit.heading_error_deg.worst)} (1 σ, worst)", "not to be used"
     return (
         f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.noise)} {unit} off (1 σ)",
         f"heading good to {degrees(fit.heading_error_deg.worst)} (1 σ, worst)",

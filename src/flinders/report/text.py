@@ -43,9 +43,9 @@ def page(fit: Fit) -> RenderableType:
 
     if fit.verdict != "refused":
         found = numbers(fit.calibration, fit.offset_sigma, fit.noise)
-        return Group("", _before_and_after(fit), "", found, "", _verdict(fit), _findings(fit.findings, movement(fit)))
+        return Group("", _before_and_after(fit), "", found, "", _verdict(fit), listed(fit.findings, movement(fit)))
     reasons = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
-    return Group("", _verdict(fit), _findings(reasons, movement(fit)))
+    return Group("", _verdict(fit), listed(reasons, movement(fit)))
 
 
 def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) -> str:
@@ -170,8 +170,8 @@ def reach(fit: Fit) -> str:
     return "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
 
 
-def _findings(findings: Iterable[Finding], turn: str) -> RenderableType:
-    """Say what limits it and what to do; how to move on is said once."""
+def listed(findings: Iterable[Finding], turn: str = "") -> RenderableType:
+    """Say what limits it and what to do; how to move on, which is `turn`, is said once."""
     from rich.table import Table
     from rich.text import Text
 
@@ -180,6 +180,6 @@ def _findings(findings: Iterable[Finding], turn: str) -> RenderableType:
     for finding in findings:
         mark, style = MARKS[finding.severity]
         advice = finding.advice.replace(turn, "turn the sensor as above") if said else finding.advice
-        said = said or turn in finding.advice
+        said = said or bool(turn and turn in finding.advice)
         grid.add_row(Text(f"  {mark}", style=style), Text(advice, style="dim" if style == "dim" else ""))
     return grid

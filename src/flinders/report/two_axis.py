@@ -16,16 +16,19 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.composing import ANY_ANGLE
 from flinders.errors import counted, figures
 from flinders.planar import across
-from flinders.report.text import degrees, numbers
+from flinders.report.text import COLOURS, degrees, listed, numbers
 from flinders.report.text import page as fit_page
 from flinders.units import label
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.console import RenderableType
 
-    from flinders.calibration import Calibration
+    from flinders.composing import Composed
     from flinders.planar import PlaneEllipse, Turn
     from flinders.result import Fit
 
@@ -33,10 +36,9 @@ NOTHING: Final = 0.1
 """Of the target: what costs less is not worth a word."""
 
 
-def page(fit: Fit, turn: Turn, *, composed: Calibration | None, after: str | None) -> RenderableType:
+def page(fit: Fit, turn: Turn, *, composed: Composed | None, after: str | None) -> RenderableType:
     """Lay out a turn, its calibration, and what it makes of the one that was loaded before."""
     from rich.console import Group
-    from rich.text import Text
 
     parts: list[RenderableType] = [
         "",
@@ -46,13 +48,28 @@ def page(fit: Fit, turn: Turn, *, composed: Calibration | None, after: str | Non
         fit_page(fit),
     ]
     if composed is not None:
-        unknown = np.full(3, np.nan)
-        parts += [
-            "",
-            Text(f"composed with {after}, to be loaded in its place", "bold"),
-            numbers(composed, unknown, fit.noise),
-        ]
+        parts += ["", *_composed(composed, after)]
     return Group(*parts)
+
+
+def _composed(composed: Composed, after: str | None) -> Iterator[RenderableType]:
+    """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
+    from rich.table import Table
+    from rich.text import Text
+
+    yield Text(f"composed with {after}, to be loaded in its place", "bold")
+    yield numbers(composed.calibration, np.full(3, np.nan), composed.fit.noise)
+    yield ""
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(no_wrap=True)
+    grid.add_column()
+    error = composed.heading_error_deg
+    good = f"worst heading good to {degrees(error.worst)} (1 σ; the target is {composed.fit.target_deg:g}°)"
+    words = good if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
+    grid.add_row(Text(composed.verdict.upper(), f"bold {COLOURS[composed.verdict]}"), f"{words}, with these limits:")
+    grid.add_row("", Text(f"{' and '.join(composed.turns)}; held level, dip {error.dip_deg:g}°", "dim"))
+    yield grid
+    yield listed(composed.findings)
 
 
 def rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:

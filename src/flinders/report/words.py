@@ -106,6 +106,11 @@ FINDINGS: Final = {
         "correction is; if the sensor was not turned all the way, the compass may be off by {angle} or more.",
         "Check the compass on known bearings, and record the readings where that can be done.",
     ),
+    "composed": Words(
+        "The correction was put together from turns in one plane after the other. What they leave out costs a level "
+        "heading {angle}, and nobody knows how good it is at other attitudes.",
+        "Record the same turns without a correction, and calibrate from all of them together.",
+    ),
     "filtered": Words(
         "The readings went through a filter, which moved the heading by {angle} at the worst.",
         "If the filter moved the heading by more than the error given here, calibrate again without it, or turn the "

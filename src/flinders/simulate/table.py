@@ -27,12 +27,20 @@ DIGITS: Final = 4
 """Decimals of all numbers: a tenth of a nanotesla, 0.1 ms, 0.0001 rad/s."""
 
 
-def lines(samples: Samples) -> Iterator[str]:
+def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]:
     """Yield header and rows, without line ends.
 
     The same samples give the same text on all machines: numbers are written to four decimals.
+
+    Parameters
+    ----------
+    samples : Samples
+    corrected : (N, 3) float, in the unit of the samples, optional
+        Three more columns, named with ``_cal``.
     """
-    columns = _columns(samples)
+    columns = dict(_columns(samples))
+    if corrected is not None:
+        columns |= {f"mag_{axis}_{samples.unit.inside}_cal": corrected[:, i] for i, axis in enumerate("xyz")}
     yield ",".join(columns)
     for row in np.round(np.column_stack(list(columns.values())), DIGITS) + 0.0:
         yield ",".join([f"{value:.{DIGITS}f}" for value in row])

@@ -1,0 +1,293 @@
+"""Plane after plane: what a turn that was made with a calibration loaded makes of it, and what that leaves open.
+
+Each turn gives a symmetric matrix, and the product of symmetric matrices is not symmetric. Its rotation is of second
+order in the soft iron; no turn in a plane sees it. With the composed matrix W = R S, R the rotation and S symmetric, a
+sensor whose soft iron is symmetric has the inverse of S, so that R is what the composition makes of it. What R lends
+from the vertical field to the axes of a turn, the offset of that turn has taken off: along each of its axes i, turned
+about k, it is wrong by −R_ik sin I in units of the field. A level vehicle sees what is left of both.
+
+>>> tilted = np.array([[1.0, 0.0, 0.02], [0.0, 1.0, 0.0], [-0.02, 0.0, 1.0]])
+>>> rotation_error(tilted, ("xy", "yz", "zx"), dip_deg=60.0)      # 0.02 of the vertical field, 1.7 of the level one
+HeadingError(rms=1.40°, worst=1.99°, dip=60°)
+>>> rotation_error(tilted, ("yz", "zx", "xy"), dip_deg=60.0).worst < 0.01      # the last turn has taken it off
+True
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import msgspec
+import numpy as np
+
+from flinders.errors import UsageError, figures
+from flinders.heading import HeadingError, level_turn
+from flinders.judged import Judged
+from flinders.planar import PLANES, order_of
+from flinders.result import Finding, Outcome, error_record, gravest_first
+from flinders.units import label
+from flinders.verdict import of_calibration
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.calibration import Calibration
+    from flinders.document import Document, Fitted, Provenance
+    from flinders.planar import Plane, Turn
+    from flinders.quadric import Ellipsoid
+    from flinders.result import Fit
+
+THEN: Final = ", then "
+"""Between the methods of turns that were made one after the other."""
+
+FAR: Final = 0.2
+"""Of the field: an offset that is smaller does not tell whether it has been taken off, as soft iron lends as much."""
+
+OTHER_SCALE: Final = 3.0
+"""Readings larger or smaller by this are in another unit, or corrected by something else; no dip explains it."""
+
+ANY_ANGLE: Final = 180.0
+"""What a heading may be off by where nothing is claimed of it."""
+
+
+def turns_of(method: str) -> tuple[str, ...]:
+    """The plane of each turn that a method names, in their order; an empty one for what is no turn.
+
+    >>> turns_of("two-axis xy, then ellipse yz"), turns_of("auto, then two-axis zx"), turns_of("level")
+    (('xy', 'yz'), ('', 'zx'), ('xy',))
+    """
+    words = ("xy" if part == "level" else part.rpartition(" ")[2] for part in method.split(THEN))
+    return tuple(word if word in PLANES else "" for word in words)
+
+
+def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> HeadingError:
+    """What the rotation of a composed matrix costs a level vehicle; see above.
+
+    Of a plane that has not been turned in, soft iron is taken to be as strong there as in the others (rms), of either
+    sign.
+
+    Parameters
+    ----------
+    matrix : (3, 3) float
+    turns : of str
+        Planes of the turns, in their order, each with its third axis down; others than planes change no offset.
+    dip_deg : float
+        Inclination of the field.
+
+    Returns
+    -------
+    HeadingError
+        To second order in the soft iron; not 1 σ, but what it is if the soft iron is symmetric.
+    """
+    heading, directions = level_turn(dip_deg)
+    squares, worst = [], 0.0
+    for made in _made(matrix, turns):
+        offset = np.zeros(3)
+        for plane in filter(None, turns):
+            first, second, third = order_of(cast("Plane", plane))
+            offset[[first, second]] = -made[[first, second], third] * np.sin(np.deg2rad(dip_deg))
+        x, y, _ = made @ directions + offset[:, np.newaxis]
+        phasors = np.exp(1j * (np.arctan2(-y, x) - heading))
+        errors = np.rad2deg(np.angle(phasors / phasors.mean()))
+        squares.append(float(np.mean(errors**2)))
+        worst = max(worst, float(np.abs(errors).max()))
+    return HeadingError(math.sqrt(sum(squares) / len(squares)), worst, float(dip_deg))
+
+
+def _made(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
+    """(3, 3) what a composed matrix makes of the sensors that it may be for: the rotation, and what is open yet."""
+    squares, axes = np.linalg.eigh(matrix.T @ matrix)
+    sensor = (axes / np.sqrt(squares)) @ axes.T
+    found = [sensor[order_of(plane)[:2]] for plane in PLANES if plane in turns]
+    missing = [] if "" in turns else [order_of(plane)[:2] for plane in PLANES if plane not in turns]
+    across = float(np.sqrt(np.mean(np.square(found)))) if found and missing else 0.0
+    for signs in product((-across, across), repeat=len(missing)):
+        iron = np.zeros((3, 3))
+        for cell, sign in zip(missing, signs, strict=True):
+            iron[cell] = iron[cell[::-1]] = sign
+        yield matrix @ (sensor + iron)
+
+
+def refuse_unloaded(first: Judged, turn: Turn, *, dip_deg: float, source: str) -> None:
+    """Refuse a turn that was not recorded with a calibration loaded.
+
+    Along the axes that the calibration knows, a loaded turn goes as far up and down as the level part of its field,
+    and about zero but for what soft iron lends from the vertical field.
+
+    Parameters
+    ----------
+    first : Judged
+        What should have been loaded.
+    turn : Turn
+    dip_deg : float
+        Inclination of the field.
+    source : str
+        What the message calls the recording.
+
+    Raises
+    ------
+    UsageError
+        Where the readings are larger or smaller by three, or lie about the offset of the calibration.
+    """
+    turns = turns_of(first.record.method) if first.record else ("",)
+    known = "xyz" if "" in turns else "".join(turns)
+    seen = [place for place, axis in enumerate(turn.plane) if axis in known]
+    if not seen:
+        return
+    unit, named = label(first.calibration.unit), " and ".join(turn.plane[place] for place in seen)
+    level = first.calibration.field_strength * math.cos(math.radians(dip_deg))
+    reach = np.linalg.norm(turn.ellipse.shape, axis=1)[seen]
+    farthest = float(reach[np.abs(np.log(reach / level)).argmax()])
+    again = f"record it with {first.name} loaded, or correct a raw recording with flinders apply {first.name}"
+    if not 1.0 / OTHER_SCALE < farthest / level < OTHER_SCALE:
+        raise UsageError(
+            f"{source} goes {figures(farthest)} {unit} up and down along {named}, where readings with {first.name} "
+            f"loaded go {figures(level)} (level field, dip {dip_deg:g}°): it is in another unit, or was made without; "
+            f"name the unit (--unit), {again}"
+        )
+    centre = turn.ellipse.centre[seen]
+    offset = first.calibration.offset[list(order_of(turn.plane))[:2]][seen]
+    far = float(np.linalg.norm(offset)) > FAR * first.calibration.field_strength
+    if far and np.linalg.norm(centre - offset) < np.linalg.norm(centre):
+        raise UsageError(
+            f"{source} lies about {_listed(centre)} {unit} along {named}, which is the offset that {first.name} takes "
+            f"off ({_listed(offset)}): it was made without {first.name} loaded; {again}"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Composed(Outcome):
+    """A calibration that was loaded, with that of the turn that it was loaded for.
+
+    Attributes
+    ----------
+    calibration : Calibration
+        To be loaded in place of the first.
+    fit : Fit
+        Of the turn.
+    turns : tuple of str
+        Planes of all turns so far, in their order; an empty one for what is no turn.
+    heading_error_deg : HeadingError
+        Of a level vehicle, 1 σ: what the turns claim together, and what the rotation of the matrix costs. A level
+        heading rests on the last turn in xy and those after it. 180° where nobody can say: there was no turn in xy
+        yet, or what was loaded claims nothing.
+    rotation_deg : float
+        What the rotation of the matrix costs at the worst level heading.
+    findings : tuple of Finding
+    before : Judged
+        What was loaded.
+
+    Examples
+    --------
+    >>> from flinders import fitting, simulate
+    >>> sweep = simulate.tumble(seed=1, motion="sweep-xy")
+    >>> first = Judged.from_fit(fitting.fit(sweep.samples, method="ellipse"))
+    >>> other = first.calibration.apply(simulate.tumble(seed=1, motion="sweep-yz").samples.field)
+    >>> second = fitting.fit(other, method="ellipse", plane="yz", field_strength=first.calibration.field_strength)
+    >>> Composed.of(first, second).turns
+    ('xy', 'yz')
+    """
+
+    calibration: Calibration
+    fit: Fit
+    turns: tuple[str, ...]
+    heading_error_deg: HeadingError
+    rotation_deg: float
+    findings: tuple[Finding, ...]
+    before: Judged
+
+    @classmethod
+    def of(cls, first: Judged, fit: Fit) -> Composed:
+        """Compose what was loaded with the fit of a turn in a plane."""
+        known = turns_of(first.record.method) if first.record else ("",)
+        turns, dip = (*known, fit.plane or ""), fit.heading_error_deg.dip_deg
+        calibration = fit.calibration @ first.calibration
+        left = rotation_error(calibration.matrix, turns, dip_deg=dip)
+        error = _claimed(first, fit, turns, left)
+        found = cls(calibration, fit, turns, error, left.worst, (), first)
+        advice = _finding(turns, left.worst, fit.target_deg)
+        findings = gravest_first([advice, *of_calibration(found)])
+        return cls(calibration, fit, turns, error, left.worst, findings, first)
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid that it makes a sphere."""
+        return Judged(self.calibration).ellipsoid
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: the calibration, what is claimed of it, and what is open."""
+        error = self.heading_error_deg
+        return {
+            **self.calibration.as_dict(),
+            "turns": list(self.turns),
+            "heading_error_deg": {"rms": error.rms, "worst": error.worst, "dip_deg": error.dip_deg},
+            "rotation_deg": self.rotation_deg,
+            "findings": [finding.as_dict() for finding in self.findings],
+        }
+
+    def to_document(self, provenance: Provenance | None = None) -> Document:
+        """The calibration file: without a covariance, as offset and matrix of several turns hang together."""
+        own = self.fit.to_document().fit
+        before = self.before.record
+        record = msgspec.structs.replace(
+            cast("Fitted", own),
+            method=f"{before.method if before else 'a calibration'}{THEN}{self.fit.method}",
+            samples=self.before.samples + self.fit.samples,
+            covariance=None,
+            verdict=self.verdict,
+            heading_error_deg=error_record(self.heading_error_deg, self.fit.target_deg),
+            coverage={},
+            findings=self.finding_records,
+        )
+        return self.calibration.to_document(fit=record, provenance=provenance)
+
+
+def _claimed(first: Judged, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:
+    """What is claimed of a level heading; the rotation of the matrix counts as it is now, not as it was before."""
+    own, told = fit.heading_error_deg, first.record.heading_error_deg if first.record else None
+    if fit.plane == "xy":
+        return own
+    if told is None or not {"xy", ""} & set(turns[:-1]):
+        return HeadingError(ANY_ANGLE, ANY_ANGLE, own.dip_deg)
+    before = rotation_error(first.calibration.matrix, turns[:-1], dip_deg=own.dip_deg)
+    rms, worst = (
+        math.sqrt(max(was**2 - gone**2, 0.0) + now**2 + new**2)
+        for was, gone, now, new in (
+            (told.rms, before.rms, own.rms, left.rms),
+            (told.worst, before.worst, own.worst, left.worst),
+        )
+    )
+    return HeadingError(rms, worst, own.dip_deg)
+
+
+def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Finding:
+    """Say what the turns so far leave open."""
+    named = THEN.join(plane or "all attitudes" for plane in turns)
+    missing = [] if "" in turns else [plane for plane in PLANES if plane not in turns]
+    open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
+    if not {"xy", ""} & set(turns):
+        return Finding(
+            "composed", "limits", ANY_ANGLE, target_deg,
+            f"composed of turns ({named}) of which none is in xy: nothing is claimed of a level heading{open_still}",
+        )  # fmt: skip
+    if turns[-1] == "xy":
+        level = "a level heading rests on the last turn, and has nothing of it"
+    else:
+        level = (
+            f"{figures(left_deg)}° of a level heading, which its error allows for; a turn in xy at the end takes that "
+            "off"
+        )
+    return Finding(
+        "composed", "limits", left_deg, target_deg,
+        f"composed of turns ({named}){open_still}. A rotation of second order in the soft iron stays, which no turn "
+        f"sees: {level}. Of other attitudes nothing is claimed: flinders calibrate fits the same turns, unloaded, "
+        "together",
+    )  # fmt: skip
+
+
+def _listed(values: Floats) -> str:
+    return ", ".join(figures(value, 3) for value in values.tolist())
