@@ -20,7 +20,9 @@ MAIN_COMMAND = "pip install uv && uv run flinders demo"
 TEST_COMMAND = "pip install uv && uv run pytest"
 
 # Sites that prose may refer to. Nobody fetches packages or data from them.
-KNOWN_SITES = "keepachangelog.com|semver.org|doi.org|github.com|json-schema.org|www.w3.org|mavlink.io|localhost|127.0.0.1"
+KNOWN_SITES = (
+    "keepachangelog.com|semver.org|doi.org|github.com|json-schema.org|www.w3.org|mavlink.io|localhost|127.0.0.1"
+)
 
 
 def own_files() -> list[Path]:

@@ -8,7 +8,7 @@ about k, it is wrong by −R_ik sin I in units of the field. A level vehicle see
 
 >>> tilted = np.array([[1.0, 0.0, 0.02], [0.0, 1.0, 0.0], [-0.02, 0.0, 1.0]])
 >>> rotation_error(tilted, ("xy", "yz", "zx"), dip_deg=60.0)      # 0.02 of the vertical field, 1.7 of the level one
-HeadingError(rms=1.40°, worst=1.99°, dip=60°)
+HeadingError(rms=1.40°, worst=1.98°, dip=60°)
 >>> rotation_error(tilted, ("yz", "zx", "xy"), dip_deg=60.0).worst < 0.01      # the last turn has taken it off
 True
 """
@@ -16,7 +16,7 @@ True
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -47,6 +47,9 @@ THEN: Final = ", then "
 FAR: Final = 0.2
 """Of the field: an offset that is smaller does not tell whether it has been taken off, as soft iron lends as much."""
 
+TOO_FAR: Final = 0.5
+"""Of the field: what soft iron does not lend to a turn that follows others; a vehicle has more for a sensor put in."""
+
 OTHER_SCALE: Final = 3.0
 """Readings larger or smaller by this are in another unit, or corrected by something else; no dip explains it."""
 
@@ -62,6 +65,15 @@ def turns_of(method: str) -> tuple[str, ...]:
     """
     words = ("xy" if part == "level" else part.rpartition(" ")[2] for part in method.split(THEN))
     return tuple(word if word in PLANES else "" for word in words)
+
+
+def in_words(turns: Sequence[str]) -> str:
+    """Name turns, and what is no turn.
+
+    >>> in_words(("", "xy"))
+    'all attitudes, then xy'
+    """
+    return THEN.join(plane or "all attitudes" for plane in turns)
 
 
 def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> HeadingError:
@@ -131,7 +143,8 @@ def refuse_unloaded(first: Judged, turn: Turn, *, dip_deg: float, source: str) -
     Raises
     ------
     UsageError
-        Where the readings are larger or smaller by three, or lie about the offset of the calibration.
+        Where the readings are larger or smaller by three, lie nearer to the offset of the calibration than to zero,
+        or, after other turns, far from zero.
     """
     turns = turns_of(first.record.method) if first.record else ("",)
     known = "xyz" if "" in turns else "".join(turns)
@@ -151,11 +164,16 @@ def refuse_unloaded(first: Judged, turn: Turn, *, dip_deg: float, source: str) -
         )
     centre = turn.ellipse.centre[seen]
     offset = first.calibration.offset[list(order_of(turn.plane))[:2]][seen]
-    far = float(np.linalg.norm(offset)) > FAR * first.calibration.field_strength
-    if far and np.linalg.norm(centre - offset) < np.linalg.norm(centre):
+    strength = first.calibration.field_strength
+    if np.linalg.norm(offset) > FAR * strength and np.linalg.norm(centre - offset) < np.linalg.norm(centre):
         raise UsageError(
             f"{source} lies about {_listed(centre)} {unit} along {named}, which is the offset that {first.name} takes "
             f"off ({_listed(offset)}): it was made without {first.name} loaded; {again}"
+        )
+    if "" not in turns and np.linalg.norm(centre) > TOO_FAR * strength:
+        raise UsageError(
+            f"{source} lies about {_listed(centre)} {unit} along {named}, where readings with {first.name} loaded lie "
+            f"about 0: it was made without, or of another sensor; {again}"
         )
 
 
@@ -186,10 +204,11 @@ class Composed(Outcome):
     >>> from flinders import fitting, simulate
     >>> sweep = simulate.tumble(seed=1, motion="sweep-xy")
     >>> first = Judged.from_fit(fitting.fit(sweep.samples, method="ellipse"))
-    >>> other = first.calibration.apply(simulate.tumble(seed=1, motion="sweep-yz").samples.field)
-    >>> second = fitting.fit(other, method="ellipse", plane="yz", field_strength=first.calibration.field_strength)
-    >>> Composed.of(first, second).turns
-    ('xy', 'yz')
+    >>> loaded = replace(sweep.samples, field=first.calibration.apply(sweep.samples.field))
+    >>> second = fitting.fit(loaded, method="ellipse", field_strength=first.calibration.field_strength)
+    >>> composed = Composed.of(first, second)      # the same turn once more, which changes nothing
+    >>> composed.turns, composed.calibration.isclose(first.calibration, tolerance=1e-3)
+    (('xy', 'xy'), True)
     """
 
     calibration: Calibration
@@ -203,15 +222,15 @@ class Composed(Outcome):
     @classmethod
     def of(cls, first: Judged, fit: Fit) -> Composed:
         """Compose what was loaded with the fit of a turn in a plane."""
-        known = turns_of(first.record.method) if first.record else ("",)
-        turns, dip = (*known, fit.plane or ""), fit.heading_error_deg.dip_deg
-        calibration = fit.calibration @ first.calibration
+        before = turns_of(first.record.method) if first.record else ("",)
+        turns, dip = (*before, fit.plane or ""), fit.heading_error_deg.dip_deg
+        known = first.calibration.field_strength_known
+        calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
         left = rotation_error(calibration.matrix, turns, dip_deg=dip)
         error = _claimed(first, fit, turns, left)
         found = cls(calibration, fit, turns, error, left.worst, (), first)
-        advice = _finding(turns, left.worst, fit.target_deg)
-        findings = gravest_first([advice, *of_calibration(found)])
-        return cls(calibration, fit, turns, error, left.worst, findings, first)
+        findings = [_finding(turns, left.worst, fit.target_deg), *of_calibration(found)]
+        return replace(found, findings=gravest_first(findings))
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -266,7 +285,7 @@ def _claimed(first: Judged, fit: Fit, turns: Sequence[str], left: HeadingError) 
 
 def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Finding:
     """Say what the turns so far leave open."""
-    named = THEN.join(plane or "all attitudes" for plane in turns)
+    named = in_words(turns)
     missing = [] if "" in turns else [plane for plane in PLANES if plane not in turns]
     open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
     if not {"xy", ""} & set(turns):
@@ -284,7 +303,7 @@ def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Findin
     return Finding(
         "composed", "limits", left_deg, target_deg,
         f"composed of turns ({named}){open_still}. A rotation of second order in the soft iron stays, which no turn "
-        f"sees: {level}. Of other attitudes nothing is claimed: flinders calibrate fits the same turns, unloaded, "
+        f"sees: {level}. Nothing is claimed of other attitudes; what was recorded unloaded, flinders calibrate fits "
         "together",
     )  # fmt: skip
 

@@ -162,17 +162,29 @@ class FitError(FlindersError):
 
 
 class TooFewSamples(FitError):
-    """Fewer usable readings (`found`) than the method has unknowns (`needed`); `skipped` says what was left out."""
+    """Fewer usable readings (`found`) than the method has unknowns (`needed`); `skipped` says what was left out.
+
+    How the sensor should have been turned is `how`, here and below.
+    """
 
     code = "too-few-samples"
 
-    def __init__(self, *, found: int, needed: int, method: str, skipped: Iterable[object] = ()) -> None:
-        self.found, self.needed, self.method, self.skipped = found, needed, method, tuple(map(str, skipped))
+    def __init__(
+        self,
+        *,
+        found: int,
+        needed: int,
+        method: str,
+        skipped: Iterable[object] = (),
+        how: str = "through all directions",
+    ) -> None:
+        self.found, self.needed, self.method, self.how = found, needed, method, how
+        self.skipped = tuple(map(str, skipped))
         besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""
         check = "check what was left out, and " if self.skipped else ""
         super().__init__(
             f"{counted(found, 'usable reading')}{besides}, {method!r} needs at least {needed:,}: "
-            f"{check}record for longer while turning the sensor through all directions",
+            f"{check}record for longer while turning the sensor {how}",
             found=found,
             needed=needed,
             method=method,
@@ -185,13 +197,13 @@ class StuckAxis(FitError):
 
     code = "stuck-axis"
 
-    def __init__(self, axes: tuple[str, ...], values: tuple[float, ...]) -> None:
+    def __init__(self, axes: tuple[str, ...], values: tuple[float, ...], how: str = "") -> None:
         self.axes, self.values = axes, values
         named = ", ".join(f"{axis} = {value:g}" for axis, value in zip(axes, values, strict=True))
-        level = ". The method 'level' fits x and y of a level turn alone" if axes == ("z",) else ""
+        level = ". The method 'level' fits x and y of a level turn alone" if axes == ("z",) and not how else ""
         super().__init__(
             f"never changes in this recording: {named}. "
-            f"Check the wiring and the columns, and turn the sensor about all three of its axes{level}",
+            f"Check the wiring and the columns, and turn the sensor {how or 'about all three of its axes'}{level}",
             axes=axes,
             values=values,
         )
@@ -202,11 +214,11 @@ class Unmoved(FitError):
 
     code = "unmoved"
 
-    def __init__(self, *, spread: float, size: float) -> None:
+    def __init__(self, *, spread: float, size: float, how: str = "through all directions") -> None:
         self.spread, self.size = spread, size
         super().__init__(
             f"the readings vary by {figures(spread)} about a mean of {figures(size, 3)}: the sensor was hardly moved. "
-            "Turn it slowly through all directions while recording",
+            f"Turn it slowly {how} while recording",
             spread=spread,
             size=size,
         )

@@ -103,6 +103,24 @@ def test_a_refused_fit_can_be_watched_too() -> None:
     assert Path("s.csv").exists() == ("convergence written" in ended.output)
 
 
+def test_what_there_was_is_drawn_of_a_filter_that_is_lost() -> None:
+    field = simulate.tumble(seed=2, motion="hand", n=2000).samples.field
+    np.savetxt("t.csv", field, delimiter=",", fmt="%.3f", header="mx_uT,my_uT,mz_uT", comments="")
+    words = ("t.csv", "--method", "ekf", "--option", "spread=0.3", "--convergence")
+    ended = calibrate(*words, "s.svg")
+    assert ended.exit_code == 4
+    assert "convergence written to s.svg" in ended.output
+    assert ": lost after " in Path("s.svg").read_text(encoding="utf-8")
+
+
+def test_where_there_was_nothing_at_any_step_nothing_is_written() -> None:
+    record("few.csv", n=30)
+    ended = calibrate("few.csv", "--method", "ladder", "--convergence", "s.svg")
+    assert ended.exit_code == 4
+    assert "s.svg was not written: ladder had nothing at any step" in ended.output
+    assert not Path("s.svg").exists()
+
+
 def test_several_recordings_are_watched_one_after_the_other() -> None:
     record("a.csv")
     record("b.csv", n=700)

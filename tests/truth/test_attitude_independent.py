@@ -33,8 +33,11 @@ from flinders.estimators.attitude_independent import (
     theta_of,
 )
 from flinders.estimators.sequential import State
+from flinders.evaluation import evaluate
+from flinders.judged import Judged
 from flinders.quadric import symmetric, upper
 from flinders.readers import read
+from flinders.report.convergence import Settling, drawing
 from flinders.result import Refused
 from flinders.samples import Joined, Samples
 from flinders.summary import Summary
@@ -357,6 +360,35 @@ def test_the_filter_is_as_good_as_the_batch_where_attitudes_are_random() -> None
     assert np.all(np.abs(apart) < 2 * np.sqrt(np.diag(filtered.covariance)[:3]))
     walking = Ekf(walk=1e-4).estimate(readings)
     assert np.all(np.diag(walking.covariance) > np.diag(filtered.covariance))
+
+
+@pytest.mark.parametrize(
+    ("motion", "n", "draws", "ratio"),
+    [("uniform", 100, 60, 1.06), ("uniform", 200, 100, 1.05), ("hand", 1000, 30, 1.05)],
+)
+def test_the_filter_claims_what_it_costs(motion: str, n: int, draws: int, ratio: float) -> None:
+    """True heading error over the claimed one, rms over so many draws, seeds from 1."""
+    squares = []
+    for seed in range(1, draws + 1):
+        made = simulate.tumble(seed=seed, motion=motion, n=n)
+        fit = flinders.fit(made.samples, method="ekf", target_deg=30.0)
+        told = evaluate(Judged.from_fit(fit), simulate.truth.Truth.of(made))
+        assert told.heading_ratio is not None
+        squares.append(told.heading_ratio**2)
+    assert np.sqrt(np.mean(squares)) == pytest.approx(ratio, abs=0.04)
+
+
+def test_a_filter_that_is_lost_is_followed_up_to_there() -> None:
+    readings = Readings.of(simulate.tumble(seed=2, motion="hand", n=2000).samples)
+    with pytest.raises(Collapsed):
+        Ekf(spread=0.3).estimate(readings)
+    settling = Ekf(spread=0.3).converge(readings)
+    assert settling.last is not None
+    assert 100 < settling.counts[settling.last] < 300
+    assert not settling.is_known[-1]
+    shown = drawing(Settling(settling, "ekf", "uT"))
+    assert f"over 2,000 readings: lost after {settling.counts[settling.last]}" in shown
+    assert "nan" not in shown
 
 
 # Strengths that cannot be, and options.

@@ -315,6 +315,15 @@ def test_spikes_spoil_extremes_and_a_median_saves_them(tmp_path: Path) -> None:
     assert "filtered" in [finding["code"] for finding in found["findings"]]
 
 
+def test_a_filter_does_not_invent_what_single_readings_never_did(tmp_path: Path) -> None:
+    """A median of so many readings repeats itself."""
+    path = written(tmp_path / "plain.csv", simulate.tumble(seed=2, motion="hand").samples.field)
+    ended = run("calibrate", path, "--filter", "median:99", "--json")
+    codes = [finding["code"] for finding in json.loads(ended.stdout)["findings"]]
+    assert "filtered" in codes
+    assert "stale-repeats" not in codes
+
+
 def test_a_filter_does_not_hide_a_sensor_at_its_limit(tmp_path: Path) -> None:
     sensor = simulate.Sensor(offset=np.array([20.0, 10.0, 5.0]), noise=0.3, limit=60.0)
     made = simulate.tumble(seed=5, motion="hand", n=6000, rate_hz=200.0, sensor=sensor)
@@ -380,7 +389,7 @@ def test_heading_is_steadier_with_a_filter(tmp_path: Path) -> None:
         ("mean", "'mean' is not known: use moving-average, median, kalman"),
         ("", "is not known"),
         ("median:4", "need an odd number from 3 to 999"),
-        ("median:1", "need an odd number"),
+        ("median:1", "median over 1 reading: need an odd number"),
         ("kalman:2", "need a whole number from 3 to 999"),
         ("median:", "behind the colon"),
         ("median:5.0", "behind the colon"),
@@ -392,6 +401,13 @@ def test_a_filter_that_there_is_not_is_refused(value: str, match: str, tmp_path:
     ended = run("calibrate", str(tmp_path / "any.csv"), "--filter", value)
     assert ended.exit_code == 2
     assert match in ended.output
+
+
+@pytest.mark.parametrize("command", ["calibrate", "apply", "heading"])
+def test_two_filters_are_refused(command: str, tmp_path: Path) -> None:
+    ended = run(command, *[str(tmp_path / "any")] * 2, "--filter", "median", "--filter", "kalman:9")
+    assert ended.exit_code == 2
+    assert "median of 5 readings, and kalman of 9 readings: give one filter" in ended.output
 
 
 def test_names_of_filters_may_be_written_in_capitals() -> None:

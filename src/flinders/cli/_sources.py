@@ -37,7 +37,9 @@ def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
         yield
     except TooFewSamples as error:
         skipped = [entry for recording in recordings for entry in getattr(recording, "skipped", ())]
-        raise TooFewSamples(found=error.found, needed=error.needed, method=error.method, skipped=skipped) from None
+        raise TooFewSamples(
+            found=error.found, needed=error.needed, method=error.method, skipped=skipped, how=error.how
+        ) from None
 
 
 class Counted:

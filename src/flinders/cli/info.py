@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -13,6 +13,8 @@ from flinders.cli._talk import drawn, print_json, progress
 from flinders.errors import FitError, InputError, UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from flinders.geomag import SiteField
     from flinders.readers import Instrument, Log
     from flinders.report.info import Sensor
@@ -22,6 +24,11 @@ if TYPE_CHECKING:
 
 BESIDE = ("time", "acceleration", "rate", "temperature", "current", "strength")
 """What may stand beside a reading, as `Samples` calls it."""
+READ_BY: Final = {
+    "columns": None, "unit": None, "scale": None, "axes": "x,y,z", "topic": None, "start": None, "end": None,
+    "as_logged": False,
+}  # fmt: skip
+"""How a recording is read, and the defaults: what else was given belongs into the command to type next."""
 
 
 @click.command(
@@ -51,42 +58,41 @@ def command(log: str, place: str | None, date: str | None, as_json: bool, **read
         raise UsageError(f"{log} is a calibration: give a recording; flinders compare shows what a calibration says")
     if date is not None and place is None:
         raise UsageError("--date is for the field at a place: give --at LAT,LON too")
-    as_logged = reading.pop("as_logged")
     with progress("reading") as watch:
         held = open_log(log, progress=watch, **reading)
-        contents = _contents(held, log, place, date, reading, as_logged=as_logged)
+        contents = _contents(held, log, place, date, reading)
     if as_json:
         print_json(contents.as_dict())
     else:
         click.echo(drawn(page(contents), sys.stdout))
 
 
-def _contents(
-    held: Log, path: str, place: str | None, date: str | None, reading: dict[str, Any], *, as_logged: bool
-) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
+def _contents(held: Log, path: str, place: str | None, date: str | None, reading: dict[str, Any]) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
     """Go through each magnetometer once, and put together what was found.
 
     Raises
     ------
     InputError
         Where none of them has a reading.
+    UsageError
+        For a topic that there is not.
     """
-    from dataclasses import replace
-
     from flinders.report.info import Contents, commands_for
 
     site = _site(held, place, date)
+    wanted = _wanted(held, path, reading["topic"])
     sensors, refusals = [], []
     for number, instrument in enumerate(held.instruments, 1):
+        if instrument not in wanted:
+            continue
         try:
-            sensors.append(_seen(number, replace(instrument, as_logged=as_logged)))
+            sensors.append(_seen(number, instrument, is_unit_open=reading["unit"] is None))
         except InputError as error:
             refusals.append(error)
             sensors.append(_silent(number, instrument, error))
     if len(refusals) == len(sensors):
         raise refusals[0]
-    told = ("columns", "unit", "scale", *(["topic"] if len(sensors) == 1 else []))
-    options = [word for name in told for word in _given(name, reading[name])]
+    options = [word for name, default in READ_BY.items() for word in _given(name, reading[name], default)]
     file = held.instruments[0].file
     where = held.position
     return Contents(
@@ -102,8 +108,26 @@ def _contents(
     )
 
 
-def _given(name: str, value: object) -> list[str]:
-    return [] if value is None else [f"--{name}", f"{value:g}" if isinstance(value, float) else str(value)]
+def _wanted(held: Log, path: str, topic: str | None) -> Sequence[Instrument]:
+    """The magnetometers of a log, or the one that a topic names; of an archive it has named the member already."""
+    from flinders.readers import holds_log
+
+    is_of_log = topic is not None and (len(held.instruments) > 1 or holds_log(path))
+    return (held.sensor(topic),) if is_of_log else held.instruments
+
+
+def _given(name: str, value: object, default: object) -> list[str]:
+    """An option as it is typed; nothing where it is left at its default.
+
+    >>> _given("start", 5.0, None), _given("as_logged", True, False), _given("axes", "x,y,z", "x,y,z")
+    (['--from', '5'], ['--as-logged'], [])
+    """
+    if value == default:
+        return []
+    option = {"start": "--from", "end": "--to"}.get(name, f"--{name.replace('_', '-')}")
+    if value is True:
+        return [option]
+    return [option, f"{value:.12g}" if isinstance(value, float) else str(value)]
 
 
 def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
@@ -125,9 +149,9 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
     return site_field(where.latitude_deg, where.longitude_deg, where.altitude_m, year=year_of(held.begun))
 
 
-def _seen(number: int, instrument: Instrument) -> Sensor:
-    """Go through one magnetometer."""
-    from flinders.report.info import ENOUGH_SEEN, GAP, Sensor
+def _seen(number: int, instrument: Instrument, *, is_unit_open: bool) -> Sensor:
+    """Go through one magnetometer; where nobody has said its unit, its strength may tell."""
+    from flinders.report.info import ENOUGH_SEEN, GAP, Sensor, unit_remark
     from flinders.summary import Summary
 
     watched = _Watched(instrument)
@@ -138,6 +162,8 @@ def _seen(number: int, instrument: Instrument) -> Sensor:
     fit = _fit(summary)
     coverage = None if fit is None else float(fit.coverage.fraction)
     is_seen = coverage is not None and coverage >= ENOUGH_SEEN
+    strength = float(fit.ellipsoid.radius) if fit is not None and is_seen else None
+    remark = unit_remark(strength, instrument.unit.inside) if is_unit_open else ""
     return Sensor(
         number=number,
         name=instrument.name,
@@ -156,8 +182,8 @@ def _seen(number: int, instrument: Instrument) -> Sensor:
         is_as_logged=instrument.as_logged,
         beside=watched.beside,
         coverage=coverage,
-        strength=float(fit.ellipsoid.radius) if fit is not None and is_seen else None,
-        notes=(*instrument.notes, *map(str, health.skipped)),
+        strength=strength,
+        notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
     )
 
 

@@ -43,9 +43,9 @@ Example:
 
 \b
 Three axes, one plane at a time, each loaded before the next is recorded:
-  flinders two-axis xy.csv -o first.json
-  flinders two-axis yz.csv --plane yz --after first.json -o second.json
-  flinders two-axis zx.csv --plane zx --after second.json -o third.json
+  flinders two-axis yz.csv --plane yz -o first.json
+  flinders two-axis zx.csv --plane zx --after first.json -o second.json
+  flinders two-axis xy.csv --after second.json -o third.json
 """,
 )
 @click.argument("recording", metavar="RECORDING")

@@ -90,7 +90,7 @@ class Ellipse:
         ------
         TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `require_turn`.
-        NotAnEllipsoid
+        NotAnEllipse
             If half of the readings are in one place, or all on a line.
         NeedsSamples
             If only sums were given.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.errors import NotAnEllipsoid, Unmoved
+from flinders.errors import FitError, NotAnEllipsoid, Unmoved
 from flinders.estimators.level import THINNEST, ellipse_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.readings import FARTHEST, SMALLEST
@@ -30,6 +30,19 @@ if TYPE_CHECKING:
     from flinders.samples import Recording, Samples
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+class NotAnEllipse(NotAnEllipsoid):
+    """No ellipse goes through the readings of a plane: they are on a line, or half of them in one place."""
+
+    def __init__(self, method: str) -> None:
+        self.eigenvalues = (0.0, 0.0, 0.0)
+        FitError.__init__(
+            self,
+            "no ellipse goes through these readings: in this plane they lie on a line, or half of them in one place. "
+            "Turn the sensor all the way round about the third axis, and check the plane and the columns",
+            method=method,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +75,7 @@ def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -
     spread = float(np.sqrt(np.diag(moments.covariance)[seen].sum().clip(min=0.0)))
     size = float(np.linalg.norm(moments.mean[seen]))
     if not (spread > SMALLEST and FARTHEST * spread > size):
-        raise Unmoved(spread=spread, size=size)
+        raise Unmoved(spread=spread, size=size, how=f"all the way round in the plane {plane}")
 
 
 def laid_flat(readings: Readings, plane: Plane) -> Readings:
@@ -75,24 +88,24 @@ def fitted_flat(flat: Readings, spread: float) -> Estimate:
 
     Raises
     ------
-    NotAnEllipsoid
+    NotAnEllipse
         If half of the readings are in one place, or all on a line.
     NeedsSamples
         If only sums were given.
     """
     rng = np.random.default_rng(SEED)
     points = flat.thinned(ENOUGH, "ellipse")
-    start = ellipse_start(flat.spread_out(points, rng), rng)
-    if not start.semi_axes[0] > max(SMALLEST, THINNEST * float(np.ptp(points, axis=0).max())):
-        raise NotAnEllipsoid((0.0, 0.0, 0.0), "ellipse")
     try:  # a handful of readings, most of them in one place, can lead the steps out of all numbers
+        start = ellipse_start(flat.spread_out(points, rng), rng)
+        if not start.semi_axes[0] > max(SMALLEST, THINNEST * float(np.ptp(points, axis=0).max())):
+            raise NotAnEllipse("ellipse")
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             found = Likelihood(prior=spread).polish(flat, start)
             if len(flat) >= Robust.unknowns and asks_for_it(flat, found.ellipsoid):
                 return Robust(prior=spread).majority(flat, ellipse_start)
             return found
-    except (FloatingPointError, ZeroDivisionError):
-        raise NotAnEllipsoid((0.0, 0.0, 0.0), "ellipse") from None
+    except (FloatingPointError, ZeroDivisionError, NotAnEllipsoid):
+        raise NotAnEllipse("ellipse") from None
 
 
 def equator(ellipse: PlaneEllipse) -> Ellipsoid:

@@ -192,14 +192,15 @@ class Readings:
         Unmoved
             If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them.
         """
+        how = {} if axes == "xyz" else {"how": f"all the way round in the plane {axes}"}
         if len(self) < unknowns:
-            raise TooFewSamples(found=len(self), needed=unknowns, method=method)
+            raise TooFewSamples(found=len(self), needed=unknowns, method=method, **how)
         if not self.are_in_scale:
             raise OutOfScale(self.summary.moments.unit)
         health = self.summary.health
         stuck = ["xyz".index(axis) for axis in axes if health.extent["xyz".index(axis)] == 0.0]
         if stuck:
-            raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()))
+            raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()), **how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
-            raise Unmoved(spread=spread, size=size)
+            raise Unmoved(spread=spread, size=size, **how)

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.errors import NotAnEllipsoid
 from flinders.estimators.estimate import FINEST
-from flinders.estimators.in_plane import equator, fitted_flat, laid_flat, raised, require_turn
+from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, raised, require_turn
 from flinders.estimators.likelihood import ENOUGH
 from flinders.planar import Plane, PlaneEllipse, order_of
 from flinders.quadric import upper
@@ -94,7 +93,7 @@ class TwoAxisRecipe:
         ------
         TooFewSamples, OutOfScale, StuckAxis, Unmoved
             See `require_turn`.
-        NotAnEllipsoid
+        NotAnEllipse
             If half of the readings are in one place, or all on a line.
         NeedsSamples
             If only sums were given: they do not tell how the points are spaced.
@@ -105,7 +104,7 @@ class TwoAxisRecipe:
         ellipse = PlaneEllipse.of_blocks(block[:, :2] for block in flat.blocks(self.name))
         long, short = ellipse.semi_axes.tolist()
         if not short > FINEST * long:
-            raise NotAnEllipsoid((0.0, 0.0, 0.0), self.name)
+            raise NotAnEllipse(self.name)
         ellipsoid = equator(ellipse)
         bias = _bias(ellipsoid, reference)
         found = replace(

@@ -241,6 +241,7 @@ def open_log(
     scale: float | None = None,
     axes: str = "x,y,z",
     topic: str | None = None,
+    as_logged: bool = False,
     start: float | None = None,
     end: float | None = None,
     progress: Progress | None = None,
@@ -263,6 +264,7 @@ def open_log(
         scale=scale,
         axes=Axes.of(axes),
         topic=topic,
+        as_logged=as_logged,
         span=Span.of(start, end),
         progress=progress,
     )
@@ -370,8 +372,6 @@ def _open(file: Source, asked: _Asked) -> FileRecording:
         return _chosen(_log_of(file, reader, asked), asked)
     if asked.sensor is not None:
         raise UsageError(f"{file.name} has one magnetometer: leave --sensor out; its columns are chosen with --columns")
-    if asked.as_logged:
-        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave --as-logged out")
     return _table_of(file, reader, asked)
 
 
@@ -408,6 +408,8 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
         "flat": asked.flat,
         "progress": asked.progress,
     }
+    if asked.as_logged:
+        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave --as-logged out")
     if asked.topic is not None:
         if not reader.takes_topic:
             raise UsageError(f"{file.name} has no topics and no members: leave --topic out")

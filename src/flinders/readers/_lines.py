@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import codecs
 import io
-from typing import TYPE_CHECKING, Final, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
 from flinders.samples import BLOCK
@@ -36,12 +37,36 @@ class EndsEarly(Exception):
         return UnreadableInput(f"{name} is cut short: its gzip data have no end; copy it again")
 
 
-class Lines(NamedTuple):
-    """A stretch of lines: the number of the first, their texts without line ends, bytes of the file read so far."""
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """A stretch of lines.
+
+    Attributes
+    ----------
+    first : int
+        The number of the first.
+    text : str
+        All of them, with LF between them.
+    count : int
+        How many they are.
+    done : int
+        Bytes of the file read so far.
+    """
 
     first: int
-    texts: list[str]
+    text: str
+    count: int
     done: int
+
+    @property
+    def numbers(self) -> range:
+        """That of each."""
+        return range(self.first, self.first + self.count)
+
+    @property
+    def texts(self) -> list[str]:
+        """Each by itself, cut anew each time."""
+        return self.text.split("\n") if self.count else []
 
 
 def lines_of(chunks: Iterable[bytes], encoding: str, done: Callable[[], int], least: int = BLOCK) -> Iterator[Lines]:
@@ -59,18 +84,17 @@ def lines_of(chunks: Iterable[bytes], encoding: str, done: Callable[[], int], le
         Lines to wait for; with 1, what a chunk holds is yielded before the next is asked for.
     """
     first = 1
-    pending: list[str] = []
-    characters = 0
-    for texts in _split(_decoded(chunks, encoding)):
-        pending += texts
-        characters += sum(map(len, texts))
-        while len(pending) >= least or characters > MOST_IN_BLOCK:
-            yield Lines(first, pending[:BLOCK], done())
-            first += len(pending[:BLOCK])
-            del pending[:BLOCK]
-            characters = sum(map(len, pending))
+    pending, count = "", 0
+    for text in _whole(_decoded(chunks, encoding)):
+        pending += text
+        count += text.count("\n")
+        while count >= least or len(pending) - count > MOST_IN_BLOCK:
+            taken = min(count, BLOCK)
+            end = _end_of(pending, taken)
+            yield Lines(first, pending[: end - 1], taken, done())
+            first, pending, count = first + taken, pending[end:], count - taken
     if pending:
-        yield Lines(first, pending, done())
+        yield Lines(first, pending[:-1], count, done())
 
 
 def encoding_of(head: bytes) -> str:
@@ -113,22 +137,28 @@ def _decoded(chunks: Iterable[bytes], encoding: str) -> Iterator[str]:
     yield decoder.decode(b"", final=True)
 
 
-def _split(texts: Iterator[str]) -> Iterator[list[str]]:
-    """Cut text into lines; what exceeds `LONGEST` in a line is dropped, with a mark that no number has."""
+def _whole(texts: Iterator[str]) -> Iterator[str]:
+    """Cut text behind line ends; what exceeds `LONGEST` in a line is dropped, with a mark that no number has."""
     rest = ""
     try:
         for text in texts:
-            lines = (rest + text).split("\n")
-            rest = lines.pop()
-            if lines:
-                lines[0] = _shortened(lines[0])
+            rest += text
+            end = rest.rfind("\n") + 1
+            whole, rest = rest[:end], rest[end:]
             if len(rest) > LONGEST:
                 rest = rest[: LONGEST + 1]
-            yield lines
+            if whole:
+                line, _, others = whole.partition("\n")
+                yield whole if len(line) <= LONGEST else f"{_shortened(line)}\n{others}"
     except EndsEarly:
         rest = ENDS_EARLY  # the line before the cut may have lost digits
     if rest:
-        yield [_shortened(rest)]
+        yield _shortened(rest) + "\n"
+
+
+def _end_of(text: str, count: int) -> int:
+    """Find the place behind so many lines."""
+    return len(text) - len(text.split("\n", count)[-1])
 
 
 def _shortened(line: str) -> str:

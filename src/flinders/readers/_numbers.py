@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -73,6 +74,12 @@ class Rows:
     lines: Sequence[int]
     unreadable: list[tuple[int, str]]
 
+    @property
+    def numbers(self) -> Floats:
+        """(N,) `lines` as an array."""
+        lines = self.lines
+        return np.arange(lines.start, lines.stop, dtype=float) if isinstance(lines, range) else np.array(lines, float)
+
 
 def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
     """Read lines that are neither blank nor comments."""
@@ -130,12 +137,12 @@ def fits(found: list[str], width: int) -> bool:
 
 def _at_once(texts: list[str], grid: Grid) -> Floats:
     """Read lines that all have the same number of cells, all of the read ones numbers; else ValueError."""
-    spaces = grid.delimiter == SPACES
-    if grid.width:
-        widths = {len(text.split()) for text in texts} if spaces else {text.count(grid.delimiter) + 1 for text in texts}
-        if widths != {grid.width}:
+    spaces, is_all = grid.delimiter == SPACES, len(grid.cells) == grid.width
+    if grid.width and not is_all:  # else loadtxt sees to it
+        cells = map(len, map(str.split, texts)) if spaces else map(str.count, texts, repeat(grid.delimiter))
+        if set(cells) != {grid.width - (not spaces)}:
             raise ValueError
-    elif any(text.endswith(CUT_OFF) for text in texts):
+    if not grid.width and any(text.endswith(CUT_OFF) for text in texts):
         raise ValueError
     if grid.decimal == ",":
         if grid.delimiter == ",":
@@ -146,10 +153,10 @@ def _at_once(texts: list[str], grid: Grid) -> Floats:
         delimiter=None if spaces else grid.delimiter,
         quotechar='"' if '"' in texts[0] else None,
         comments=None,
-        usecols=grid.cells,
+        usecols=None if is_all else grid.cells,
         ndmin=2,
     )
-    if len(values) != len(texts):
+    if values.shape != (len(texts), len(grid.cells)):
         raise ValueError
     return values
 

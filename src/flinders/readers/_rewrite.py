@@ -35,7 +35,8 @@ class Rewriter:
         self._layout, self._add = layout, add
         self._delimiter = layout.grid.delimiter
         mark = re.escape(self._delimiter)
-        self._cell = re.compile(rf'(\s*"(?:[^"]|"")*"\s*(?={mark}|$)|[^{mark}]*)(?:{mark}|$)')
+        spaces = rf"[^\S{mark}]*"  # a tab may be the delimiter
+        self._cell = re.compile(rf'({spaces}"(?:[^"]|"")*"{spaces}(?={mark}|$)|[^{mark}]*)(?:{mark}|$)')
 
     def opening(self) -> Iterator[str]:
         """Yield a header, where the recording has names and no line that says them."""
@@ -56,14 +57,15 @@ class Rewriter:
             What to write, in the unit of the recording.
         """
         layout = self._layout
-        texts: list[str | None] = [None] * len(lines.texts) if layout.prefix else list(lines.texts)
+        recorded = lines.texts
+        texts: list[str | None] = [None] * len(recorded) if layout.prefix else list(recorded)
         if self._add:
             self._rename(texts, lines.first)
         for line, _ in rows.unreadable:
             texts[line - lines.first] = None
         for line, reading in zip(rows.lines, field.tolist(), strict=True):
             place = line - lines.first
-            texts[place] = self._changed(layout.without_prefix(lines.texts[place]), self._written(reading))
+            texts[place] = self._changed(layout.without_prefix(recorded[place]), self._written(reading))
         for text in texts:
             if text is not None:
                 yield text + layout.newline

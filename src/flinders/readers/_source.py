@@ -88,7 +88,7 @@ class File:
     def opening(self, encoding: str) -> tuple[list[str], bool]:
         """Return the first lines, a block of them, and whether they are all."""
         with contextlib.closing(self.lines(encoding)) as stretches:
-            first = next(stretches, Lines(1, [], 0))
+            first = next(stretches, Lines(1, "", 0, 0))
             return first.texts, next(stretches, None) is None
 
     @contextlib.contextmanager

@@ -21,6 +21,7 @@ import numpy as np
 
 from flinders.axes import Axes
 from flinders.errors import UnitError, UnreadableInput
+from flinders.readers import _arrow
 from flinders.readers._columns import wanted_acceleration
 from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
@@ -30,7 +31,7 @@ from flinders.readers._paparazzi import is_paparazzi, table_of_messages
 from flinders.readers._replay import is_replay, table_of_replay
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
-from flinders.readers._sniff import Layout, sniff
+from flinders.readers._sniff import COMMENTS, Layout, sniff
 from flinders.readers._span import Span
 from flinders.units import COUNTS, Unit
 
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.readers._columns import Columns
+    from flinders.readers._numbers import Grid
     from flinders.readers._source import Source
     from flinders.samples import Samples, Skipped
 
@@ -113,7 +115,7 @@ class TextRecording:
         for stretch in self._pass(self.layout.columns):
             pending = added(pending, stretch.left_out)
             if stretch.usable.any():
-                lines, samples = np.asarray(stretch.rows.lines, float)[stretch.usable], self._samples(stretch)
+                lines, samples = stretch.rows.numbers[stretch.usable], self._samples(stretch)
                 within = clock.within(samples)
                 if within.any():
                     yield lines[within], replace(clock.kept(samples, within), skipped=pending)
@@ -202,8 +204,9 @@ class TextRecording:
         tally = Tally()
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
+        parse = _arrow.parser_of(grid) if (self.file.size or 0) >= _arrow.LEAST else None
         for lines in self.file.lines(self.layout.encoding):
-            rows = rows_of(*self.layout.select(lines.first, lines.texts), grid)
+            rows = self._rows(lines, grid, parse)
             usable = self._usable(rows, columns)
             left_out = left_out_of(lines, rows, usable)
             tally.add(rows, usable)
@@ -212,6 +215,24 @@ class TextRecording:
                 self.progress(lines.done, self.file.size)
             yield _Stretch(lines, rows, usable, left_out)
         tally.judge(self.source, self.skipped)
+
+    def _rows(self, lines: Lines, grid: Grid, parse: _arrow.Parse | None) -> Rows:
+        """Read a stretch: whole where it holds nothing but readings, else what `Layout.select` picks."""
+        if self._is_all_readings(lines):
+            if parse and (values := parse(lines)) is not None:
+                return Rows(values, lines.numbers, [])
+            texts = lines.texts
+            if all(map(str.strip, texts)):
+                return rows_of(texts, lines.numbers, grid)
+        return rows_of(*self.layout.select(lines.first, lines.texts), grid)
+
+    def _is_all_readings(self, lines: Lines) -> bool:
+        """Tell whether a stretch is below the header and holds neither that nor a comment; blank lines it may hold."""
+        layout, text = self.layout, lines.text
+        others = (*COMMENTS, layout.header_text) if layout.header_text else COMMENTS
+        # one character is found in a tenth of the time that two take
+        has_others = any(other[0] in text and other in text for other in others)
+        return lines.first >= layout.start and not layout.prefix and not has_others
 
     def _usable(self, rows: Rows, columns: Columns) -> NDArray[np.bool_]:
         """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""

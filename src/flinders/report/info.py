@@ -171,13 +171,22 @@ def fits(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> R
 
 
 def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -> tuple[str, ...]:
-    """The commands to type next: for the magnetometer that has seen most and, where there are several, for all."""
+    """The commands to type next: for the magnetometer that has seen most and, where there are several, for all.
+
+    Parameters
+    ----------
+    path : str
+        Of the recording.
+    sensors : sequence of Sensor
+    options : sequence of str
+        Those with which it was read here.
+    """
     usable = [sensor for sensor in sensors if sensor.readings]
     if not usable:
         return ()
     best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
-    suggestion = likely_unit(best.strength, best.inside)
-    words = ["flinders", "calibrate", path, *options, *(["--unit", suggestion] if suggestion else [])]
+    is_like_an_option = path.startswith("-") and path != "-"
+    words = ["flinders", "calibrate", f"./{path}" if is_like_an_option else path, *options]
     if len(sensors) == 1:
         return (shlex.join([*words, "-o", "calibration.json"]),)
     one = shlex.join([*words, "--sensor", str(best.number), "-o", "calibration.json"])
@@ -191,6 +200,19 @@ def likely_unit(strength: float | None, inside: str) -> str:
     low, high = EARTH
     fitting = [name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high]
     return fitting[0] if fitting else ""
+
+
+def unit_remark(strength: float | None, inside: str) -> str:
+    """Say which unit readings without one may be in: a strength alone does not prove it.
+
+    >>> unit_remark(48.0, "counts"), unit_remark(3.0, "counts")
+    ("as uT the strength would be the earth's: add --unit uT if that is their unit, or --scale with the µT of a count", '')
+    """
+    name = likely_unit(strength, inside)
+    return name and (
+        f"as {name} the strength would be the earth's: add --unit {name} if that is their unit, or --scale with the µT "
+        "of a count"
+    )
 
 
 def written_time(seconds: float) -> str:

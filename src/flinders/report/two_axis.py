@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.composing import ANY_ANGLE
+from flinders.composing import ANY_ANGLE, in_words
 from flinders.errors import counted, figures
 from flinders.planar import across
 from flinders.report.text import COLOURS, degrees, listed, numbers
@@ -67,7 +67,7 @@ def _composed(composed: Composed, after: str | None) -> Iterator[RenderableType]
     good = f"worst heading good to {degrees(error.worst)} (1 σ; the target is {composed.fit.target_deg:g}°)"
     words = good if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
     grid.add_row(Text(composed.verdict.upper(), f"bold {COLOURS[composed.verdict]}"), f"{words}, with these limits:")
-    grid.add_row("", Text(f"{' and '.join(composed.turns)}; held level, dip {error.dip_deg:g}°", "dim"))
+    grid.add_row("", Text(f"{in_words(composed.turns)}; held level, dip {error.dip_deg:g}°", "dim"))
     yield grid
     yield listed(composed.findings)
 
