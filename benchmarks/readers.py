@@ -3,22 +3,26 @@
     FLINDERS_DATA=… python -m benchmarks.readers
 
 Each reader is compared with what else reads such a file, both to the end: every magnetometer with the columns that
-stand beside it, in arrays. Times are medians of interleaved repeats, on one thread, from a file that the system has in
-its cache. A row is left out, with a word why, where the recording or the other package is not there.
+stand beside it, in arrays; CSV is a million rows of four columns, written for the purpose. Times are medians of
+interleaved repeats, on one thread but those of pyarrow, from a file that the system has in its cache. A row is left
+out, with a word why, where the recording or the other package is not there.
 """
 
 from __future__ import annotations
 
 import os
+import sys
+import tempfile
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+from unittest.mock import patch
 
 import numpy as np
 
 from benchmarks.speed import interleaved
-from flinders.readers import open_log
+from flinders.readers import _arrow, open_log, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +52,7 @@ class Row:
     ----------
     label : str
     recording : str
-        In the folder of recordings.
+        In the folder of recordings; `CSV` is made.
     package : str
         That it is compared with.
     ours, other : callable
@@ -110,6 +114,25 @@ def by_rosbags(path: Path) -> object:
         return [bag.deserialize(packed, connection.msgtype) for connection, _, packed in bag.messages()]
 
 
+def without_pyarrow(path: Path) -> object:
+    """Read text as where pyarrow is not installed."""
+    with patch.object(_arrow, "LEAST", sys.maxsize):
+        return read(path)
+
+
+def by_loadtxt(path: Path) -> object:
+    """The table below the header, by NumPy."""
+    return np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+def by_pyarrow(path: Path) -> object:
+    """The table as pyarrow reads it by default, on all cores, left in its own columns."""
+    from pyarrow import csv
+
+    return csv.read_csv(path)
+
+
+CSV: Final = "million.csv"
 ULOG: Final = "px4_pyulog_auavx21/sample.ulg"
 ROS_BAG: Final = "ros1_imu_tools_bags/phidgets_imu_upside_down.bag"
 DATAFLASH: Final = "dronekit_log171_3mags/log171.bin"
@@ -119,6 +142,8 @@ ROWS: Final = (
     Row("DataFlash ÷ pymavlink, the whole log", DATAFLASH, "pymavlink", every_instrument, all_by_pymavlink, 1 / 50),
     Row("ULog ÷ pyulog, the whole log", ULOG, "pyulog", every_instrument, by_pyulog, 1.2),
     Row("ROS 1 bag ÷ rosbags, the whole bag", ROS_BAG, "rosbags", every_instrument, by_rosbags, 1.2),
+    Row("CSV ÷ numpy.loadtxt, without pyarrow", CSV, "numpy", without_pyarrow, by_loadtxt, 1.5),
+    Row("CSV ÷ pyarrow.csv, with pyarrow", CSV, "pyarrow", read, by_pyarrow, 1.5),
 )
 
 
@@ -135,12 +160,21 @@ def measured(row: Row, folder: Path) -> str:
     return f"| {row.label}, {size:.1f} MB | {mine * 1e3:.3g} ms | {other * 1e3:.3g} ms | {judged} | {allowed} |"
 
 
+def write_csv(path: Path, rows: int = 1_000_000) -> None:
+    """Write a time and three axes, with four decimals."""
+    field = np.random.default_rng(0).normal(0.0, 30.0, (rows, 3))
+    header = "time_s,mag_x_uT,mag_y_uT,mag_z_uT"
+    np.savetxt(path, np.column_stack([np.arange(rows) / 50, field]), "%.4f", ",", header=header, comments="")
+
+
 def main() -> None:
     """Print the table."""
     folder = Path(os.environ.get("FLINDERS_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
     print("| what | Flinders | other | ratio | limit |\n|---|---:|---:|---:|---:|")
-    for row in ROWS:
-        print(measured(row, folder), flush=True)
+    with tempfile.TemporaryDirectory() as made:
+        write_csv(Path(made) / CSV)
+        for row in ROWS:
+            print(measured(row, Path(made) if row.recording == CSV else folder), flush=True)
 
 
 if __name__ == "__main__":

@@ -57,7 +57,8 @@ class Calibration:
     sensor : str, optional
         Name or serial number.
     frame : str
-        The axes that corrected readings are in.
+        What the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
+        sensor is mounted, before they were logged. `axes` comes after either.
 
     Raises
     ------
@@ -107,6 +108,7 @@ class Calibration:
         raw: Unit = UNSTATED,
         axes: Axes = AS_RECORDED,
         sensor: str | None = None,
+        frame: str = "sensor",
     ) -> Calibration:
         """Turn an ellipsoid of readings into the sphere it should have been.
 
@@ -119,7 +121,7 @@ class Calibration:
         field_strength : float, optional, in ``raw.inside``
             F, where it is known: ``matrix = F shape⁻¹``. Where it is not, the matrix has determinant 1, which
             makes F the geometric mean of the radii (NXP AN4246; MotionCal; MATLAB's magcal).
-        raw, axes, sensor
+        raw, axes, sensor, frame
             How the readings were recorded, as the attributes of the same name.
 
         Raises
@@ -144,7 +146,7 @@ class Calibration:
         strength = _positive(field_strength, "field_strength") if known else float(np.exp(np.log(radii).mean()))
         inverse = (directions * (strength / radii)) @ directions.T
         inverse = (inverse + inverse.T) / 2
-        return cls(inverse, vectors(centre, "centre"), strength, known, raw=raw, axes=axes, sensor=sensor)
+        return cls(inverse, vectors(centre, "centre"), strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
 
     @property
     def unit(self) -> str:
@@ -223,7 +225,7 @@ class Calibration:
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
 
-        The recording's unit and axes are those of `first`, field strength and frame those of `self`; an identity
+        The recording's unit, axes and frame are those of `first`, the field strength is that of `self`; an identity
         leaves the other as it is.
 
         Raises
@@ -246,6 +248,7 @@ class Calibration:
             matrix=self.matrix @ first.matrix,
             offset=first.offset + np.linalg.solve(first.matrix, self.offset),
             rotation="composed",
+            frame=first.frame,
         )
 
     def isclose(self, other: Calibration, *, tolerance: float = 1e-9) -> bool:

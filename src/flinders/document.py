@@ -112,7 +112,7 @@ class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     sensor : str or None
         Its name or serial number.
     frame : str
-        The axes that corrected readings are in.
+        What the recorded axes are: ``sensor``, its own, or ``vehicle``, after the mounting.
     """
 
     unit: Literal["uT", "mG", "G", "nT", "mT", "T", "counts"]
@@ -211,6 +211,12 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     bytes, rows : int
     as_logged : bool
         The calibration that was in force on board was left on its readings: this one comes on top of that.
+    autopilot : str or None
+        Whose compass it was.
+    compass : int or None
+        Its number there: ArduPilot's 1 to 3, PX4's 0 to 3.
+    device_id : int or None
+        Its device id there.
     """
 
     name: str
@@ -218,6 +224,9 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     bytes: Count
     rows: Count
     as_logged: bool = False
+    autopilot: Literal["ardupilot", "px4"] | None = None
+    compass: Annotated[int, Meta(ge=0, le=3)] | None = None
+    device_id: Count | None = None
 
 
 class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -32,6 +32,7 @@ from flinders.heading import alignment_error_deg, level_error
 from flinders.planar import down_of
 from flinders.repeats import Part, compared
 from flinders.result import Fit, Refused
+from flinders.samples import frame_of
 from flinders.terms.prior import SPREAD
 from flinders.units import Unit
 from flinders.verdict import judge
@@ -103,14 +104,15 @@ def fit(
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     estimator = estimator_of(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
     readings = Readings.of(source)
+    frame = "sensor"
     if hasattr(source, "blocks"):
         recording = cast("Recording", source)
         _refuse_to_relabel(recording, unit, axes)
-        unit, axes = recording.unit, recording.axes
+        unit, axes, frame = recording.unit, recording.axes, frame_of(recording)
     readings = within_range(readings)
     estimate = estimator.estimate(readings)
     readings = at_one_strength(readings, estimate)
-    calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor)
+    calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor, frame=frame)
     likelihood = Auto(options.get("prior", SPREAD), dip_deg=dip_deg)
     estimate, repeated = _widened(estimate, likelihood, readings, is_biased=estimator.is_biased)
     repeats = _repeats(readings, likelihood, estimate)
@@ -160,7 +162,13 @@ def _refuse_to_relabel(source: Recording, unit: Unit | None, axes: Axes | None) 
 
 
 def _calibration(
-    estimate: Estimate, field_strength: float | None, *, unit: Unit | None, axes: Axes | None, sensor: str | None
+    estimate: Estimate,
+    field_strength: float | None,
+    *,
+    unit: Unit | None,
+    axes: Axes | None,
+    sensor: str | None,
+    frame: str,
 ) -> Calibration:
     """The correction that makes a sphere of the ellipsoid; a strength that follows the readings is as good as given."""
     calibration = Calibration.from_ellipsoid(
@@ -170,6 +178,7 @@ def _calibration(
         raw=unit or Unit.of(),
         axes=axes or Axes(),
         sensor=sensor,
+        frame=frame,
     )
     return replace(calibration, field_strength_known=field_strength is not None or bool(estimate.follows))
 

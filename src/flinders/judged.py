@@ -164,9 +164,8 @@ def refuse_unlike(a: Judged, b: Judged) -> None:
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
         if ours != theirs:
-            raise AxesError(
-                f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both with the same --axes"
-            )
+            how = "with the same --axes" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
+            raise AxesError(f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}")
 
 
 def rescaled(covariance: Floats, factor: float) -> Floats:

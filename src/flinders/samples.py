@@ -22,7 +22,7 @@ import numpy as np
 
 from flinders.arrays import Floats, column, table
 from flinders.axes import Axes
-from flinders.errors import UnitError
+from flinders.errors import AxesError, UnitError
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -89,6 +89,8 @@ class Samples:
         Strength of the field at each reading, from a model or a reference magnetometer; NaN where it is not known.
     source : str
         Where it came from, for messages.
+    frame : str
+        What the recorded axes are: ``sensor``, or ``vehicle`` where they were turned into those before.
     skipped : tuple of Skipped
         What was left out while reading.
     """
@@ -103,6 +105,7 @@ class Samples:
     current: Floats | None = None
     strength: Floats | None = None
     source: str = "array"
+    frame: str = "sensor"
     skipped: tuple[Skipped, ...] = ()
 
     @classmethod
@@ -246,6 +249,11 @@ class Wrapped:
         """Those of the recording."""
         return self.recording.axes
 
+    @property
+    def frame(self) -> str:
+        """That of the recording."""
+        return frame_of(self.recording)
+
 
 @dataclass(frozen=True, slots=True)
 class Joined:
@@ -260,6 +268,8 @@ class Joined:
     ------
     UnitError
         If one is in µT and another in counts.
+    AxesError
+        If one is in the axes of the vehicle and another in those of the sensor.
     """
 
     recordings: tuple[Recording, ...]
@@ -272,6 +282,11 @@ class Joined:
                 raise UnitError(
                     f"{other.source} is in {other.unit.inside}, {first.source} in {first.unit.inside}: "
                     "give --unit (and --scale for counts) so that all are in one unit"
+                )
+            if frame_of(other) != frame_of(first):
+                raise AxesError(
+                    f"{other.source} is in the axes of the {frame_of(other)}, {first.source} in those of the "
+                    f"{frame_of(first)}: only recordings in the same axes go together; calibrate each by itself"
                 )
 
     @property
@@ -289,10 +304,24 @@ class Joined:
         """Those of the first."""
         return self.recordings[0].axes
 
+    @property
+    def frame(self) -> str:
+        """That of all."""
+        return frame_of(self.recordings[0])
+
     def blocks(self) -> Iterator[Samples]:
         """Yield the blocks of each in turn."""
         for recording in self.recordings:
             yield from recording.blocks()
+
+
+def frame_of(recording: Recording) -> str:
+    """What a recording's own axes are: ``sensor``, or ``vehicle`` where it says that it was turned into those.
+
+    >>> frame_of(Samples.of([[1, 2, 3]]))
+    'sensor'
+    """
+    return str(getattr(recording, "frame", "sensor"))
 
 
 def singles(recording: Recording) -> Iterator[Recording]:

@@ -110,7 +110,7 @@ ODD: dict[str, Odd] = {
     "a calibration as recording": Odd(UNREADABLE, "calibration", words="calibrate calibration.json"),
     # other columns
     "two columns": Odd(UNREADABLE, "fewer than three numbers a line", rows(GAUSS[:, :2])),
-    "six columns without a header": Odd(UNREADABLE, "such as --columns", rows(np.hstack([GAUSS, GAUSS]))),
+    "six columns without a header": Odd(UNREADABLE, "with --columns X,Y,Z", rows(np.hstack([GAUSS, GAUSS]))),
     "other sensors only": Odd(UNREADABLE, "no magnetometer among the columns", "ax,ay,az\n" + TEXT),
     "a column that is not there": Odd(USAGE, "there is no column '9'", words="calibrate odd.csv --columns 1,2,9"),
     "column nought": Odd(USAGE, "there is no column '0'", words="calibrate odd.csv --columns 0,1,2"),

@@ -70,6 +70,13 @@ def test_json_tells_what_was_found() -> None:
     npt.assert_allclose(told["calibration"]["offset"], OFFSET, atol=1e-5)
 
 
+def test_a_field_strength_that_is_given_goes_before_that_of_a_packet() -> None:
+    ended = run("import", "packet.bin", "--field-strength", "20")
+    found = json.loads(ended.stdout)["calibration"]
+    assert (found["field_strength"], found["field_strength_known"]) == (20.0, True)
+    assert "convention" not in ended.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [

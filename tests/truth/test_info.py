@@ -92,12 +92,40 @@ def test_the_proposed_command_works(bench: Path, tmp_path: Path, monkeypatch: py
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("uT", 1.0), ("mG", 10.0), ("G", 0.01), ("nT", 1000.0)])
-def test_the_unit_is_proposed_where_the_strength_tells(unit: str, factor: float, field: Floats, tmp_path: Path) -> None:
+def test_the_unit_is_a_remark_where_the_strength_tells(unit: str, factor: float, field: Floats, tmp_path: Path) -> None:
+    """A strength is no proof: counts of 0.15 µT have that of milligauss."""
     path = tmp_path / "bare.npy"
     np.save(path, field * factor)
     found = info(str(path))
-    assert found["commands"] == [f"flinders calibrate {path} --unit {unit} -o calibration.json"]
-    assert "--unit" not in info(str(path), "--unit", unit)["commands"][0].replace(f"--unit {unit}", "")
+    assert found["commands"] == [f"flinders calibrate {path} -o calibration.json"]
+    assert found["sensors"][0]["notes"][0].startswith(f"as {unit} the strength would be the earth's: add --unit {unit}")
+    for said in (unit, "counts"):
+        known = info(str(path), "--unit", said)
+        assert known["commands"] == [f"flinders calibrate {path} --unit {said} -o calibration.json"]
+        assert known["sensors"][0]["notes"] == []
+
+
+def test_the_proposed_command_has_the_options_that_were_given(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(bench.parent)
+    bench.rename("-bench.npz")
+    given = "--columns mag_uT.x,mag_uT.y,mag_uT.z --unit uT --axes x,-y,-z --from 5 --to 40.25"
+    ended = CliRunner().invoke(main, ["info", "--json", *given.split(), "--", "-bench.npz"])
+    (command,) = json.loads(ended.stdout)["commands"]
+    assert command == f"flinders calibrate ./-bench.npz {given} -o calibration.json"
+    ended = CliRunner().invoke(main, shlex.split(command)[1:])
+    assert ended.exit_code in {0, 3}, ended.output
+
+
+def test_of_a_log_a_topic_shows_one_magnetometer(recordings: Callable[[str], Path]) -> None:
+    path = str(recordings("dronekit_log171_3mags/log171.bin"))
+    found = info(path, "--topic", "mag2", "--as-logged")
+    assert [(sensor["number"], sensor["name"], sensor["is_as_logged"]) for sensor in found["sensors"]] == [
+        (2, "MAG2", True)
+    ]
+    assert found["commands"] == [f"flinders calibrate {path} --topic mag2 --as-logged -o calibration.json"]
+    ended = CliRunner().invoke(main, ["info", path, "--topic", "nonsense"])
+    assert ended.exit_code == 2
+    assert "has no magnetometer nonsense" in ended.stderr
 
 
 def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
@@ -129,6 +157,7 @@ def test_what_is_odd_is_said(field: Floats, tmp_path: Path) -> None:
         ("bench.npz --from 900", 2, "no reading of bench.npz lies from 900 s"),
         ("bench.npz --unit mG", 2, "says uT"),
         ("bench.npz --topic x", 2, "leave --topic out"),
+        ("bench.npz --as-logged", 2, "leave --as-logged out"),
         ("", 2, "Missing argument"),
     ],
 )

@@ -131,7 +131,7 @@ REFUSED: dict[str, tuple[bytes, type[InputError], str]] = {
     "one column": (b"1\n2\n3\n", NoMagnetometer, "fewer than three numbers"),
     "two columns": (b"x,y\n1,2\n3,4\n", NoMagnetometer, "(line 2: '1,2')"),
     "four without time": (b"5,1,2,3\n5,1,2,3\n", NoMagnetometer, "has 4 columns and no header (line 1: '5,1,2,3')"),
-    "six without header": (b"1,2,3,4,5,6\n2,3,4,5,6,7\n", NoMagnetometer, "--columns 4,5,6"),
+    "six without header": (b"1,2,3,4,5,6\n2,3,4,5,6,7\n", NoMagnetometer, "from 1: 1.00 to 2.00, 2: 2.00"),
     "an accelerometer": (
         b"ax,ay,az\n1,2,3\n",
         NoMagnetometer,

@@ -6,6 +6,7 @@ import re
 import struct
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -361,6 +362,10 @@ def test_what_the_vehicle_steered_by_is_un_applied_with_the_parameters_of_its_de
     npt.assert_allclose(rows(known, as_logged=True)[0].field, 100 * logged, atol=1e-4)
     npt.assert_allclose(rows(unknown)[0].field, 100 * logged, atol=1e-4)
     assert "does not say which calibration was applied" in unknown.notes[0]
+    assert (known.frame, replace(known, as_logged=True).frame, unknown.frame) == ("sensor", "vehicle", "vehicle")
+    assert [(one.autopilot, one.compass, one.device_id) for one in log.instruments] == [
+        ("px4", parameters.compass, 77), ("px4", None, 5),
+    ]  # fmt: skip
     assert log.position is not None
     assert (log.position.latitude_deg, log.position.altitude_m) == (-35.0, 600.0)
     assert log.begun is not None

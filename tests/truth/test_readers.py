@@ -298,6 +298,9 @@ def test_a_blackbox_log_has_a_block_of_headers(tmp_path: Path) -> None:
     np.testing.assert_array_equal(samples.field[:, 2], -np.arange(20.0))
     assert samples.time is not None
     np.testing.assert_allclose(samples.time, np.arange(20) / 1000)
+    told = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
+    assert told in str(flinders.open_recording(path))
+    assert told in flinders.open_log(path).notes[0]
 
 
 # archives
@@ -334,6 +337,50 @@ def test_a_gzip_bomb_is_refused_while_it_is_unpacked(tmp_path: Path) -> None:
     bomb.write_bytes(gzip.compress(b"\x93NUMPY" + bytes(40_000_000)))
     with pytest.raises(UnreadableInput, match=r"bomb.npy.gz unpacks to more than \d\d MB from [\d,]+ bytes"):
         flinders.read(bomb)
+
+
+def test_a_gzip_bomb_of_text_is_refused_too(tmp_path: Path) -> None:
+    bomb = tmp_path / "bomb.csv.gz"
+    bomb.write_bytes(gzip.compress(b"1,2,3\n" * 2_900_000))
+    with pytest.raises(UnreadableInput, match=r"bomb.csv.gz unpacks to more than \d\d MB from [\d,]+ bytes"):
+        flinders.read(bomb)
+
+
+def test_a_structure_of_matlab_is_weighed_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It counts as one value, whatever is in it; here packed and not, one just within the limit and one beyond."""
+    from scipy.io import savemat
+
+    monkeypatch.setattr("flinders.readers.arrays.MOST_BYTES", 1 << 20)
+    for is_packed in (False, True):
+        for rows in (40_000, 45_000):  # 0.96 and 1.08 of 10⁶ bytes
+            path = tmp_path / f"{rows}.mat"
+            savemat(path, {"s": {"mag": np.tile([1.0, 2.0, 3.0], (rows, 1))}}, do_compression=is_packed)
+        assert len(flinders.read(tmp_path / "40000.mat")) == 40_000
+        with pytest.raises(UnreadableInput, match=r"45000\.mat holds more than .*: save the magnetometer and its time"):
+            flinders.read(tmp_path / "45000.mat")
+
+
+def test_what_is_empty_or_without_numbers_is_said(tmp_path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    pyarrow.parquet.write_table(pyarrow.table({"a": ["x", "y"]}), tmp_path / "words.parquet")
+    with pytest.raises(NoMagnetometer, match=r"words\.parquet holds no columns of numbers"):
+        flinders.read(tmp_path / "words.parquet")
+    with pytest.raises(UnreadableInput, match=r"Magnetometer.csv is empty: record again, or check what was saved"):
+        flinders.read(archive(tmp_path / "empty.zip", Magnetometer__csv=""))
+
+
+def test_an_array_of_many_columns_shows_their_ranges(tmp_path: Path) -> None:
+    np.save(tmp_path / "wide.npy", np.arange(40.0).reshape(8, 5) - 10)
+    with pytest.raises(NoMagnetometer, match=r"with --columns X,Y,Z, by number; they go from 1: -10\.0 to 25\.0, 2: "):
+        flinders.read(tmp_path / "wide.npy")
+
+
+def test_the_module_is_the_command() -> None:
+    words = [sys.executable, "-m", "flinders", "--version"]
+    ended = subprocess.run(words, capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout == CliRunner().invoke(main, ["--version"], prog_name="flinders").stdout
 
 
 def test_an_archive_of_arrays_may_hold_one_of_zeros(tmp_path: Path) -> None:

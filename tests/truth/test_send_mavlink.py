@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +20,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.conventions import ardupilot, px4
-from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
+from flinders.document import Provenance, SourceFile, write
+from flinders.errors import LinkError, NotConfirmed, NotExportable, NotSent, UsageError
 from flinders.live import mavlink
 from flinders.live.mavlink import Vehicle
 from flinders.live.plan import Plan
@@ -359,6 +362,41 @@ def test_the_command_saves_the_old_values_first_and_tells_the_end() -> None:
     assert len(saved) == 10
     assert "holds these values already" in again.stderr
     assert json.loads(again.stdout)["sent"] is False
+
+
+@pytest.mark.parametrize(
+    ("known", "words", "code", "told"),
+    [
+        ({"compass": 2}, (), 0, "compass 2"),
+        ({"compass": 1, "device_id": DEVICE + 1}, (), 0, "compass 2"),  # the order of compasses has changed since
+        ({"compass": 2, "device_id": DEVICE + 1}, ("--compass", "1"), 4, f"the calibration is for {DEVICE + 1}"),
+        ({"compass": 1, "device_id": 5}, (), 4, "no compass with device id 5"),
+        ({"compass": 1, "device_id": 5}, ("--device-id", str(DEVICE)), 0, "compass 1"),
+    ],
+)
+def test_a_calibration_goes_to_the_compass_of_its_log(
+    known: dict[str, Any], words: tuple[str, ...], code: int, told: str
+) -> None:
+    file = SourceFile(name="f.bin", sha256="0" * 64, bytes=1, rows=1, autopilot="ardupilot", **known)
+    date = datetime(2026, 3, 1, tzinfo=UTC)
+    write(found().to_document(provenance=Provenance(flinders="1", date=date, files=(file,))), "cal.json", force=True)
+    with at() as (_, address):
+        ended = send("--mavlink", address, "--system", "1", "--dry-run", *words, "cal.json")
+    assert ended.exit_code == code, ended.output
+    assert told in ended.output
+
+
+def test_an_autopilot_gets_no_numbers_from_the_other_side_of_its_mounting() -> None:
+    with vehicle(kind=mavlink.PX4) as (autopilot, seen):
+        with pytest.raises(NotExportable, match="PX4 corrects them before the mounting"):
+            Plan.of(seen, found(frame="vehicle"))
+        assert autopilot.sets == []
+    with vehicle() as (_, seen):
+        plan = Plan.of(seen, found(frame="vehicle", axes=Axes.of("y,-x,z")), compass=1)
+    values = {change.new.name: change.new.value for change in plan.changes}
+    x, y, z = found().offset  # along y, −x and z of the vehicle
+    np.testing.assert_allclose([values[f"COMPASS_OFS_{axis}"] for axis in "XYZ"], -10 * np.array([-y, x, z]), rtol=1e-6)
+    assert not any("COMPASS_ORIENT" in note for note in plan.notes)
 
 
 def test_the_command_never_writes_over_old_values() -> None:

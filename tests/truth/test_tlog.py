@@ -91,6 +91,9 @@ def test_telemetry_of_ardupilot_is_un_applied_with_the_parameters_it_holds(first
     assert first.stored is not None
     assert first.stored.words.startswith("COMPASS_OFS -97.5, 118, 213.25 mG")
     assert second.stored is None
+    assert [(one.frame, one.autopilot, one.compass) for one in found.instruments] == [
+        ("vehicle", "ardupilot", 1), ("vehicle", "ardupilot", 2),
+    ]  # fmt: skip
     assert found.position is not None
     assert found.position.altitude_m == 488.0
     assert found.begun == datetime(2026, 3, 1, 12, 0, 0, 200_000, tzinfo=UTC)

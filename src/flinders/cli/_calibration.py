@@ -84,6 +84,28 @@ def refuse_on_top(judged: Judged, autopilot: str) -> None:
         )
 
 
+def known_of(judged: Judged, autopilot: str, what: str) -> set[int]:
+    """What is known of the compasses of an autopilot that a calibration was made from: ``compass`` or ``device_id``."""
+    values = (getattr(file, what) for file in judged.files if file.autopilot == autopilot)
+    return {value for value in values if value is not None}
+
+
+def only(judged: Judged, known: set[int], what: str, option: str) -> int | None:
+    """The one number or device id that is known, or nothing where none is.
+
+    Raises
+    ------
+    UsageError
+        Where there are several.
+    """
+    if len(known) > 1:
+        raise UsageError(
+            f"{judged.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say with {option} which one "
+            "it is for, or calibrate each by itself"
+        )
+    return min(known, default=None)
+
+
 def is_calibration(path: str) -> bool:
     """Whether a path leads to a calibration file; standard input is left unread."""
     from flinders.document import read

@@ -52,8 +52,10 @@ class Counted:
     """
 
     def __init__(self, recording: Recording) -> None:
+        from flinders.samples import frame_of
+
         self.recording, self.source = recording, recording.source
-        self.unit, self.axes = recording.unit, recording.axes
+        self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
         self.rows = 0
 
     def blocks(self) -> Iterator[Samples]:
@@ -82,11 +84,15 @@ def _source_file(part: Counted) -> SourceFile:
     """Name, hash and size of a file, and how many readings it gave."""
     from flinders.document import SourceFile
 
-    size = part.recording.file.size  # type: ignore[attr-defined]
+    recording = part.recording
+    size = recording.file.size  # type: ignore[attr-defined]
     return SourceFile(
         name=part.source,
-        sha256=sha256(part.recording),
+        sha256=sha256(recording),
         bytes=size,
         rows=part.rows,
-        as_logged=getattr(part.recording, "as_logged", False) and getattr(part.recording, "stored", None) is not None,
+        as_logged=getattr(recording, "as_logged", False) and getattr(recording, "stored", None) is not None,
+        autopilot=getattr(recording, "autopilot", None),
+        compass=getattr(recording, "compass", None),
+        device_id=getattr(recording, "device_id", None),
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options, targets
-from flinders.cli._calibration import for_use, refuse_on_top
+from flinders.cli._calibration import for_use, known_of, only, refuse_on_top
 from flinders.cli._talk import print_json, say
 from flinders.errors import UsageError, figures
 
@@ -41,7 +41,7 @@ Exit codes:
 @click.option("--list", "listed", is_flag=True, help="List the targets, as `flinders targets` does.")
 @click.option(
     "--compass", type=click.IntRange(0, 3), metavar="N",
-    help="Which compass it is for: ArduPilot's 1 to 3 [default: 1], PX4's 0 to 3 [default: 0].",
+    help="Which compass it is for: ArduPilot's 1 to 3, PX4's 0 to 3 [default: the one of the log, else the first].",
 )  # fmt: skip
 @click.option(
     "--lossy", is_flag=True, help="Write it also where what the target cannot hold costs more than 1° of heading."
@@ -86,8 +86,9 @@ def command(
     if to_file:
         refuse_existing(to_file, force=force)
     judged = _loaded(calibration, exporter)
-    asked = Asked(compass=compass, lossy=lossy)
-    export = exporter.render(judged.calibration, target=exporter.name, about=about(judged), asked=asked)
+    number, told = placed(judged, exporter, compass)
+    asked = Asked(compass=number, lossy=lossy)
+    export = exporter.render(judged.calibration, target=exporter.name, about=[*about(judged), *told], asked=asked)
     if to_file:
         save(export, to_file, force=force)
     if as_json:
@@ -95,13 +96,20 @@ def command(
     elif not to_file:
         show(export)
     if to_file or as_json or not export.told:
-        say(export.checked)
-        for note in () if export.told else export.fields["notes"]:
-            say(note)
-        for warning in (*_limits(judged), *export.warnings):
-            say(f"! {warning}")
+        _tell(export, judged)
+    for line in told:
+        say(line if compass is None else f"! {line}")
     if to_file:
         say(f"written to {to_file}")
+
+
+def _tell(export: Export, judged: Judged) -> None:
+    """Say what is known of it; what stands in the file already is left out."""
+    say(export.checked)
+    for note in () if export.told else export.fields["notes"]:
+        say(note)
+    for warning in (*_limits(judged), *export.warnings):
+        say(f"! {warning}")
 
 
 def _loaded(path: str, exporter: Exporter) -> Judged:
@@ -110,6 +118,30 @@ def _loaded(path: str, exporter: Exporter) -> Judged:
     if exporter.compasses:
         refuse_on_top(judged, exporter.name)
     return judged
+
+
+def placed(judged: Judged, exporter: Exporter, asked: int | None = None) -> tuple[int | None, list[str]]:
+    """Which compass of a vehicle a calibration goes to, that of the log unless another is asked, and what to say of it.
+
+    Nothing is said where the compass is not known, or is the one that was asked for.
+
+    Raises
+    ------
+    UsageError
+        Where it was made from several compasses, and none was asked.
+    """
+    if not exporter.compasses:
+        return None, []
+    autopilot = exporter.name.partition("-")[0]
+    known, devices = (known_of(judged, autopilot, what) for what in ("compass", "device_id"))
+    if not known - {asked}:
+        return asked, []
+    device = f" (device id {min(devices)})" if len(devices) == 1 else ""
+    if asked is None:
+        number = only(judged, known, "compass", "--compass")
+        return number, [f"for compass {number} of the vehicle{device}"]
+    there = " and ".join(map(str, sorted(known)))
+    return asked, [f"for compass {asked}, as asked; it was made from compass {there} of the vehicle{device}"]
 
 
 def named(value: str | None) -> tuple[str | None, str | None]:
@@ -150,22 +182,27 @@ def beside(fit: Fit, target: str, path: str, *, files: Sequence[SourceFile], for
 
     Raises
     ------
-    NotExportable, UnitError
-        Where the target cannot hold it; the calibration file is written by then.
+    NotExportable, UnitError, UsageError
+        Where the target cannot hold it, or nobody knows for which compass it is; the calibration file is written by
+        then.
     """
-    from flinders.exporters import find
+    from flinders.exporters import Asked, find
     from flinders.judged import Judged
 
     judged = replace(Judged.from_fit(fit, name=", ".join(file.name for file in files)), files=tuple(files))
     exporter = find(target)
     if exporter.compasses:
         refuse_on_top(judged, exporter.name)
-    export = exporter.render(judged.calibration, target=target, about=about(judged))
+    number, told = placed(judged, exporter)
+    export = exporter.render(
+        judged.calibration, target=target, about=[*about(judged), *told], asked=Asked(compass=number)
+    )
     if path == "-":
         show(export)
     else:
         save(export, path, force=force)
-    say(f"{target}: {export.checked}")
+    for line in (*told, export.checked):
+        say(f"{target}: {line}")
     for warning in export.warnings:
         say(f"! {warning}")
     if path != "-":

@@ -13,6 +13,7 @@ from flinders.units import label
 
 if TYPE_CHECKING:
     from flinders.calibration import Calibration
+    from flinders.document import Provenance
 
 LARGEST: Final = 4 * 2**20
 """Bytes; files of parameters have some ten thousand."""
@@ -52,7 +53,7 @@ def command(
     saved: parameters of ArduPilot or PX4, a MotionCal packet, sensor_calib.json, RTIMULib.ini, VectorNav's register
     23, or parameters of magnetometer_pipeline. It knows no uncertainty, and nothing of the recording.
     """
-    from flinders.document import dumps
+    from flinders.document import dumps, write
     from flinders.exporters import read_back
     from flinders.files import read_bytes, refuse_existing
 
@@ -69,16 +70,42 @@ def command(
         name, calibration = read_back(content, file, target=target, strength=strength, compass=compass)
     except ArrayError as error:
         raise DocumentError(f"{file}: {error}") from None
+    document = calibration.to_document(provenance=_provenance(content, file, name, compass))
     if output in {None, "-"}:
-        click.echo(dumps(calibration.to_document()), nl=False)
+        click.echo(dumps(document), nl=False)
     else:
-        calibration.save(str(output), force=force)
+        write(document, str(output), force=force)
     if as_json:
         print_json({"target": name, "calibration": calibration.as_dict()})
     for line in _told(file, name, calibration):
         say(line)
     if output not in {None, "-"}:
         say(f"written to {output}")
+
+
+def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Provenance | None:
+    """Of which compass of the vehicle it is, where there are several: it goes back to that one."""
+    import hashlib
+    from datetime import UTC, datetime
+    from importlib.metadata import version
+
+    from flinders.document import Provenance, SourceFile
+    from flinders.exporters import find
+
+    reader = find(name).reader
+    if reader is None or reader.which is None:
+        return None
+    number, device = reader.which(content, file, compass)
+    source = SourceFile(
+        name=file,
+        sha256=hashlib.sha256(content).hexdigest(),
+        bytes=len(content),
+        rows=0,
+        autopilot="px4" if name.startswith("px4") else "ardupilot",
+        compass=number,
+        device_id=device,
+    )
+    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=(source,))
 
 
 def _refuse_own(content: bytes, file: str) -> None:

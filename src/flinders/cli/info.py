@@ -112,8 +112,9 @@ def _wanted(held: Log, path: str, topic: str | None) -> Sequence[Instrument]:
     """The magnetometers of a log, or the one that a topic names; of an archive it has named the member already."""
     from flinders.readers import holds_log
 
-    is_of_log = topic is not None and (len(held.instruments) > 1 or holds_log(path))
-    return (held.sensor(topic),) if is_of_log else held.instruments
+    if topic is None or not (len(held.instruments) > 1 or holds_log(path)):
+        return held.instruments
+    return (held.sensor(topic),)
 
 
 def _given(name: str, value: object, default: object) -> list[str]:

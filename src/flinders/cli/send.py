@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._calibration import for_use, refuse_on_top
+from flinders.cli._calibration import for_use, known_of, only, refuse_on_top
 from flinders.cli._talk import print_json, say
 from flinders.errors import NotConfirmed, UsageError, counted
 
@@ -63,7 +63,7 @@ Exit codes:
     "--compass",
     type=click.IntRange(0, 3),
     metavar="N",
-    help="Which compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, or the first].",
+    help="Which compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, that of the log, or the first].",
 )
 @click.option(
     "--device-id", type=click.IntRange(1, 2**32 - 1), metavar="ID", help="Device id that the compass must have."
@@ -240,6 +240,10 @@ def _to_vehicle(
     say(f"{vehicle.name}, {'ARMED' if vehicle.armed else 'disarmed'}")
     target = "px4" if vehicle.autopilot == PX4 else "ardupilot"
     warnings = _render(judged.calibration, target).warnings
+    if device_id is None:
+        device_id = only(judged, known_of(judged, target, "device_id"), "the compasses with device id", "--device-id")
+    if device_id is None and compass is None:
+        compass = only(judged, known_of(judged, target, "compass"), "compass", "--compass")
     plan = Plan.of(vehicle, judged.calibration, compass=compass, device_id=device_id)
     path = backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.param{'s' * (plan.autopilot == PX4)}"
     for note in (*plan.notes, *warnings):

@@ -33,6 +33,9 @@ Acts: TypeAlias = Literal["recorded", "mapped", "across"]
 """In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
 or from the first to the second."""
 
+VEHICLE: Final = "vehicle"
+"""The frame of a calibration of readings that were in the axes of the vehicle when they were recorded."""
+
 OWN: Final = "own"
 """The unit of a target that takes any: that of the calibration, µT or counts."""
 
@@ -136,6 +139,30 @@ class Affine:
             rotation,
             raw=raw,
             sensor=sensor,
+        )
+
+
+def acting(acts: Acts, calibration: Calibration) -> Acts:
+    """In which axes a target works, in those of this recording: after the mounting is as recorded for a vehicle's."""
+    return "recorded" if acts == "mapped" and calibration.frame == VEHICLE else acts
+
+
+def refuse_mounted(calibration: Calibration, *, who: str) -> None:
+    """Refuse a calibration of readings in the axes of the vehicle for what corrects them before the mounting.
+
+    Raises
+    ------
+    NotExportable
+    """
+    if calibration.frame == VEHICLE:
+        raise NotExportable(
+            f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
+            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Calibrate from "
+            "readings in the sensor's own axes, such as sensor_mag of a PX4 log, or write it for a target that acts "
+            "after the mounting (ardupilot) or on readings as recorded (c, json). Where the sensor sits exactly as the "
+            'vehicle does, set "frame" to "sensor" in the calibration file',
+            beyond=(),
+            frame=calibration.frame,
         )
 
 

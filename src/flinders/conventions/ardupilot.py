@@ -35,7 +35,9 @@ from typing import TYPE_CHECKING, Final, Literal, Self
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
+from flinders.axes import Axes
 from flinders.calibration import Calibration
+from flinders.conventions._affine import VEHICLE
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.conventions._rotations import ROTATIONS, euler, without_turn
 from flinders.errors import ArrayError, InputError, NotExportable, UnitError, UsageError, counted, figures
@@ -303,7 +305,9 @@ class Parameters:
         ArrayError
             Where I flattens readings.
         """
-        return Calibration(self.matrix, self.centre, field_strength, known, raw=Unit.of("mG"), sensor=sensor)
+        return Calibration(
+            self.matrix, self.centre, field_strength, known, raw=Unit.of("mG"), sensor=sensor, frame=VEHICLE
+        )
 
     def rows(self, scheme: Scheme = "COMPASS_OFS2_X") -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFS, DIA, ODI, SCALE, and MOT with COMPASS_MOTCT where there is a motor term.
@@ -395,6 +399,19 @@ class Parameters:
 
     def _name(self, group: str, scheme: Scheme, axis: str = "") -> str:
         return names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"]
+
+
+def in_vehicle_axes(calibration: Calibration) -> Calibration:
+    """A calibration whose recorded axes are those of the vehicle: they were, or those it maps them to are.
+
+    >>> from flinders.axes import Axes
+    >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
+    >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
+    array([1., 2., 3.])
+    >>> in_recorded_axes(in_vehicle_axes(replace(mapped, frame="vehicle")))[1]      # as the log had them
+    array([ 1., -2., -3.])
+    """
+    return calibration if calibration.frame == VEHICLE else replace(calibration, axes=Axes())
 
 
 # mountings

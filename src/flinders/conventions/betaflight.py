@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.conventions._affine import Affine, whole
+from flinders.conventions._affine import Affine, acting, whole
 from flinders.units import COUNTS
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class MagZero:
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
-        """Round the offset, in the calibration's axes; the matrix is left out.
+        """Round the offset, in the axes of the board; the matrix is left out.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class MagZero:
         NotExportable
             Where 16 bits cannot hold it.
         """
-        offset = Affine.of(calibration, COUNTS, who=WHO, acts="mapped").offset
+        offset = Affine.of(calibration, COUNTS, who=WHO, acts=acting("mapped", calibration)).offset
         return cls(whole(offset, NAMES, lowest=LOWEST, highest=HIGHEST, advice=ADVICE))
 
     def apply(self, field: ArrayLike) -> Floats:

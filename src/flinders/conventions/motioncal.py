@@ -112,15 +112,21 @@ class Packet:
         corrected: Floats = (vectors(field, finite=False) - self.offset) @ self.matrix.T
         return corrected
 
-    def to_calibration(self, *, sensor: str | None = None) -> Calibration:
+    def to_calibration(self, *, sensor: str | None = None, strength: float | None = None) -> Calibration:
         """The calibration that the numbers stand for.
+
+        Parameters
+        ----------
+        sensor : str, optional
+        strength : float, optional, µT
+            Field strength at the site, in place of B.
 
         Raises
         ------
         ArrayError, UsageError
             For numbers that are no calibration.
         """
-        return Affine(self.matrix, self.offset, self.strength).to_calibration("uT", sensor=sensor)
+        return Affine(self.matrix, self.offset, self.strength).to_calibration("uT", sensor=sensor, strength=strength)
 
 
 def crc16(content: bytes) -> int:
@@ -143,11 +149,10 @@ def sniff(head: bytes) -> bool:
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read a packet back; `strength` is not needed, as it holds B.
+    """Read a packet back; `strength`, in µT, goes before the B in it.
 
     Raises
     ------
     DocumentError, ArrayError, UsageError
     """
-    del strength
-    return Packet.decode(content, source).to_calibration()
+    return Packet.decode(content, source).to_calibration(strength=strength)

@@ -62,13 +62,14 @@ class Reader:
     sniff : callable
         Whether the first bytes may be those of such a file.
     read : callable
-        ``read(content, source, strength=…)`` gives the calibration; `compasses` says whether it takes ``compass``.
-    compasses : bool
+        ``read(content, source, strength=…)`` gives the calibration; it takes ``compass`` where there is `which`.
+    which : callable, optional
+        ``which(content, source, compass)`` gives number and device id of the compass that is read, of several.
     """
 
     sniff: Callable[[bytes], bool]
     read: Callable[..., Calibration]
-    compasses: bool = False
+    which: Callable[[bytes, str, int | None], tuple[int, int | None]] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +106,8 @@ class Exporter:
     compasses: bool = False
 
 
-ARDUPILOT: Final = Reader(ardupilot.sniff, ardupilot.read, compasses=True)
-PX4: Final = Reader(px4.sniff, px4.read, compasses=True)
+ARDUPILOT: Final = Reader(ardupilot.sniff, ardupilot.read, ardupilot.which)
+PX4: Final = Reader(px4.sniff, px4.read, px4.which)
 PACKET: Final = Reader(packet.sniff, packet.read)
 
 EXPORTERS: Final[Mapping[str, Exporter]] = {
@@ -222,7 +223,7 @@ def read_back(
         if name not in readable:
             raise UsageError(f"files of {name} cannot be read back: those of {', '.join(readable)} can")
     reader = readable[name]
-    if compass is not None and not reader.compasses:
+    if compass is not None and reader.which is None:
         raise UsageError(f"--compass goes with ardupilot and px4: {name} holds one compass only")
-    more = {"compass": compass} if reader.compasses else {}
+    more = {"compass": compass} if reader.which is not None else {}
     return name, reader.read(content, source, strength=strength, **more)

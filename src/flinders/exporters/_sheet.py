@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
-from flinders.conventions._affine import OWN, RECORDED, Acts, per_unit
+from flinders.conventions._affine import OWN, RECORDED, VEHICLE, Acts, acting, per_unit, refuse_mounted
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.errors import figures
 from flinders.exporters._export import DIP_DEG, Asked, Deviation, Export
@@ -126,6 +126,8 @@ class Sheet:
         Where that stands.
     acts : str
         A key of `WHERE`.
+    fed : bool
+        The program around it chooses which readings it corrects: they may be those of the vehicle.
     lengths : str
         How long corrected readings are, where that is the target's own; empty where it is the calibration's.
     gives : str
@@ -143,6 +145,7 @@ class Sheet:
     storage: str
     source: str
     acts: Acts = "recorded"
+    fed: bool = False
     lengths: str = ""
     gives: str = ""
     unverified: tuple[str, ...] = ()
@@ -192,15 +195,18 @@ class Sheet:
         Raises
         ------
         NotExportable
-            Where the target's numbers cost more than a degree of heading, unless that was asked for.
+            Where the target's numbers cost more than a degree of heading, unless that was asked for; or where it acts
+            before the mounting, and the calibration is for readings after it.
         """
+        if self.acts == "recorded" and not self.fed:
+            refuse_mounted(calibration, who=self.title)
         size = per_unit(calibration, self.unit, who=self.title)
         gives = per_unit(calibration, self.gives or self.unit, who=self.title)
         lacks = f"{self.title} holds {self.holds}" if self._loses(calibration) else ""
         deviation = Deviation.of(
             calibration,
             lambda raw: gives * apply(raw / size),
-            acts=self.acts,
+            acts=acting(self.acts, calibration),
             relative=bool(self.lengths),
             lacks=lacks,
             lossy=asked.lossy,
@@ -233,7 +239,7 @@ class Sheet:
 
     def _loses(self, calibration: Calibration) -> bool:
         """Whether the matrix has more to it than the target holds."""
-        matrix = calibration.matrix if self.acts == "mapped" else in_recorded_axes(calibration)[0]
+        matrix = calibration.matrix if acting(self.acts, calibration) == "mapped" else in_recorded_axes(calibration)[0]
         kept = {
             "all": matrix,
             "symmetric": matrix.T,
@@ -268,14 +274,18 @@ class Sheet:
             relative = "" if calibration.field_strength_known else ", which is relative: no field strength was given"
             unit = _named(self.gives or self.unit, calibration)
             yield f"corrected readings are {figures(strength, 4)} {unit} long{relative}"
-        if calibration.axes.is_identity:
+        if calibration.frame == VEHICLE:
+            yield "for readings in the axes of the vehicle, after the mounting, as they were recorded"
+            if acting(self.acts, calibration) == "recorded" and not calibration.axes.is_identity:
+                yield f"acts in those axes, not in those they were mapped to by {calibration.axes}"
+        elif calibration.axes.is_identity:
             if self.acts == "mapped":
                 yield "acts after the mounting: the recording must be in the axes of the vehicle or board"
         elif self.acts == "recorded":
             yield f"acts in the sensor's own axes: go on mapping them to {calibration.axes} afterwards"
         elif self.acts == "mapped":
             yield f"acts after the mounting, which must map the sensor's axes to {calibration.axes}"
-        else:
+        if self.acts == "across" and not calibration.axes.is_identity:
             yield f"the mapping of axes to {calibration.axes} is in the matrix: give readings as they were recorded"
 
     def _unit(self, calibration: Calibration) -> str:

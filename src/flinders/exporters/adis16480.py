@@ -18,6 +18,7 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.conventions._affine import refuse_mounted
 from flinders.conventions.adis16480 import HARD_IRON_STEP_MG, MG, SOFT_IRON_STEP, Register, Registers
 from flinders.errors import figures
 from flinders.exporters._export import NOTHING_MORE, Asked, Deviation, Export
@@ -58,6 +59,7 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), 
     NotExportable
         Where a register cannot hold its value.
     """
+    refuse_mounted(calibration, who=target.upper())
     registers = Registers.of(calibration)
     deviation = Deviation.of(calibration, lambda raw: MG * registers.apply(raw / MG), lossy=asked.lossy)
     strength = calibration.field_strength / MG

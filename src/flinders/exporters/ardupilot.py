@@ -13,13 +13,11 @@ COMPASS_SCALE2,1
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.axes import Axes
 from flinders.conventions._affine import Affine
 from flinders.conventions._parsing import chosen, decoded
-from flinders.conventions.ardupilot import Parameters, compasses, parse
+from flinders.conventions.ardupilot import Parameters, compasses, in_vehicle_axes, names, parse
 from flinders.exporters._export import NOTHING_MORE, Asked, Export
 from flinders.exporters._sheet import Sheet
 
@@ -52,7 +50,7 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), 
         For a compass that there is not.
     """
     compass = 1 if asked.compass is None else asked.compass
-    in_place = replace(calibration, axes=Axes())
+    in_place = in_vehicle_axes(calibration)
     Affine.of(in_place, SHEET.unit, who=SHEET.title)  # refuses counts, and numbers beyond all bounds
     parameters = Parameters.of(in_place, compass=compass).as_held()
     values = dict(parameters.rows())
@@ -83,7 +81,17 @@ def read(content: bytes, source: str, *, strength: float | None = None, compass:
     InputError
         For lines that are no parameters, or none of such a compass.
     """
-    values = parse(decoded(content, source), source)
-    there = compasses(values)
-    wanted = chosen(there, compass, source, "COMPASS_OFS_X and so on")
+    values, wanted = _chosen(content, source, compass)
     return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
+
+
+def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
+    """Number, and device id where the file has it, of the compass that `read` takes; raises as `read`."""
+    values, wanted = _chosen(content, source, compass)
+    return wanted, next((int(values[name]) for name in names("DEV_ID", wanted) if values.get(name, 0) > 0), None)
+
+
+def _chosen(content: bytes, source: str, compass: int | None) -> tuple[dict[str, float], int]:
+    """The parameters of a file, and the number of the compass that is meant."""
+    values = parse(decoded(content, source), source)
+    return values, chosen(compasses(values), compass, source, "COMPASS_OFS_X and so on")

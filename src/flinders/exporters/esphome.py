@@ -20,6 +20,7 @@ SHEET: Final = Sheet(
     unit="uT",
     keeps="all",
     storage="float32",
+    fed=True,
     source="no calibration of its own: a lambda on the states of its field_strength sensors, which are in uT",
 )
 

@@ -31,6 +31,7 @@ SHEET: Final = Sheet(
     unit=OWN,
     keeps="all",
     storage="float32",
+    fed=True,
     source="FusionModel.h; before 1.3 FusionCalibration.h",
     comment=BLOCK,
 )

@@ -99,8 +99,20 @@ def read(content: bytes, source: str, *, strength: float | None = None, compass:
     InputError
         For lines that are no parameters, or none of such a compass.
     """
+    values, wanted = _chosen(content, source, compass)
+    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
+
+
+def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
+    """Number, and device id where the file has it, of the compass that `read` takes; raises as `read`."""
+    values, wanted = _chosen(content, source, compass)
+    device = Parameters.read(values, wanted).device_id
+    return wanted, device % 2**32 if device else None
+
+
+def _chosen(content: bytes, source: str, compass: int | None) -> tuple[dict[str, float], int]:
+    """The parameters of a file, and the number of the compass that is meant."""
     lines = (line.strip().removeprefix("param set ") for line in decoded(content, source).splitlines())
     values = parse("\n".join(lines), source)
     there = [number for number in COMPASSES if f"CAL_MAG{number}_XOFF" in values]
-    wanted = chosen(there, compass, source, "CAL_MAG0_XOFF and so on")
-    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
+    return values, chosen(there, compass, source, "CAL_MAG0_XOFF and so on")

@@ -19,6 +19,7 @@ MADGWICK: Final = Sheet(
     unit="T",
     keeps="offset",
     storage="double; -10 to 10",
+    fed=True,
     source="imu_tools, ImuFilterMadgwick.cfg",
     lengths="as long as the sensor makes them",
 )
@@ -28,6 +29,7 @@ PIPELINE: Final = Sheet(
     unit="T",
     keeps="all",
     storage="double",
+    fed=True,
     source="ctu-vras magnetometer_pipeline, bias_remover.cpp",
 )
 

@@ -21,6 +21,7 @@ SHEET: Final = Sheet(
     unit=OWN,
     keeps="all",
     storage="zsl_real_t: float32 or float64",
+    fed=True,
     source="zscilib, src/orientation/fusion/calibration.c",
     comment=BLOCK,
 )

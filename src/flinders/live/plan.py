@@ -19,8 +19,8 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
-from flinders.axes import Axes
 from flinders.conventions import ardupilot, px4
+from flinders.conventions._affine import refuse_mounted
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
 from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, PX4, TRIES, Held, Vehicle, same
 
@@ -91,6 +91,7 @@ class Plan:
         vehicle : Vehicle
         calibration : Calibration
             For ArduPilot in the axes of the vehicle, as its logs are; for PX4 in those of the sensor, as its are.
+            Where its frame is ``vehicle``, axes that were mapped are taken back for ArduPilot.
         compass : int, optional
             As the vehicle counts: ArduPilot 1 to 3, PX4 0 to 3; without it the one with the device id, or the first.
         device_id : int, optional
@@ -101,7 +102,7 @@ class Plan:
         NotSent
             Where the vehicle is armed, has no such compass or another one, or lacks parameters.
         UnitError, NotExportable
-            Where the parameters cannot hold the calibration.
+            Where the parameters cannot hold the calibration, or for PX4 it is in the axes of the vehicle.
         LinkError
             Where the link is lost.
         """
@@ -109,7 +110,8 @@ class Plan:
         meant = device_of(calibration) if device_id is None else device_id
         found = _find_compass(vehicle, meant) if compass is None and meant is not None else _numbered(vehicle, compass)
         scheme, there = _device_id(vehicle, found)
-        notes = (AXES[vehicle.autopilot], *_refuse_another(vehicle, found, there, meant))
+        known = vehicle.autopilot == ARDUPILOT and calibration.frame == "vehicle"
+        notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, found, there, meant))
         changes = []
         for names, value in _wanted(vehicle.autopilot, calibration, found):
             old = vehicle.get(names[scheme])
@@ -226,8 +228,9 @@ def device_of(calibration: Calibration) -> int | None:
 def _wanted(autopilot: int, calibration: Calibration, compass: int) -> list[tuple[Sequence[str], float]]:
     """Names, one for each scheme, and values of the parameters of a compass."""
     if autopilot == PX4:
+        refuse_mounted(calibration, who="PX4")
         return [((name,), value) for name, value in px4.Parameters.of(calibration, compass=compass).rows()]
-    parameters = ardupilot.Parameters.of(replace(calibration, axes=Axes()), compass=compass)
+    parameters = ardupilot.Parameters.of(ardupilot.in_vehicle_axes(calibration), compass=compass)
     rows = zip(parameters.rows("COMPASS_OFS2_X"), parameters.rows("COMPASS2_OFS_X"), strict=True)
     return [((name, other), value) for (name, value), (other, _) in rows]
 

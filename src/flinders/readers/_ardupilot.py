@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
     from flinders.conventions.ardupilot import Parameters
 
+IN_VEHICLE_AXES: Final = ("vehicle", "vehicle")
+"""The `Instrument.frames` of a compass: nothing is turned back."""
+
 OF_INTEREST: Final = ("COMPASS", "AHRS_ORIENTATION", "CUST_ROT")
 """How the names of the parameters begin that are kept."""
 
@@ -91,6 +94,15 @@ def stored(parameters: Parameters) -> Stored | None:
     if parameters.is_identity:
         return None
     return Stored(parameters.matrix, parameters.centre, words=parameters.words())
+
+
+def device_id(values: dict[str, float], number: int) -> int | None:
+    """The device id of a compass, where it is known.
+
+    >>> device_id({"COMPASS_DEV_ID2": 97539.0}, 2), device_id({"COMPASS_DEV_ID2": 0.0}, 2)
+    (97539, None)
+    """
+    return next((int(values[name]) for name in names("DEV_ID", number) if values.get(name, 0) > 0), None)
 
 
 def mounting_told(parameters: Parameters, values: dict[str, float], number: int) -> str:

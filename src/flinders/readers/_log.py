@@ -17,7 +17,7 @@ flinders.errors.UsageError: flight.bin has no magnetometer 2: there is 1 (MAG 0)
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -100,6 +100,14 @@ class Instrument:
     stored : Stored, optional
         What the log says was in force, where readings are logged after it.
     axes : Axes
+    frames : pair of str
+        What the axes of `columns` are, ``sensor`` or ``vehicle``: with what is `stored` un-applied, and as logged.
+    autopilot : str, optional
+        ``ardupilot`` or ``px4``, where it is a compass of theirs.
+    compass : int, optional
+        Its number there: ArduPilot's 1 to 3, PX4's 0 to 3.
+    device_id : int, optional
+        Its device id there.
     as_logged : bool
     span : Span
         Only readings within it are given.
@@ -125,6 +133,10 @@ class Instrument:
     columns: Callable[[bool], Iterator[Samples]]
     stored: Stored | None = None
     axes: Axes = field(default_factory=Axes)
+    frames: tuple[str, str] = ("sensor", "sensor")
+    autopilot: Literal["ardupilot", "px4"] | None = None
+    compass: int | None = None
+    device_id: int | None = None
     as_logged: bool = False
     span: Span = field(default_factory=Span)
     beginning: float = np.nan
@@ -134,6 +146,11 @@ class Instrument:
     file: Source | None = None
     kept: tuple[Source, ...] = ()
     progress: Progress | None = None
+
+    @property
+    def frame(self) -> str:
+        """What the axes of its readings are, before `axes` maps them: ``sensor`` or ``vehicle``."""
+        return self.frames[self.as_logged]
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the readings, in `axes` and within `span`.
@@ -153,7 +170,7 @@ class Instrument:
             within = clock.within(block)
             if within.any():
                 given += 1
-                yield turned(replace(clock.kept(block, within), source=self.source), self.axes)
+                yield turned(replace(clock.kept(block, within), source=self.source, frame=self.frame), self.axes)
         clock.judge()
         if not given:
             raise UnreadableInput(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.errors import NoMagnetometer, UnreadableInput, figures
 from flinders.readers._columns import Column, Columns, choose, names_magnetometer, wanted_places
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, is_unit, meaning
@@ -38,6 +38,8 @@ SAMPLED: Final = 200
 SAME_WIDTH: Final = 0.6
 """Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
 COMMENTS: Final = ("#", "%", "//")
+MOST_RANGES: Final = 16
+"""Columns whose ranges are told."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
 
 PREFIXES: Final = {
@@ -46,6 +48,10 @@ PREFIXES: Final = {
 }
 """Starts of the lines MotionCal and Adafruit's sketches exchange; a serial monitor may put the time before."""
 MOTIONCAL: Final = ("ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz")
+
+
+FLOWN: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
+"""What a blackbox of Betaflight or INAV does not say of its magnetometer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +124,8 @@ class Layout:
     def __str__(self) -> str:
         parts = [f"{self.prefix}: lines"] if self.prefix else [] if self.header else ["no header"]
         parts.append(f"{SPOKEN[self.grid.delimiter]}-separated")
-        return ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
+        written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
+        return f"{written}; {FLOWN}" if self.columns.field.names[0].startswith("magADC") else written
 
 
 def sniff(
@@ -186,7 +193,7 @@ def _table(
     units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
     chosen = choose(header, values, columns, units=units, flat=flat)
     if chosen is None:
-        raise _no_magnetometer(name, header, width, (start + 1, texts[start]))
+        raise _no_magnetometer(name, header, values, (start + 1, texts[start]))
     return Layout(
         grid=_grid(chosen, dialect, width if header or often >= SAME_WIDTH * len(rows) else 0),
         columns=chosen,
@@ -296,20 +303,31 @@ def _values(rows: list[list[str]], width: int, decimal: str) -> Floats:
     return np.array([[np.nan if value is None else value for value in row] for row in read], dtype=float)
 
 
-def _no_magnetometer(name: str, header: list[str], width: int, line: tuple[int, str]) -> NoMagnetometer:
+def ranges(values: Floats) -> str:
+    """Say what the columns of a table without names look like: from where to where each goes.
+
+    >>> ranges(np.array([[0.0, -301.5, np.nan], [0.25, 299.0, np.nan]]))
+    '1: 0 to 0.25, 2: -302 to 299, 3: no numbers'
+    """
+    told = []
+    for place, column in enumerate(values.T[:MOST_RANGES], 1):
+        finite = column[np.isfinite(column)]
+        ends = f"{figures(finite.min(), 3)} to {figures(finite.max(), 3)}" if len(finite) else "no numbers"
+        told.append(f"{place}: {ends}")
+    return ", ".join(told) + (", …" if values.shape[1] > MOST_RANGES else "")
+
+
+def _no_magnetometer(name: str, header: list[str], values: Floats, line: tuple[int, str]) -> NoMagnetometer:
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {', '.join(header)}; "
-            f"say which three it is by name or number, such as --columns {_example(width)}"
+            "say which three it is with --columns X,Y,Z, by name or by number"
         )
     return NoMagnetometer(
-        f"{name} has {width} columns and no header (line {line[0]}: {shown(line[1])!r}): need three, x y z, "
-        f"or four with the time first; say which are the magnetometer, such as --columns {_example(width)}"
+        f"{name} has {values.shape[1]} columns and no header (line {line[0]}: {shown(line[1])!r}): need three, x y z, "
+        "or four with the time first; say which are the magnetometer with --columns X,Y,Z, by number; they go from "
+        f"{ranges(values)}"
     )
-
-
-def _example(width: int) -> str:
-    return ",".join(str(width - 2 + place) for place in range(3)) if width > 5 else "2,3,4" if width > 3 else "1,2,3"
 
 
 def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:

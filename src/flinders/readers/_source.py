@@ -39,6 +39,7 @@ MOST_SPOOLED: Final = 64 << 30
 """Bytes copied to a temporary file before it is given up: a pipe may have no end."""
 ENOUGH_ROWS, ENOUGH_LINES = 20, 400
 """Lines of numbers of one width, and lines at all, after which no more is waited for to tell what a stream is."""
+NOTHING_PIPED: Final = "nothing was piped in"
 NUMBER: Final = re.compile(r"[-+−]?\.?\d[\d.]*(?:[eE][-+]?\d+)?")
 
 
@@ -110,9 +111,15 @@ class File:
             yield raw, gzip.GzipFile(fileobj=raw) if start == GZIP else raw
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes, unpacked; raise `EndsEarly` where they have no end."""
+        """Yield all bytes, unpacked; raise `EndsEarly` where they have no end.
+
+        Raises
+        ------
+        UnreadableInput
+            As `lines`.
+        """
         with self.opened() as (_, unpacked):
-            yield from _chunks(self.name, unpacked.read1)
+            yield from self._bounded(unpacked)
 
     def lines(self, encoding: str) -> Generator[Lines, None, None]:
         """Yield all lines, `BLOCK` at a time.
@@ -120,10 +127,18 @@ class File:
         Raises
         ------
         UnreadableInput
-            Where the file cannot be opened, or its gzip data are broken.
+            Where the file cannot be opened, or its gzip data are broken, or more than any recording packs to so few.
         """
         with self.opened() as (raw, unpacked):
-            yield from lines_of(_chunks(self.name, unpacked.read1), encoding, raw.tell)
+            yield from lines_of(self._bounded(unpacked), encoding, raw.tell)
+
+    def _bounded(self, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
+        done = 0
+        for chunk in _chunks(self.name, unpacked.read1):
+            done += len(chunk)
+            if isinstance(unpacked, gzip.GzipFile) and is_bomb(done, self.size):
+                raise too_large(self.name, done, self.size)
+            yield chunk
 
 
 class Stream:
@@ -163,7 +178,7 @@ class Stream:
             self._cut = cut
         self._ended = not self._is_enough
         if not self._head:
-            empty = UnreadableInput(f"{self.name} is empty: nothing was piped in")
+            empty = UnreadableInput(f"{self.name} is empty: {NOTHING_PIPED}")
             raise self._cut.refusal(self.name) if self._cut else empty
         return self._head
 
@@ -252,8 +267,16 @@ def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
     return File(file.name, file, status.st_size)
 
 
-def spooled(name: str, chunks: Iterable[bytes]) -> File:
+def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
     """Copy what can be read only once to a temporary file, which is deleted with the source or at exit.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    chunks : iterable of bytes
+    empty : str
+        What to say besides where there are none.
 
     Raises
     ------
@@ -266,7 +289,7 @@ def spooled(name: str, chunks: Iterable[bytes]) -> File:
         handle, place = tempfile.mkstemp(prefix="flinders-", suffix=".spool")
         path = Path(place)
         with os.fdopen(handle, "wb") as file:
-            size = _copy(name, chunks, file)
+            size = _copy(name, chunks, file, empty)
         source = File(name, path, size)
         weakref.finalize(source, path.unlink, missing_ok=True)
     except OSError as error:
@@ -298,13 +321,8 @@ def unpacked(source: Source) -> Iterator[bytes]:
     UnreadableInput
         Where they were cut short, or are more than any recording packs to so few.
     """
-    done = 0
     try:
-        for chunk in source.chunks():
-            done += len(chunk)
-            if source.size and is_bomb(done, source.size):
-                raise too_large(source.name, done, source.size)
-            yield chunk
+        yield from source.chunks()
     except EndsEarly as cut:
         raise cut.refusal(source.name) from None
 
@@ -331,7 +349,9 @@ def _standard_input() -> io.BufferedIOBase:
 
 
 def _piped(name: str, stream: io.BufferedIOBase, *, once: bool) -> Source:
-    return Stream(name, _as_it_arrives(name, stream)) if once else spooled(name, _chunks(name, stream.read))
+    if once:
+        return Stream(name, _as_it_arrives(name, stream))
+    return spooled(name, _chunks(name, stream.read), empty=NOTHING_PIPED)
 
 
 def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
@@ -376,7 +396,7 @@ def _row_width(line: str) -> int:
     return len(words) if numbers >= 3 and (record or 2 * numbers >= len(words)) else 0
 
 
-def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes]) -> int:
+def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes], empty: str) -> int:
     """Write chunks to a file and count bytes; a stream that is not a recording is refused at its first chunk."""
     size = 0
     for chunk in chunks:
@@ -386,7 +406,7 @@ def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes]) -> int:
         if size > MOST_SPOOLED:
             raise UnreadableInput(f"{name} is longer than {MOST_SPOOLED >> 30} GB: save it as a file, or cut it")
     if size == 0:
-        raise UnreadableInput(f"{name} is empty: nothing was piped in")
+        raise UnreadableInput(f"{name} is empty: {empty}")
     return size
 
 

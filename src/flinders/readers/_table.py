@@ -28,6 +28,7 @@ from flinders.axes import Axes
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Columns, choose
 from flinders.readers._lines import shown
+from flinders.readers._sniff import ranges
 from flinders.readers._span import Span
 from flinders.readers.text import unit_of
 from flinders.samples import BLOCK, Skipped
@@ -219,7 +220,7 @@ def open_table(
     Raises
     ------
     NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
+        Where it is not clear which columns are the magnetometer, and where none holds numbers.
     UsageError
         For columns that there are not; its `UnitError` for a unit that contradicts the names.
     UnreadableInput
@@ -227,25 +228,26 @@ def open_table(
     """
     if not table.length:
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
+    if not table.width:
+        raise NoMagnetometer(f"{file.name} holds no columns of numbers: need three, x y z, beside what else there is")
     first = next(table.rows(range(table.width)))[:SAMPLED]
     known = choose(table.names, first, columns, flat=flat)
     if known is None:
-        raise NoMagnetometer(_unknown(file.name, table))
+        raise NoMagnetometer(_unknown(file.name, table, first))
     settled = unit_of(known, file.name, unit, scale)
     return TableRecording(file, table, known.with_strength_in(settled), settled, axes or Axes(), progress)
 
 
-def _unknown(name: str, table: Table) -> str:
-    example = "1,2,3" if table.width < 4 else "2,3,4"
+def _unknown(name: str, table: Table, first: Floats) -> str:
     if not table.names:
         return (
             f"{name} has {table.width} columns without names: need three, x y z, or four with the time first; say "
-            f"which are the magnetometer, such as --columns {example}"
+            f"which are the magnetometer with --columns X,Y,Z, by number; they go from {ranges(first)}"
         )
     more = f" and {len(table.names) - MOST_NAMED} more" if len(table.names) > MOST_NAMED else ""
     return (
         f"no magnetometer among the columns of {name}: {', '.join(map(shown, table.names[:MOST_NAMED]))}{more}; "
-        f"say which three it is by name or number, such as --columns {example}"
+        "say which three it is with --columns X,Y,Z, by name or by number"
     )
 
 

@@ -19,7 +19,9 @@ array([0., 0., 1.])
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+import os
+import zlib
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, Literal
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers._unpacking import ZIP, member_chunks, members
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -40,7 +42,12 @@ NPY: Final = b"\x93NUMPY"
 MAT: Final = b"MATLAB 5.0 MAT-file"
 MAT_7_3: Final = b"MATLAB 7.3 MAT-file"
 MOST_VALUES: Final = 1 << 27
-"""Values in a MATLAB file, 1 GB of them, that are held in memory: SciPy cannot read a part of one."""
+"""Values in the variables of a MATLAB file, 1 GB of them, that are held in memory: SciPy cannot read a part of one."""
+MOST_BYTES: Final = 1 << 30
+"""Bytes of a MATLAB file, unpacked: a structure or a cell counts as one value, whatever is in it."""
+COMPRESSED: Final = 15
+"""Type of an element of a MATLAB file that is packed, as its first number."""
+CHUNK: Final = 1 << 18
 DEEPEST: Final = 3
 """Structures within structures that are looked into."""
 
@@ -114,18 +121,52 @@ def open_mat(file: File, **options: Any) -> TableRecording:
     MissingExtra
         Where SciPy is not installed.
     UnreadableInput
-        Also where it holds more than `MOST_VALUES`.
+        Also where it holds more than `MOST_VALUES`, or `MOST_BYTES`.
     """
     io = needs("scipy.io", "scipy", "a MATLAB file")
     with reading(file.name, "a MATLAB file"):
-        held = io.whosmat(file.path)
-        if sum(math.prod(shape) for _, shape, _ in held) > MOST_VALUES:
+        is_beyond = _is_beyond(file, MOST_BYTES)
+        if is_beyond or sum(math.prod(shape) for _, shape, _ in io.whosmat(file.path)) > MOST_VALUES:
+            most = f"{MOST_BYTES >> 30} GB" if is_beyond else f"{MOST_VALUES:,} values"
             raise UnreadableInput(
-                f"{file.name} holds more than {MOST_VALUES:,} values: save the magnetometer and its time alone, "
+                f"{file.name} holds more than {most}: save the magnetometer and its time alone, "
                 "save('small.mat', 't', 'mag', '-v7')"
             )
         content = io.loadmat(file.path, squeeze_me=True, struct_as_record=True, verify_compressed_data_integrity=True)
     return open_table(file, Table.of_arrays(file.name, "MATLAB", dict(_variables(content))), **options)
+
+
+def _is_beyond(file: File, most: int) -> bool:
+    """Tell whether the elements of a MATLAB file unpack to more than so many bytes, without keeping them.
+
+    Source: MathWorks, *MAT-File Format*, level 5: after a header of 128 bytes, elements of type, length and content.
+    """
+    done = 0
+    with file.path.open("rb") as stream:
+        header = stream.read(128)
+        order: Literal["little", "big"] = "little" if header[126:] == b"IM" else "big"
+        while done <= most and len(tag := stream.read(8)) == 8:
+            kind, length = int.from_bytes(tag[:4], order), int.from_bytes(tag[4:], order)
+            if kind == COMPRESSED:
+                done += sum(_inflated(stream, length, most - done))
+            else:
+                done += length
+                stream.seek(length, os.SEEK_CUR)
+    return done > most
+
+
+def _inflated(stream: BinaryIO, length: int, most: int) -> Iterator[int]:
+    """Unpack so many bytes, and yield how many each piece makes, until they are more than `most`."""
+    unpacking, done = zlib.decompressobj(), 0
+    while length > 0 and (packed := stream.read(min(CHUNK, length))):
+        length -= len(packed)
+        while packed:
+            made = len(unpacking.decompress(packed, CHUNK))
+            yield made
+            done += made
+            if done > most:
+                return
+            packed = unpacking.unconsumed_tail
 
 
 def _variables(content: Mapping[str, Any], depth: int = 0) -> Mapping[str, NDArray[Any]]:

@@ -41,7 +41,7 @@ import numpy as np
 
 from flinders.conventions.ardupilot import COMPASSES, Parameters
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
-from flinders.readers._ardupilot import History, mounting_told, stored, unused
+from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, device_id, mounting_told, stored, unused
 from flinders.readers._beside import Beside
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
 from flinders.readers._lines import encoding_of
@@ -279,6 +279,10 @@ def _instrument(
         Unit.of("mG"),
         compass.columns,
         stored=stored(in_force),
+        frames=IN_VEHICLE_AXES,
+        autopilot="ardupilot",
+        compass=known or None,
+        device_id=device_id(history.last, known) if known else None,
         beginning=np.nan if clock is None else float(clock[0]),
         readings=len(mag),
         notes=tuple(_told(compass, in_force, history.last, number, ill)),

@@ -109,7 +109,7 @@ def _table(
             if len(block):
                 yield block
 
-    return Table(kind, tuple(name for _, _, name in places), len(places), length if places else 0, rows)
+    return Table(kind, tuple(name for _, _, name in places), len(places), length, rows)
 
 
 def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401

@@ -29,7 +29,7 @@ import numpy as np
 
 from flinders.conventions.ardupilot import Parameters, compasses
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
-from flinders.readers._ardupilot import History, mounting_told, stored, unused
+from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, device_id, mounting_told, stored, unused
 from flinders.readers._beside import Beside
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
@@ -278,6 +278,7 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     parameters = {one: Parameters.read(history.at(one), number) for one in set(version.tolist())} if known else {}
     compass = _Compass(file.name, table, version, parameters, heard.current(system))
     in_force = parameters[int(version[-1])] if parameters else None
+    is_ardupilot = known or heard.autopilots.get(system) == ARDUPILOT
     told = (
         _told(in_force, history.last, each[1], len(parameters) - 1)
         if in_force
@@ -289,6 +290,10 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
         Unit.of("mG"),
         compass.columns,
         stored=None if in_force is None else stored(in_force),
+        frames=IN_VEHICLE_AXES if is_ardupilot else ("sensor", "sensor"),
+        autopilot="ardupilot" if is_ardupilot else None,
+        compass=number if is_ardupilot else None,
+        device_id=device_id(history.last, number) if is_ardupilot else None,
         beginning=float(table[0, CLOCK]),
         readings=len(table),
         notes=(*told, "readings were sent in whole mG, cut towards zero"),

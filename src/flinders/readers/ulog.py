@@ -395,7 +395,7 @@ def _sensor_mag(source: str, flight: _Flight) -> Iterator[Instrument]:
         name = f"sensor_mag {instance}" + (f" (device {device})" if device else "")
         if not flight.is_raw:
             readings = replace(readings, settings=_settings(flight, device, turned=False))
-        yield _instrument(name, readings, parameters)
+        yield _instrument(name, readings, parameters, device)
 
 
 def _vehicle_magnetometer(source: str, flight: _Flight) -> Iterator[Instrument]:
@@ -438,13 +438,14 @@ def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
             f"the log does not say which calibration was applied to {name}: readings are as logged, after it and in "
             "the axes of the vehicle"
         )
-        return replace(_instrument(name, turned, None), notes=(note,))
+        return replace(_instrument(name, turned, None, device), notes=(note,), frames=("vehicle", "vehicle"))
     settings = _settings(readings.flight, device, turned=True)
-    return _instrument(name, replace(turned, settings=settings, mounting=parameters.mounting), parameters)
+    found = _instrument(name, replace(turned, settings=settings, mounting=parameters.mounting), parameters, device)
+    return replace(found, frames=("sensor", "vehicle"))
 
 
-def _instrument(name: str, readings: _Readings, parameters: px4.Parameters | None) -> Instrument:
-    """Say what is known of one magnetometer."""
+def _instrument(name: str, readings: _Readings, parameters: px4.Parameters | None, device: int = 0) -> Instrument:
+    """Say what is known of one magnetometer; device 0 is one that is not known."""
     notes = []
     if readings.mounting is None and (readings.flight.acceleration or readings.flight.rate):
         notes.append(
@@ -474,6 +475,9 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Parameters | Non
         GAUSS,
         partial(_Readings.blocks, readings),
         stored=stored,
+        autopilot="px4",
+        compass=None if parameters is None else parameters.compass,
+        device_id=device or None,
         readings=int(np.isfinite(readings.field).all(axis=1).sum()),
         notes=tuple(notes),
     )

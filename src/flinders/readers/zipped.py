@@ -96,7 +96,9 @@ def _likely(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
     if len(texts) == 1:
         return texts[0]
     if not texts:
-        raise NoMagnetometer(f"{name} has no text recording in it: it holds {_listed(there)}; unpack it")
+        raise NoMagnetometer(
+            f"{name} has no text recording in it: it holds {_listed(there)}; unpack it, and give a recording from it"
+        )
     raise NoMagnetometer(
         f"{name} has {len(texts)} recordings, and none is named like a magnetometer: {_listed(texts)}; "
         "say which with --topic"

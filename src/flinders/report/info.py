@@ -205,8 +205,10 @@ def likely_unit(strength: float | None, inside: str) -> str:
 def unit_remark(strength: float | None, inside: str) -> str:
     """Say which unit readings without one may be in: a strength alone does not prove it.
 
-    >>> unit_remark(48.0, "counts"), unit_remark(3.0, "counts")
-    ("as uT the strength would be the earth's: add --unit uT if that is their unit, or --scale with the µT of a count", '')
+    >>> unit_remark(480.0, "counts")
+    "as mG the strength would be the earth's: add --unit mG if that is their unit, or --scale with the µT of a count"
+    >>> unit_remark(3.0, "counts")
+    ''
     """
     name = likely_unit(strength, inside)
     return name and (
