@@ -180,7 +180,10 @@ def _calibration(
         sensor=sensor,
         frame=frame,
     )
-    return replace(calibration, field_strength_known=field_strength is not None or bool(estimate.follows))
+    known = field_strength is not None or bool(estimate.follows)
+    return (
+        calibration if calibration.field_strength_known == known else replace(calibration, field_strength_known=known)
+    )
 
 
 def _widened(estimate: Estimate, likelihood: Auto, readings: Readings, *, is_biased: bool) -> tuple[Estimate, float]:
