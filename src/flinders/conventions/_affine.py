@@ -23,7 +23,7 @@ from flinders.errors import NotExportable, UnitError
 from flinders.units import COUNTS, PER_UNIT, Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -201,6 +201,11 @@ def single(values: ArrayLike) -> Floats:
     """
     with np.errstate(over="ignore", under="ignore"):
         return np.asarray(values, np.float32).astype(np.float64)
+
+
+def listed(values: Iterable[float]) -> str:
+    """Write numbers for a sentence, to six digits."""
+    return ", ".join(f"{value + 0.0:.6g}" for value in values)
 
 
 def symmetric_root(matrix: Floats) -> Floats:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.arrays import floats
+from flinders.errors import NotExportable, figures
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -35,6 +36,9 @@ ROTATIONS: Final[tuple[tuple[str, float, float, float], ...]] = (
     ("ROLL_90_PITCH_68_YAW_293", 90, 68, 293), ("PITCH_315", 0, 315, 0), ("ROLL_90_PITCH_315", 90, 315, 0),
 )  # fmt: skip
 """Name, roll, pitch and yaw in degrees of 0 to 40."""
+
+MOST_TURN_DEG: Final = 0.05
+"""A symmetric matrix cannot turn; a calibration that turns by more is refused."""
 
 
 def euler(roll: float, pitch: float, yaw: float) -> Floats:
@@ -67,3 +71,22 @@ def without_turn(matrix: Floats) -> tuple[Floats, float]:
     held = right.T @ np.diag(sizes) @ right
     cosine = (np.trace(left @ right) - 1) / 2
     return (held + held.T) / 2, float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def symmetric(matrix: Floats, who: str, beyond: str, *, by: str) -> Floats:
+    """(3, 3) the symmetric matrix of what hardly turns, for an autopilot that holds six numbers.
+
+    Raises
+    ------
+    NotExportable
+        For a matrix that turns readings by more than `MOST_TURN_DEG`; `by` is what sets the mounting instead.
+    """
+    held, angle = without_turn(matrix)
+    if angle > MOST_TURN_DEG:
+        raise NotExportable(
+            f"the calibration turns readings by {figures(angle)}°, and {who}'s symmetric matrix cannot: set the "
+            f"mounting with {by}, and calibrate without aligning to other sensors",
+            beyond=(beyond,),
+            turn_deg=angle,
+        )
+    return held

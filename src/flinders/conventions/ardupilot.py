@@ -37,9 +37,9 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.axes import Axes
 from flinders.calibration import Calibration
-from flinders.conventions._affine import VEHICLE
+from flinders.conventions._affine import VEHICLE, listed, single
 from flinders.conventions._recorded import in_recorded_axes
-from flinders.conventions._rotations import ROTATIONS, euler, without_turn
+from flinders.conventions._rotations import ROTATIONS, euler, symmetric
 from flinders.errors import ArrayError, InputError, NotExportable, UnitError, UsageError, counted, figures
 from flinders.units import MICROTESLA, PER_UNIT, Unit
 
@@ -59,9 +59,6 @@ MOST_OFF_DIAGONAL: Final = 1.0
 """What ArduPilot's own calibrator accepts of DIA and ODI."""
 MOST_SCALE: Final = 1.5
 """A COMPASS_SCALE beyond 1/1.5 to 1.5 counts as 1."""
-MOST_TURN_DEG: Final = 0.05
-"""A symmetric matrix cannot turn; a calibration that turns by more is refused."""
-
 Scheme = Literal["COMPASS_OFS2_X", "COMPASS2_OFS_X"]
 """How the parameters of the second compass are named; the first one's are COMPASS_OFS_X or COMPASS1_OFS_X."""
 
@@ -155,7 +152,7 @@ class Parameters:
             raise UsageError("a motor term needs what it depends on: motor_by=1 for throttle, 2 for current")
         matrix, centre = in_recorded_axes(calibration)
         turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
-        held = turn @ _symmetric(matrix) @ turn.T
+        held = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by="COMPASS_ORIENT or a custom rotation") @ turn.T
         scale = float(np.trace(held) / 3)
         if not 0 < scale < np.inf:
             raise NotExportable(
@@ -332,11 +329,11 @@ class Parameters:
         """The same after ArduPilot has kept each value as a float32."""
         return replace(
             self,
-            offset=_single(self.offset),
-            diagonal=_single(self.diagonal),
-            off_diagonal=_single(self.off_diagonal),
+            offset=single(self.offset),
+            diagonal=single(self.diagonal),
+            off_diagonal=single(self.off_diagonal),
             scale=float(np.float32(self.scale)),
-            motor=_single(self.motor),
+            motor=single(self.motor),
         )
 
     def words(self) -> str:
@@ -346,10 +343,10 @@ class Parameters:
         'COMPASS_OFS2 -12, 40.5, -93 mG'
         """
         digit = _digit(self.compass)
-        told = [f"COMPASS_OFS{digit} {_listed(self.offset)} mG"]
+        told = [f"COMPASS_OFS{digit} {listed(self.offset)} mG"]
         if not np.array_equal(self.iron, np.eye(3)):
-            told.append(f"COMPASS_DIA{digit} {_listed(np.diag(self.iron))}")
-            told.append(f"COMPASS_ODI{digit} {_listed(self.off_diagonal)}")
+            told.append(f"COMPASS_DIA{digit} {listed(np.diag(self.iron))}")
+            told.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
         if self.gain != 1.0:
             told.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
         return "; ".join(told)
@@ -560,19 +557,6 @@ def _digit(compass: int) -> str:
     return "" if compass == 1 else str(compass)
 
 
-def _symmetric(matrix: Floats) -> Floats:
-    """Let through the symmetric part of what does not turn."""
-    held, angle = without_turn(matrix)
-    if angle > MOST_TURN_DEG:
-        raise NotExportable(
-            f"the calibration turns readings by {figures(angle)}°, and ArduPilot's symmetric matrix cannot: set the "
-            "mounting with COMPASS_ORIENT or a custom rotation, and calibrate without aligning to other sensors",
-            beyond=("COMPASS_ODI",),
-            turn_deg=angle,
-        )
-    return held
-
-
 def _rotation_matrix(mounting: ArrayLike) -> Floats:
     """Let through a rotation."""
     turn = floats(mounting, "mounting")
@@ -581,18 +565,9 @@ def _rotation_matrix(mounting: ArrayLike) -> Floats:
     return turn
 
 
-def _single(values: Floats) -> Floats:
-    """The same as ArduPilot's floats hold them."""
-    return np.asarray(values, np.float32).astype(np.float64)
-
-
 def _number(text: str) -> float | None:
     try:
         number = float(text)
     except ValueError:
         return None
     return number if np.isfinite(number) else None
-
-
-def _listed(values: Iterable[float]) -> str:
-    return ", ".join(f"{value + 0.0:.6g}" for value in values)

@@ -38,8 +38,9 @@ import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
 from flinders.calibration import Calibration
+from flinders.conventions._affine import listed, single
 from flinders.conventions._recorded import in_recorded_axes
-from flinders.conventions._rotations import ROTATIONS, euler, without_turn
+from flinders.conventions._rotations import ROTATIONS, euler, symmetric
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
 from flinders.units import MICROTESLA, PER_UNIT, Unit
 
@@ -54,8 +55,6 @@ GAUSS: Final = PER_UNIT["G"]
 COMPASSES: Final = (0, 1, 2, 3)
 LEAST_SCALE, MOST_SCALE = 0.1, 3.0
 """Range of CAL_MAGn_XSCALE."""
-MOST_TURN_DEG: Final = 0.05
-"""A symmetric matrix cannot turn; a calibration that turns by more is refused."""
 INTERNAL: Final = -1
 """CAL_MAGn_ROT of a compass on the board: it is turned as the board is."""
 
@@ -143,7 +142,7 @@ class Parameters:
                 "(or mG, uT …), or with --scale where the microtesla in one count are known"
             )
         matrix, centre = in_recorded_axes(calibration)
-        held = _symmetric(matrix)
+        held = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROT or SENS_BOARD_ROT")
         mounting(rotation)
         found = cls(
             offset=centre / GAUSS,
@@ -306,10 +305,10 @@ class Parameters:
         """The same after PX4 has kept each value as a float32."""
         return replace(
             self,
-            offset=_single(self.offset),
-            diagonal=_single(self.diagonal),
-            off_diagonal=_single(self.off_diagonal),
-            compensation=_single(self.compensation),
+            offset=single(self.offset),
+            diagonal=single(self.diagonal),
+            off_diagonal=single(self.off_diagonal),
+            compensation=single(self.compensation),
         )
 
     def words(self) -> str:
@@ -318,13 +317,13 @@ class Parameters:
         >>> Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
         'CAL_MAG1_OFF 0.0282, -0.2002, -0.1369 G'
         """
-        told = [f"CAL_MAG{self.compass}_OFF {_listed(self.offset)} G"]
+        told = [f"CAL_MAG{self.compass}_OFF {listed(self.offset)} G"]
         if not np.all(self.diagonal == 1):
-            told.append(f"SCALE {_listed(self.diagonal)}")
+            told.append(f"SCALE {listed(self.diagonal)}")
         if self.off_diagonal.any():
-            told.append(f"ODIAG {_listed(self.off_diagonal)}")
+            told.append(f"ODIAG {listed(self.off_diagonal)}")
         if self.compensation.any():
-            told.append(f"COMP {_listed(self.compensation)}")
+            told.append(f"COMP {listed(self.compensation)}")
         return ", ".join(told)
 
     def refuse_beyond(self) -> None:
@@ -409,25 +408,3 @@ def _known(compass: int) -> int:
     if compass not in COMPASSES:
         raise UsageError(f"compass {compass}: PX4 keeps parameters of compass 0, 1, 2 and 3")
     return compass
-
-
-def _symmetric(matrix: Floats) -> Floats:
-    """Let through what does not turn, as a symmetric matrix."""
-    held, angle = without_turn(matrix)
-    if angle > MOST_TURN_DEG:
-        raise NotExportable(
-            f"the calibration turns readings by {figures(angle)}°, and PX4's symmetric matrix cannot: set the "
-            "mounting with CAL_MAGn_ROT or SENS_BOARD_ROT, and calibrate without aligning to other sensors",
-            beyond=("CAL_MAG ODIAG",),
-            turn_deg=angle,
-        )
-    return held
-
-
-def _single(values: Floats) -> Floats:
-    """The same as PX4's floats hold them."""
-    return np.asarray(values, np.float32).astype(np.float64)
-
-
-def _listed(values: Iterable[float]) -> str:
-    return ", ".join(f"{value + 0.0:.6g}" for value in values)
