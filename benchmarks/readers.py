@@ -37,6 +37,8 @@ DATAFLASH_FIELDS: Final = {
     ),
     "IMU": ("TimeMS", "AccX", "AccY", "AccZ", "GyrX", "GyrY", "GyrZ", "Temp"),
     "CURR": ("TimeMS", "Curr"),
+    "ATT": ("TimeMS", "Roll", "Pitch", "Yaw"),
+    "CTUN": ("TimeMS", "ThrOut"),
     "PARM": ("Name", "Value"),
     "GPS": ("Status", "TimeMS", "Week", "Lat", "Lng", "Alt", "T"),
     "MSG": ("Message",),

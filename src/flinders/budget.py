@@ -165,7 +165,7 @@ class Heading:
                 sine = math.sin(math.radians(error))
                 return cls(_sound(b / sine if sine else math.inf), b, error)
             case {"field": h, "stray": b} if b <= h:
-                return cls(h, b, math.degrees(math.asin(b / h)))
+                return cls(h, b, _sound(math.degrees(math.asin(b / h))))
         raise UsageError(
             f"a stray field {known['stray'] / known['field']:.3g} times the horizontal field turns the compass "
             "anywhere: no heading error can be given; keep the source farther away"

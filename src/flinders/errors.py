@@ -228,13 +228,12 @@ class OutOfScale(FitError):
     """Readings as large or as small (`size`) as no magnetometer gives them."""
 
     code = "out-of-scale"
+    NOTHING: ClassVar[float] = 1e-300
 
     def __init__(self, size: float) -> None:
         self.size = size
-        super().__init__(
-            f"readings of up to {size:.2g} are not those of a magnetometer: check which columns are read, and the unit",
-            size=size,
-        )
+        found = f"readings of up to {size:.2g} are" if size > self.NOTHING else "readings that are all zero are"
+        super().__init__(f"{found} not those of a magnetometer: check which columns are read, and the unit", size=size)
 
 
 class NotAnEllipsoid(FitError):

@@ -22,7 +22,8 @@ import numpy as np
 
 from flinders.arrays import Floats, column, table
 from flinders.axes import Axes
-from flinders.errors import AxesError, UnitError
+from flinders.errors import ArrayError, AxesError, UnitError
+from flinders.quaternions import attitudes, of_matrix, product
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ class Samples:
     unit : Unit
         What the recording was written in, and what `field` is in now.
     axes : Axes
-        How the recorded axes were turned before they became `field`; acceleration and rate alike.
+        How the recorded axes were turned before they became `field`; acceleration, rate and attitude alike.
     time : (N,) float, s, optional
         Ascending where the recording is sound.
     acceleration : (N, 3) float, optional
@@ -85,6 +86,13 @@ class Samples:
         Angular rate of the body.
     temperature : (N,) float, °C, optional
     current : (N,) float, A, optional
+    throttle : (N,) float, 0 to 1, optional
+        Share of full thrust that the motors were asked for; NaN where it is not known.
+    attitude : (N, 4) float, optional
+        Unit quaternion w, x, y, z that turns the axes of `field` into north, east, down: with a perfect sensor
+        ``quaternions.rotated(attitude, field)`` is the field of the site. Where those are the axes of the vehicle,
+        forward, right, down, it is the vehicle's attitude. NaN where it is not known. It is an autopilot's estimate,
+        and its yaw may have come from the very compass that is to be calibrated.
     strength : (N,) float, in `unit.inside`, optional
         Strength of the field at each reading, from a model or a reference magnetometer; NaN where it is not known.
     source : str
@@ -104,6 +112,8 @@ class Samples:
     temperature: Floats | None = None
     current: Floats | None = None
     strength: Floats | None = None
+    throttle: Floats | None = None
+    attitude: Floats | None = None
     source: str = "array"
     frame: str = "sensor"
     skipped: tuple[Skipped, ...] = ()
@@ -122,6 +132,8 @@ class Samples:
         temperature: ArrayLike | None = None,
         current: ArrayLike | None = None,
         strength: ArrayLike | None = None,
+        throttle: ArrayLike | None = None,
+        attitude: ArrayLike | None = None,
         source: str = "array",
     ) -> Samples:
         """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
@@ -140,11 +152,15 @@ class Samples:
             As the attributes of the same name; acceleration and rate in the recorded axes.
         strength : (N,) array-like, optional
             As the attribute of the same name, in `unit`.
+        throttle : (N,) array-like, optional
+            As the attribute of the same name.
+        attitude : (N, 4) array-like, optional
+            As the attribute of the same name: of the recorded axes, and turned with them.
 
         Raises
         ------
         ArrayError
-            For a wrong shape, or columns of unequal length.
+            For a wrong shape, columns of unequal length, a throttle beyond 0 to 1, or no unit quaternions.
         UnitError, AxesError
             For a unit or mapping that is not known.
         """
@@ -164,6 +180,8 @@ class Samples:
             temperature=None if temperature is None else column(temperature, rows, "temperature"),
             current=None if current is None else column(current, rows, "current"),
             strength=None if strength is None else column(strength, rows, "strength") * unit.scale,
+            throttle=None if throttle is None else _share(throttle, rows),
+            attitude=None if attitude is None else _of_axes(_attitude(attitude, rows), axes),
             source=source,
         )
         return samples._without_gaps()
@@ -182,6 +200,41 @@ class Samples:
             temperature=None if self.temperature is None else self.temperature[rows],
             current=None if self.current is None else self.current[rows],
             strength=None if self.strength is None else self.strength[rows],
+            throttle=None if self.throttle is None else self.throttle[rows],
+            attitude=None if self.attitude is None else self.attitude[rows],
+        )
+
+    def turned(self, axes: Axes) -> Samples:
+        """Map samples that are as recorded to other axes: field, acceleration, rate and attitude with them.
+
+        The attitude is then that of the new axes. Where those are a mirror image of the recorded ones no rotation
+        leads from them to north, east, down, and there is none.
+
+        Raises
+        ------
+        AxesError
+            For samples that were mapped before.
+
+        Examples
+        --------
+        >>> level = Samples.of([[20.0, 0.0, 45.0]], unit="uT", attitude=[[1.0, 0.0, 0.0, 0.0]])
+        >>> over = level.turned(Axes.of("x,-y,-z"))
+        >>> over.field, over.attitude
+        (array([[ 20.,  -0., -45.]]), array([[0., 1., 0., 0.]]))
+        >>> level.turned(Axes.of("x,-y,z")).attitude is None
+        True
+        """
+        if axes == self.axes:
+            return self
+        if not self.axes.is_identity:
+            raise AxesError(f"{self.source} is in axes {self.axes} already: map it from the recorded axes at once")
+        return replace(
+            self,
+            field=axes.apply(self.field),
+            acceleration=None if self.acceleration is None else axes.apply(self.acceleration),
+            rate=None if self.rate is None else axes.apply(self.rate),
+            attitude=None if self.attitude is None else _of_axes(self.attitude, axes),
+            axes=axes,
         )
 
     def blocks(self, rows: int = BLOCK) -> Iterator[Samples]:
@@ -337,4 +390,31 @@ def _beside(values: ArrayLike, rows: int, name: str) -> Floats:
     """Let through an (N, 3) column that stands beside N readings; its gaps are its own affair."""
     array = table(values, name, finite=False)
     column(array[:, 0], rows, name)
+    return array
+
+
+def _share(values: ArrayLike, rows: int) -> Floats:
+    """Let through an (N,) throttle from 0 to 1, with its gaps."""
+    array = column(values, rows, "throttle")
+    beyond = np.flatnonzero((array < 0.0) | (array > 1.0))
+    if len(beyond):
+        raise ArrayError(
+            f"throttle is {array[beyond[0]]:g} at index {beyond[0]} ({len(beyond):,} such values): need 0 to 1, or NaN "
+            "where it is not known; divide per cent by 100"
+        )
+    return array
+
+
+def _of_axes(attitude: Floats, axes: Axes) -> Floats | None:
+    """(N, 4) attitude of mapped axes from that of the recorded ones; None for a mirror image, which has none."""
+    if axes.is_identity:
+        return attitude
+    return None if axes.is_mirror else product(attitude, of_matrix(axes.apply(np.eye(3))))
+
+
+def _attitude(values: ArrayLike, rows: int) -> Floats:
+    """Let through (N, 4) unit quaternions, with their gaps."""
+    array = attitudes(values)
+    if array.shape != (rows, 4):
+        raise ArrayError(f"attitude has shape {array.shape}: need ({rows}, 4), one quaternion w, x, y, z a reading")
     return array

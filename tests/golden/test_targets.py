@@ -97,6 +97,7 @@ def facts(row: Exporter) -> list[str]:
         f"| storage | {sheet.storage} |",
         f"| source | {sheet.source} |",
         f"| `flinders import` | {'reads it back' if row.reader else 'no'} |",
+        *(f"| **not verified** | {clause} |" for clause in sheet.unverified),
         f"<!-- tests/golden/files/cli/target-{row.name}.txt -->",
     ]
 

@@ -146,7 +146,7 @@ def test_registers_act_in_the_axes_of_the_device_whatever_the_mapping(axes: str)
     recorded = 40 * simulate.uniform(np.random.default_rng(1), 100)
     found = mapping.apply(Registers.of(given).apply(10 * recorded) / 10)
     npt.assert_allclose(found, given.apply(mapping.apply(recorded)), atol=0.02)
-    assert find("adis16480").render(given, target="adis16480").fields["checked"]["worst_mG"] < 0.2
+    assert find("adis16480").render(given).fields["checked"]["worst"] < 0.2
 
 
 # what does not fit
@@ -211,9 +211,9 @@ def test_numbers_beyond_all_bounds_are_refused_as_well(huge: float) -> None:
 def test_rounding_that_costs_more_than_a_degree_is_refused() -> None:
     weak = calibration(np.eye(3), [3.333, 1.111, 2.222], strength=0.1)
     with pytest.raises(NotExportable, match=r"rounded .* off by up to"):
-        find("adis16480").render(weak, target="adis16480")
+        find("adis16480").render(weak)
     with pytest.raises(NotExportable, match="rounded"):
-        find("adis16480").render(calibration(1e-9 * np.eye(3)), target="adis16480")
+        find("adis16480").render(calibration(1e-9 * np.eye(3)))
 
 
 def test_codes_that_flatten_cannot_be_undone() -> None:
@@ -234,7 +234,7 @@ def test_both_devices_are_in_the_table_and_say_how_far_off_they_are() -> None:
     given = calibration([[1.1, 0.05, 0], [0.05, 0.9, 0], [0, 0, 1.02]], [12, -30, 7])
     for name in ("adis16480", "adis16488"):
         row = EXPORTERS[name]
-        export = row.render(given, target=name, about=["from somewhere"])
+        export = row.render(given, about=["from somewhere"])
         assert export.target == row.name == name
         assert {"from somewhere"} <= set(export.fields["notes"])
         assert export.fields["checked"]["worst_deg"] < 0.05

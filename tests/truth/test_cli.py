@@ -103,6 +103,13 @@ def test_help_comes_without_the_heavy_libraries(words: str) -> None:
     assert not loaded & {"numpy", "scipy", "rich", "msgspec"}
 
 
+def test_a_recording_may_have_a_name_that_is_no_utf_8(home: Path) -> None:
+    odd = os.fsdecode(b"tumble\xff.csv")
+    Path("tumble.csv").rename(odd)
+    assert flinders_("calibrate", odd, "-o", "odd.json").code in {0, 1}
+    assert json.loads(Path("odd.json").read_text(encoding="utf-8"))["provenance"]["files"][0]["name"] == "tumble�.csv"
+
+
 @pytest.mark.parametrize("command", [word for name in COMMANDS for word in leaves(name)])
 def test_every_command_has_json_and_help_with_an_example(command: str) -> None:
     shown = flinders_(*command.split(), "--help").out

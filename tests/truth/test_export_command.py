@@ -68,25 +68,25 @@ def test_copied_into_a_device_the_table_corrects_readings() -> None:
     raw = given.unapply(49 * simulate.uniform(np.random.default_rng(0), 1000))
     off = registers.apply(10 * raw) - 10 * given.apply(raw)
     told = json.loads(export(*TO, "calibration.json", "--json").stdout)["checked"]
-    assert np.linalg.norm(off, axis=1).max() == pytest.approx(told["worst_mG"], rel=0.05)
+    assert np.linalg.norm(off, axis=1).max() == pytest.approx(told["worst"], rel=0.05)
 
 
 def test_the_output_says_what_was_checked_and_what_is_not_verified() -> None:
     text = " ".join(export(*TO, "calibration.json").stdout.replace("#", "").split())
     assert "checked: its own formula on 400 fields of 490.0 mG, at most 0.0" in text
-    assert "verify against your data sheet revision" in text
+    assert "not verified: that one step of S is 1/32768" in text
     assert "recorded with these registers at 0" in text
-    assert "relative, as no field strength was given" in text
+    assert "which is relative: no field strength was given" in text
     ended = export(*TO, "calibration.json", "-o", "registers.txt")
     assert "checked: " in ended.stderr
-    assert "! verify against your data sheet revision" in ended.stderr
+    assert "! not verified: that one step of S is 1/32768" in ended.stderr
 
 
 def test_both_devices_have_the_same_registers_under_their_own_names() -> None:
     one, other = (export("--to", name, "calibration.json").stdout for name in ("ADIS16480", "adis16488"))
     assert table(one) == table(other)
-    assert one.splitlines()[0].startswith("# ADIS16480,")
-    assert other.splitlines()[0].startswith("# ADIS16488,")
+    assert one.splitlines()[0].startswith("# ADIS16480:")
+    assert other.splitlines()[0].startswith("# ADIS16488:")
 
 
 def test_a_file_is_written_and_never_written_over_unasked() -> None:
@@ -106,12 +106,12 @@ def test_json_is_the_same_for_programs() -> None:
     ended = export(*TO, "calibration.json", "--json")
     told = json.loads(ended.stdout)
     rows = table(export(*TO, "calibration.json").stdout)
-    assert [(row["name"], str(row["code"]), row["hex"]) for row in told["registers"]] == [
+    assert [(row["name"], str(row["code"]), row["hex"]) for row in told["values"]["registers"]] == [
         (name, row[2], row[3]) for name, row in rows.items()
     ]
     given = Calibration.load("calibration.json")
-    np.testing.assert_allclose(told["decoded"]["matrix"], given.matrix, atol=2e-5)
-    np.testing.assert_allclose(told["decoded"]["offset_mG"], 10 * given.offset, atol=0.1)
+    np.testing.assert_allclose(told["values"]["decoded"]["matrix"], given.matrix, atol=2e-5)
+    np.testing.assert_allclose(told["values"]["decoded"]["offset_mG"], 10 * given.offset, atol=0.1)
     assert told["unverified"]
     assert "checked: " in ended.stderr
 
@@ -160,7 +160,7 @@ def test_saturation_ends_with_4_writes_nothing_and_says_what_would_be_lost() -> 
 def test_the_targets_are_listed() -> None:
     listed = export("--list")
     assert listed.exit_code == 0
-    assert "adis16488         ADIS16488 registers" in listed.stdout
+    assert "adis16488 *       ADIS16488 registers" in listed.stdout
     assert listed.stdout == CliRunner().invoke(main, ["targets"]).stdout
     assert set(json.loads(export("--list", "--json").stdout)) == set(EXPORTERS)
 

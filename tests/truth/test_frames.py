@@ -178,7 +178,7 @@ def test_every_target_refuses_or_says_in_which_axes_readings_go_in() -> None:
         if exporter.sheet.unit == "counts":
             continue
         try:
-            export = exporter.render(found, target=name)
+            export = exporter.render(found)
         except NotExportable:
             refused.append(name)
             continue
@@ -192,7 +192,7 @@ def test_every_target_refuses_or_says_in_which_axes_readings_go_in() -> None:
 def test_betaflight_takes_off_what_the_board_had_in_its_own_axes() -> None:
     found = Calibration(np.eye(3), np.array([100.0, -200, 300]), 500.0, axes=MAPPED, frame="vehicle")
     assert MagZero.of(found).counts == (-200, 300, 100)  # z, x, y are 100, −200, 300
-    assert parse_line(find("betaflight").render(found, target="betaflight").text) == "-200,300,100"
+    assert parse_line(find("betaflight").render(found).text) == "-200,300,100"
 
 
 def parse_line(text: str) -> str:

@@ -16,7 +16,8 @@ from flinders import simulate
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.conventions.code import Q15, Q31, FixedPoint, Format
-from flinders.exporters import find
+from flinders.errors import UsageError
+from flinders.exporters import Asked, find
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -101,8 +102,8 @@ def built(folder: Path, source: str, compiler: tuple[str, ...], readings: Floats
     return np.array([[float(word) for word in line.split()] for line in ran.stdout.splitlines()])
 
 
-def text(name: str, calibration: Calibration) -> str:
-    return find(name).render(calibration, target=name, about=["from a */ test"]).text
+def text(name: str, calibration: Calibration, called: str | None = None) -> str:
+    return find(name).render(calibration, about=["from a */ test"], asked=Asked(name=called)).text
 
 
 @pytest.mark.parametrize("compiler", [C99, CPP], ids=["c99", "c++"])
@@ -139,6 +140,73 @@ def test_the_sketch(tmp_path: Path) -> None:
     main = MAIN.format(number="float", call="correctMagnetometer(v[0], v[1], v[2])")
     out = built(tmp_path, text("arduino", calibration) + main, CPP, recorded)
     npt.assert_allclose(out, expected(calibration, recorded), atol=1e-4)
+
+
+def other(unit: str = "counts") -> Calibration:
+    """Another sensor of the same program."""
+    return Calibration(np.diag([1.1, 0.9, 1.0]), np.array([12.0, -3.5, 30.1]), 49.4, True, raw=Unit.of(unit, 0.15))
+
+
+HEADERS = [("c", "float"), ("c-q15", "int16_t"), ("c-q31", "int32_t")]
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "compiler"),
+    [*((*each, compiler) for each in HEADERS for compiler in (C99, CPP)), ("arduino", "float", CPP)],
+)
+def test_two_sensors_in_one_program(name: str, number: str, compiler: tuple[str, ...], tmp_path: Path) -> None:
+    """Both in one translation unit, and headers twice; each corrects as it does alone."""
+    one, two = text(name, given("counts")), text(name, other(), "Mast, top")
+    source = one + two + ("" if name == "arduino" else one + two)
+    calls = ("flinders_correct(v, v)", "Mast_top_correct(v, v)")
+    if name == "arduino":
+        calls = ("correctMagnetometer(v[0], v[1], v[2])", "Mast_top_correctMagnetometer(v[0], v[1], v[2])")
+    for calibration, call, alone in ((given("counts"), calls[0], one), (other(), calls[1], two)):
+        recorded = as_recorded(calibration)
+        main = MAIN.format(number=number, call=call)
+        out = built(tmp_path, source + main, compiler, recorded)
+        npt.assert_array_equal(out, built(tmp_path, alone + main, compiler, recorded))
+        size = 0.15 if name in {"c-q15", "c-q31"} else 1.0
+        npt.assert_allclose(out * size, expected(calibration, recorded), atol=0.1 if size < 1 else 1e-4)
+
+
+@pytest.mark.parametrize("name", ["c", "c-q15", "c-q31"])
+def test_two_headers_of_one_name_stop_the_compiler(name: str, tmp_path: Path) -> None:
+    """An include guard alone would give the second sensor the numbers of the first."""
+    if shutil.which("gcc") is None:
+        pytest.skip("no gcc")
+    (tmp_path / "code.c").write_text(text(name, given("counts")) + text(name, other()), encoding="ascii")
+    compiled = subprocess.run(
+        ["gcc", "-std=c99", "-c", str(tmp_path / "code.c"), "-o", os.devnull],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert compiled.returncode != 0
+    assert (
+        "two calibrations have the names of flinders: write one of them with flinders export --name" in compiled.stderr
+    )
+
+
+@pytest.mark.parametrize(
+    ("called", "word"),
+    [("mast", "mast"), ("Mast, top", "Mast_top"), ("2nd", "mag_2nd"), ("naïve-compass", "naive_compass"),
+     ('a"; */ system(1);\n#include "x', "a_system_1_include_x"), ("int", "int"), ("__x__", "x")],
+)  # fmt: skip
+def test_names_of_people_become_names_of_code(called: str, word: str) -> None:
+    for name in ("c", "c-q15", "c-q31", "matlab"):
+        code = text(name, given("counts"), called)
+        assert f"{word}_correct(" in code
+        assert "flinders_correct" not in code
+    assert f"#ifndef {word.upper()}_CALIBRATION_H" in text("c", given(), called)
+    assert f"{word}_correctMagnetometer(" in text("arduino", given(), called)
+
+
+@pytest.mark.parametrize("called", ["", " ", "µ", "_", "???", "x" * 32, "\x00"])
+def test_names_of_which_nothing_or_too_much_is_left_are_refused(called: str) -> None:
+    for name in ("c", "c-q15", "c-q31", "matlab", "arduino"):
+        with pytest.raises(UsageError, match=r"need 1 to 31, such as --name mast"):
+            text(name, given("counts"), called)
 
 
 @pytest.mark.parametrize(

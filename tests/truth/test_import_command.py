@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,7 +90,10 @@ def test_a_field_strength_that_is_given_goes_before_that_of_a_packet() -> None:
         ("tumble.csv --from ardupilot", 5, "line 1 is no parameter"),
         ("packet.bin --from ardupilot", 5, "is not text in UTF-8"),
         ("compass.param --from motioncal", 5, "bytes: a MotionCal packet has 68"),
-        ("compass.param --from betaflight", 2, "files of betaflight cannot be read back"),
+        ("compass.param --from matlab", 2, "files of matlab cannot be read back"),
+        ("compass.param --from betaflight", 5, "mag_calibration is missing"),
+        ("compass.param --from inav", 5, "no magzero_x"),
+        ("compass.param --from paparazzi", 5, "no MAG_X_NEUTRAL"),
         ("compass.param --from nothing", 2, "'nothing' is not known"),
         ("compass.param --compass 3", 5, "holds compass 1 and not 3"),
         ("compass.param --compass 4", 2, "4 is not in the range"),
@@ -117,6 +121,16 @@ def test_numbers_that_are_no_calibration_are_refused() -> None:
     assert "matrix is singular" in ended.stderr
 
 
+def test_a_name_of_a_file_that_is_no_text_is_no_fault_of_ours() -> None:
+    path = os.fsdecode(b"compass\xff.param")
+    Path(path).write_bytes(Path("compass.param").read_bytes())
+    ended = run("import", path, "-o", "back.json")
+    assert ended.exit_code == 0, ended.output
+    assert json.loads(Path("back.json").read_text(encoding="utf-8"))["provenance"]["files"][0]["name"].startswith(
+        "compass"
+    )
+
+
 def test_what_is_too_large_to_be_a_file_of_parameters_is_not_read() -> None:
     with Path("large.param").open("wb") as file:
         file.truncate(2**23)
@@ -131,7 +145,13 @@ def test_what_is_too_large_to_be_a_file_of_parameters_is_not_read() -> None:
 def test_the_list_has_every_target_with_what_it_holds() -> None:
     ended = run("targets")
     assert ended.exit_code == 0
-    assert [line.split()[0] for line in ended.stdout.splitlines()[2:]] == list(EXPORTERS)
+    lines = ended.stdout.splitlines()[2:]
+    assert [line.split()[0] for line in lines[: len(EXPORTERS)]] == list(EXPORTERS)
+    starred = [line.split()[0] for line in lines if line.split()[1] == "*"]
+    assert starred == [name for name, row in EXPORTERS.items() if row.sheet.unverified]
+    below = " ".join(" ".join(lines[len(EXPORTERS) :]).split())
+    assert all(clause in below for row in EXPORTERS.values() for clause in row.sheet.unverified)
+    assert all(len(line) <= 80 for line in ended.stdout.splitlines())
     told = json.loads(run("targets", "--json").stdout)
     assert set(told) == set(EXPORTERS)
     assert told["ardupilot"]["import"] is True
@@ -173,7 +193,47 @@ def test_a_compass_that_there_is_not(words: str, message: str) -> None:
     assert message in ended.stderr
 
 
+def test_a_name_for_code_of_two_sensors() -> None:
+    assert "mast_correct(" in run("export", "--to", "c", "--name", "mast", "calibration.json").stdout
+    ended = run("export", "--to", "yaml", "--name", "mast", "calibration.json")
+    assert (ended.exit_code, len(ended.stderr.splitlines())) == (2, 1)
+    assert "--name goes with matlab, c, c-q15, c-q31, arduino: yaml has no names to choose" in ended.stderr
+    assert run("export", "--to", "c", "--name", "", "calibration.json").exit_code == 2
+
+
 # calibrate --export
+
+
+@pytest.mark.parametrize(
+    ("target", "code", "why"),
+    [("ros-madgwick", 4, "refused: imu_filter_madgwick holds"), ("inav", 2, "error: the recording was in uT")],
+)
+def test_what_a_target_refuses_does_not_cost_the_calibration(target: str, code: int, why: str) -> None:
+    """It is written, reported and shown as without the target; then what went wrong, and where the calibration is."""
+    ended = run(
+        "calibrate", "tumble.csv", "-o", "new.json", "--report-text", "page.txt", "--export", f"{target}:out.txt"
+    )
+    assert ended.exit_code == code
+    assert "GOOD" in ended.stdout
+    *_, written, kept, refusal = ended.stderr.splitlines()
+    assert written == "written to new.json"
+    assert kept.startswith(f"! nothing was written for {target}; the calibration is in new.json")
+    assert refusal.startswith(why)
+    assert not Path("out.txt").exists()
+    assert Path("page.txt").exists()
+    npt.assert_allclose(Calibration.load("new.json").offset, simulate.tumble(seed=2).sensor.offset, atol=1)
+
+
+def test_a_target_that_refuses_without_a_calibration_file_says_how_to_keep_it() -> None:
+    ended = run("calibrate", "tumble.csv", "--export", "ros-madgwick:out.yaml")
+    assert ended.exit_code == 4
+    assert "no calibration file was asked for either: keep it with -o calibration.json" in ended.stderr
+    told = run("calibrate", "tumble.csv", "--export", "ros-madgwick:out.yaml", "--json")
+    assert told.exit_code == 4
+    assert json.loads(told.stdout)["error"]["code"] == "not-exportable"
+    piped = run("calibrate", "tumble.csv", "-o", "-", "--export", "ros-madgwick:out.yaml")
+    assert json.loads(piped.stdout)["calibration"]
+    assert "the calibration went to standard output" in piped.stderr
 
 
 def test_a_calibration_is_written_for_a_target_at_once() -> None:

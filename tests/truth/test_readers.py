@@ -9,7 +9,9 @@ import os
 import re
 import subprocess
 import sys
+import threading
 import zipfile
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -344,6 +346,41 @@ def test_a_gzip_bomb_of_text_is_refused_too(tmp_path: Path) -> None:
     bomb.write_bytes(gzip.compress(b"1,2,3\n" * 2_900_000))
     with pytest.raises(UnreadableInput, match=r"bomb.csv.gz unpacks to more than \d\d MB from [\d,]+ bytes"):
         flinders.read(bomb)
+
+
+def test_a_gzip_bomb_through_a_pipe_is_refused_while_it_is_read_in_one_pass(tmp_path: Path) -> None:
+    from flinders.readers._source import find
+
+    pipe = tmp_path / "bomb"
+    os.mkfifo(pipe)
+    packed = gzip.compress(b"1,2,3\n" * 3_200_000)
+    writing = threading.Thread(target=_write, args=(pipe, packed), daemon=True)
+    writing.start()
+    given: list[int] = []
+    with pytest.raises(UnreadableInput, match=r"bomb unpacks to more than \d\d MB from [\d,]+ bytes"):
+        given.extend(map(len, find(pipe, once=True).chunks()))
+    assert sum(given) <= 17 << 20
+    writing.join(5)
+
+
+def _write(pipe: Path, content: bytes) -> None:
+    with suppress(BrokenPipeError), pipe.open("wb") as stream:
+        stream.write(content)
+
+
+def test_cells_of_matlab_are_not_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They hold no columns, and each of many small ones would become an object; within a structure they are weighed."""
+    from scipy.io import savemat
+
+    monkeypatch.setattr("flinders.readers.arrays.MOST_VALUES", 1000)
+    monkeypatch.setattr("flinders.readers.arrays.MOST_NESTED", 1 << 16)
+    cells = np.empty(2000, object)
+    cells[:] = 1.0
+    savemat(tmp_path / "cells.mat", {"mag": np.tile([1.0, 2.0, 3.0], (50, 1)), "note": cells})
+    assert len(flinders.read(tmp_path / "cells.mat")) == 50
+    savemat(tmp_path / "nested.mat", {"s": {"mag": np.eye(3), "note": cells}}, do_compression=True)
+    with pytest.raises(UnreadableInput, match=r"nested\.mat holds more than 0 MB, with structures in it"):
+        flinders.read(tmp_path / "nested.mat")
 
 
 def test_a_structure_of_matlab_is_weighed_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

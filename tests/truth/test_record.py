@@ -22,9 +22,10 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput
 from flinders.live.lines import settle
-from flinders.live.recorder import Recorded, Recorder, escaped
+from flinders.live.recorder import Recorder
 from flinders.live.sinks import ToFile
 from flinders.live.sources import Gone, Quiet, Scripted, Serial, Tcp, Udp
+from flinders.live.transcript import Recorded, escaped
 from flinders.readers import read
 
 if TYPE_CHECKING:

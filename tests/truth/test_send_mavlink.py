@@ -51,7 +51,9 @@ class Autopilot:
     """A vehicle: sends heartbeats to a port, answers questions about its parameters, takes new values.
 
     `ignores` are parameters it keeps as they are; `answers_wrongly` it takes and reports as another value;
-    `late` seconds pass before it answers; `falls_silent` after so many settings; `arms` after so many.
+    `late` seconds pass before it answers; `falls_silent` after so many settings, for `away` seconds; `arms` after so
+    many; `loses` a share of all packets, each way; `whole` are parameters that it says are whole numbers; `rounds` to
+    so many decimals; `crowded` are components that have something to say on the same system.
     """
 
     def __init__(
@@ -70,8 +72,15 @@ class Autopilot:
         scheme: int = 0,
         old: bool = False,
         drops: int = 0,
+        away: float = 1e9,
+        loses: float = 0.0,
+        whole: tuple[str, ...] = (),
+        rounds: int | None = None,
+        crowded: tuple[int, ...] = (),
     ) -> None:
         self.kind, self.armed, self.ignores, self.answers_wrongly = kind, armed, ignores, answers_wrongly
+        self.away, self.whole, self.rounds, self.crowded = away, whole, rounds, crowded
+        self.loses, self._luck = loses, np.random.default_rng(0)
         self.late, self.falls_silent, self.arms, self.old, self.drops = late, falls_silent, arms, old, drops
         self.values = px4_values(device) if kind == mavlink.PX4 else ardupilot_values(device, scheme)
         self.before = dict(self.values)
@@ -86,18 +95,20 @@ class Autopilot:
         self._thread.start()
 
     def write(self, content: bytes) -> None:
-        with suppress(ConnectionError):
-            self._socket.send(content)
+        if self._luck.random() >= self.loses:
+            with suppress(ConnectionError):
+                self._socket.send(content)
 
     def _live(self) -> None:
         beaten = 0.0
         while not self._ended.is_set():
             if len(self.sets) >= self.falls_silent:
-                time.sleep(0.02)
+                self._sleep()
                 continue
             if time.monotonic() - beaten > 0.05:
                 beaten = time.monotonic()
                 mode = 81 | (mavlink.ARMED if self.armed or len(self.sets) >= self.arms else 0)
+                self._crowd()
                 self._send(dialect.MAVLink_heartbeat_message(2, self.kind, mode, 0, 3, 3))
                 self._send(dialect.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0))
             while self._due and self._due[0][0] <= time.monotonic():
@@ -110,12 +121,30 @@ class Autopilot:
                 for message in self._link.parse_buffer(content) or []:
                     self._answer(message)
 
+    def _sleep(self) -> None:
+        """Hear nothing for a while."""
+        until = time.monotonic() + self.away
+        while time.monotonic() < until and not self._ended.is_set():
+            time.sleep(0.02)
+        self.falls_silent = 99
+        while select.select([self._socket], [], [], 0.0)[0]:
+            self._socket.recv(65535)
+
+    def _crowd(self) -> None:
+        """Heartbeats of others on the same system, and answers that nobody asked them for."""
+        for component in self.crowded:
+            other = dialect.MAVLink(self, srcSystem=self._link.srcSystem, srcComponent=component)
+            kind = mavlink.NO_AUTOPILOT if component > 150 else 0
+            other.send(dialect.MAVLink_heartbeat_message(18, kind, 81 | mavlink.ARMED, 0, 3, 3))
+            for name in self.values:
+                other.send(dialect.MAVLink_param_value_message(name.encode(), 77.0, mavlink.REAL32, 1, 0))
+
     def _send(self, message: Any) -> None:  # noqa: ANN401
         self._link.send(message, force_mavlink1=self.old)
 
     def _answer(self, message: Any) -> None:  # noqa: ANN401
         kind = message.get_type()
-        if kind not in ("PARAM_REQUEST_READ", "PARAM_SET"):
+        if kind not in ("PARAM_REQUEST_READ", "PARAM_SET") or self._luck.random() < self.loses:
             return
         if self.drops:
             self.drops -= 1
@@ -127,7 +156,8 @@ class Autopilot:
             value = message.param_value
             self.sets.append((name, value))
             if name not in self.ignores:
-                self.values[name] = np.float32(value).item()
+                held = np.float32(value).item()
+                self.values[name] = held if self.rounds is None else round(held, self.rounds)
         self._due.append((time.monotonic() + self.late, name))
 
     def _report(self, name: str) -> None:
@@ -136,6 +166,8 @@ class Autopilot:
             kind = 6
             if self.kind == mavlink.PX4:
                 value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
+        if name in self.whole:
+            kind = 4
         if name in self.answers_wrongly and self.sets:
             value += 0.25
         self._send(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(self.values), 0))
@@ -260,9 +292,83 @@ def test_a_vehicle_that_is_armed_on_the_way_gets_its_old_values_back() -> None:
 def test_a_link_that_is_lost_on_the_way_says_what_is_not_known() -> None:
     with vehicle(falls_silent=3) as (autopilot, seen):
         plan = Plan.of(seen, found(), compass=1)
+        said: list[str] = []
         with pytest.raises(NotConfirmed, match=r"has been silent for 0\.6 s; and .* COMPASS_OFS_X, COMPASS_OFS_Y, CO"):
-            plan.carry_out(seen)
+            plan.carry_out(seen, say=said.append, back=0.3)
     assert len(autopilot.sets) == 3
+    assert any("waiting up to 0.3 s for it, to put the values from before back" in line for line in said)
+
+
+def test_a_vehicle_that_comes_back_in_time_gets_its_old_values() -> None:
+    with vehicle(falls_silent=3, away=1.2) as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        with pytest.raises(NotConfirmed, match=r"silent for 0\.6 s; the vehicle holds the values from before again"):
+            plan.carry_out(seen, back=5.0)
+    assert autopilot.values == autopilot.before
+
+
+def test_three_of_ten_packets_lost_each_way_are_sent_again() -> None:
+    with vehicle(loses=0.3, answer=0.05) as (autopilot, seen):
+        Plan.of(seen, found(), compass=2, device_id=DEVICE + 1).carry_out(seen)
+    held = ardupilot.Parameters.read(autopilot.values, 2)
+    np.testing.assert_array_equal(held.offset, ardupilot.Parameters.of(found(), compass=2).as_held().offset)
+
+
+def test_a_vehicle_that_rounds_is_left_as_it_was_and_what_it_says_is_told() -> None:
+    with vehicle(rounds=2) as (autopilot, seen):
+        plan = Plan.of(seen, found(), compass=1)
+        with pytest.raises(NotConfirmed, match=r"COMPASS_OFS_X as -123\.456787: it says -123\.4[56]"):
+            plan.carry_out(seen)
+    assert autopilot.values == autopilot.before
+
+
+@pytest.mark.parametrize("kind", [mavlink.ARDUPILOT, mavlink.PX4])
+def test_a_parameter_that_is_a_whole_number_is_not_set(kind: int) -> None:
+    name = "CAL_MAG0_YOFF" if kind == mavlink.PX4 else "COMPASS_OFS_Y"
+    with vehicle(kind=kind, whole=(name,)) as (autopilot, seen):
+        with pytest.raises(NotSent, match=rf"keeps {name} as a whole number \(MAV_PARAM_TYPE 4\)"):
+            Plan.of(seen, found())
+        assert autopilot.sets == []
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_device_id_that_is_no_number_is_no_compass(value: float) -> None:
+    with vehicle() as (autopilot, seen):
+        autopilot.values["COMPASS_DEV_ID"] = value
+        with pytest.raises(NotSent, match="does not answer what compass 1 is"):
+            Plan.of(seen, found(), compass=1)
+
+
+def test_an_old_value_that_is_no_number_is_kept_and_put_back() -> None:
+    with vehicle(ignores=("COMPASS_SCALE",)) as (autopilot, seen):
+        autopilot.values["COMPASS_OFS_X"] = np.nan
+        plan = Plan.of(seen, found(), compass=1)
+        assert "COMPASS_OFS_X,nan\n" in plan.backup()
+        with pytest.raises(NotConfirmed, match="holds the values from before again"):
+            plan.carry_out(seen)
+        assert np.isnan(autopilot.values["COMPASS_OFS_X"])
+
+
+def test_px4_device_ids_beyond_the_sign_are_the_same_compass() -> None:
+    with vehicle(kind=mavlink.PX4, device=-5) as (_, seen):
+        assert Plan.of(seen, found(), compass=0, device_id=2**32 - 5).device_id == 2**32 - 5
+
+
+def test_other_components_of_the_vehicle_have_no_say() -> None:
+    """A companion computer and a gimbal on the same system: armed, and with parameters of the same names."""
+    with vehicle(crowded=(100, 191)) as (autopilot, seen):
+        assert (seen.component, seen.autopilot, seen.armed) == (1, mavlink.ARDUPILOT, False)
+        plan = Plan.of(seen, found(), compass=1)
+        assert {change.old.value for change in plan.changes} == {0.0, 1.0, 3.0}
+        plan.carry_out(seen)
+    assert autopilot.values["COMPASS_OFS_X"] == np.float32(-123.456789)
+    source = Udp(0, "127.0.0.1")
+    autopilot = Autopilot(source.port, crowded=(100,))
+    try:
+        assert Vehicle.find(source, system=1).component == 1
+    finally:
+        autopilot.stop()
+        source.close()
 
 
 def test_stopping_puts_the_old_values_back() -> None:
@@ -404,7 +510,7 @@ def test_the_command_never_writes_over_old_values() -> None:
     with at() as (autopilot, address):
         ended = send("--mavlink", address, "--system", "1", "--backup", "old.param", "cal.json")
     assert (ended.exit_code, autopilot.sets) == (6, [])
-    assert "old.param exists" in ended.stderr
+    assert "old.param exists, and may hold values that somebody needs: name another" in ended.stderr
 
 
 def test_the_command_ends_with_the_code_of_what_went_wrong() -> None:
@@ -447,6 +553,7 @@ def test_ctrl_c_pressed_twice_leaves_the_vehicle_as_it_was() -> None:
         (("--mavlink", "/dev/ttyNONE", "cal.json"), 5, "is not there"),
         (("--mavlink", "udp:127.0.0.1:14550", "--compass", "4", "cal.json"), 2, "--compass"),
         (("--mavlink", "udp:127.0.0.1:14550", "none.json"), 5, "none.json"),
+        (("--mavlink", "udp:127.0.0.1:14550", "--backup", "-", "cal.json"), 2, "need the name of a file"),
     ],
 )
 def test_mistakes_end_in_a_line(words: tuple[str, ...], code: int, message: str) -> None:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 import os
 import select
+import signal
 import struct
+import subprocess
 import sys
 import threading
+import time
 import tty
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +31,6 @@ from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from click.testing import Result
 
@@ -42,11 +45,19 @@ def found(**more: object) -> Calibration:
 PACKET = Packet.of(found())
 
 
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found().save("cal.json")
+
+
 class Board:
     """A sketch: prints readings, takes a packet whose CRC is right, echoes what it holds.
 
     `digits` of the echo; `drops` bytes of the first packet; `garbles` the echo; `stalls` and prints nothing more;
-    `unplugs` on the first byte; `is_mute` prints no echo; `old` is what it holds at first.
+    `unplugs` on the first byte; `resets` on the first bytes and comes back under the same name after so many seconds;
+    `is_mute` prints no echo; `falls_mute` prints none once it was sent something; `floods` prints so many readings
+    with each.
     """
 
     def __init__(
@@ -59,10 +70,14 @@ class Board:
         unplugs: bool = False,
         is_mute: bool = False,
         is_deaf: bool = False,
+        resets: float | None = None,
+        falls_mute: bool = False,
+        floods: int = 1,
     ) -> None:
-        self.master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.port = os.ttyname(self._slave)
+        self.name = Path("board")
+        self._plug()
+        self.port = os.ttyname(self._slave) if resets is None else str(self.name)
+        self.resets, self.falls_mute, self.floods = resets, falls_mute, floods
         self.digits, self.drops, self.garbles = digits, drops, garbles
         self.stalls, self.unplugs, self.is_mute, self.is_deaf = stalls, unplugs, is_mute, is_deaf
         self.held = Packet(np.array([1.0, 2.0, 3.0]), 40.0, np.eye(3))
@@ -70,19 +85,37 @@ class Board:
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._live, daemon=True)
 
+    def _plug(self) -> None:
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        self.name.unlink(missing_ok=True)
+        self.name.symlink_to(os.ttyname(self._slave))
+
     def _live(self) -> None:
         buffer = b""
         while not self._ended.is_set():
             if not (self.stalls and self.accepted + self.refused):
-                os.write(self.master, RAW + (b"" if self.is_mute else self._echo()))
+                self._print()
             if select.select([self.master], [], [], 0.02)[0]:
                 arrived = os.read(self.master, 4096)
-                if self.unplugs:
+                if self.unplugs or self.resets is not None:
                     os.close(self._slave)
                     os.close(self.master)
-                    return
+                    self.name.unlink()
+                    if self.resets is None:
+                        return
+                    time.sleep(self.resets)
+                    self.resets = None
+                    self._plug()
+                    continue
                 arrived, self.drops = arrived[self.drops :], max(self.drops - len(arrived), 0)
                 buffer = self._take(buffer + arrived)
+
+    def _print(self) -> None:
+        is_mute = self.is_mute or (self.falls_mute and self.accepted > 0)
+        with suppress(BlockingIOError):  # as a sketch does, a full buffer is waited out
+            os.write(self.master, RAW * self.floods + (b"" if is_mute else self._echo()))
 
     def _take(self, buffer: bytes) -> bytes:
         """As the sketches do: shift bytes in until 68 of them begin rightly and have the CRC."""
@@ -188,6 +221,33 @@ def test_a_board_that_is_unplugged_may_hold_either() -> None:
         sent(one, answer=0.5)
 
 
+def test_a_board_that_starts_anew_on_the_way_is_sent_the_packet_again() -> None:
+    with board(resets=0.3) as one:
+        confirmed = sent(one, answer=1.0)
+    assert (confirmed.tries, one.accepted) == (2, 1)
+    np.testing.assert_array_equal(one.held.offset, PACKET.offset.astype(np.float32))
+
+
+def test_a_flood_of_readings_does_not_hide_the_echo() -> None:
+    with board(floods=100) as one:  # 3.4 kB between two echoes, as fast as the port takes them
+        assert sent(one).tries == 1
+
+
+def test_the_echo_of_the_values_before_confirms_nothing() -> None:
+    """A board that has said what it held, and says no more when it is sent something else."""
+    with (
+        board(falls_mute=True) as one,
+        pytest.raises(NotConfirmed, match=r"said 1 in place of 12\.3457 .* since: the b"),
+    ):
+        sent(one, answer=0.2)
+    one = Board(is_deaf=True)
+    one.held = Packet(PACKET.offset, PACKET.strength, np.eye(3))  # all of the first line agrees, and nothing else
+    one.start()
+    with pytest.raises(NotConfirmed, match=r"the board still says 1 in place of 1\.09405"):
+        sent(one, answer=0.2)
+    one.stop()
+
+
 def test_a_silent_port_is_no_board() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -228,12 +288,6 @@ def test_a_file_is_no_port(tmp_path: Path) -> None:
 # the command
 
 
-@pytest.fixture(autouse=True)
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    found().save("cal.json")
-
-
 def send(*words: str) -> Result:
     return CliRunner().invoke(main, ["send", *words])
 
@@ -246,6 +300,20 @@ def test_the_command_sends_and_says_that_it_is_confirmed() -> None:
     assert told["sent"] is True
     assert bytes.fromhex(told["packet"]) == PACKET.encode()
     assert "confirmed by the board's echo, to 3 decimals" in ended.stderr
+
+
+def test_ctrl_c_says_what_the_board_may_hold() -> None:
+    code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
+    with board(is_deaf=True) as one:
+        words = [sys.executable, "-c", code, "send", "--port", one.port, "cal.json"]
+        running = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+        until = time.monotonic() + 10
+        while not one.accepted and time.monotonic() < until:
+            time.sleep(0.01)
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=10)
+    assert running.returncode == 130, err
+    assert "! stopped: the board may hold the old values or the new ones; send again, or see" in err
 
 
 def test_a_dry_run_opens_no_port() -> None:

@@ -61,7 +61,7 @@ def readings(calibration: Calibration) -> Floats:
 
 
 def rendered(name: str, calibration: Calibration, **asked: Any) -> Export:
-    return find(name).render(calibration, target=name, about=["from a test"], asked=Asked(**asked))
+    return find(name).render(calibration, about=["from a test"], asked=Asked(**asked))
 
 
 # the formulas, each from its source (formats.md, section 3)
@@ -412,13 +412,27 @@ def test_whole_numbers_of_too_large_a_unit_are_refused() -> None:
 def test_units_that_cannot_be_had_are_told_with_what_to_do(row: Exporter) -> None:
     in_counts = Calibration(np.eye(3), np.array([10.0, 20, 30]), 400.0)
     if row.sheet.unit in {"own", "recorded", "counts"}:
-        assert row.render(in_counts, target=row.name).target == row.name
+        assert row.render(in_counts).target == row.name
     else:
         with pytest.raises(UnitError, match="--scale"):
-            row.render(in_counts, target=row.name)
+            row.render(in_counts)
     if row.sheet.unit == "counts":
         with pytest.raises(UnitError, match="--unit counts"):
-            row.render(sensor(0), target=row.name)
+            row.render(sensor(0))
+
+
+@pytest.mark.parametrize("name", ["vectornav", "rtimulib", "c-q15", "adis16480"])
+def test_rounding_that_leaves_nothing_of_a_reading_is_refused_also_with_lossy(name: str) -> None:
+    """Six or seven decimals of 10⁻⁹ are zeros: no heading is left to be wrong."""
+    with pytest.raises(NotExportable, match="rounded to the"):
+        rendered(name, Calibration(1e-9 * np.eye(3), np.array([1.0, 2, 3]), 50.0, raw=Unit.of("uT")), lossy=True)
+
+
+@pytest.mark.parametrize("name", ["inav", "paparazzi"])
+def test_an_axis_that_would_be_turned_over_is_refused(name: str) -> None:
+    mirrored = Calibration(np.diag([1.0, 1, -1]), np.array([1.0, 2, 3]), 500.0, rotation="composed")
+    with pytest.raises(NotExportable, match=r"maggain_z would be -500|would not be above 0"):
+        rendered(name, mirrored)
 
 
 def test_a_matrix_that_is_symmetric_but_for_rounding_loses_nothing() -> None:
@@ -435,10 +449,10 @@ def test_comments_say_what_it_is_and_cannot_be_ended_from_outside(row: Exporter)
     keeps = row.sheet.keeps if row.sheet.keeps in {"diagonal", "offset"} else "all"
     given = sensor(0, "counts" if row.sheet.unit == "counts" else "mG", keeps=keeps)
     evil = "x */ int main; /* --> <evil/> \n set evil = 1\u2028evil: 1\x85evil\r\nevil\x1b[2J ??/ é"
-    export = row.render(given, target=row.name, about=[f"from {evil}"])
+    export = row.render(given, about=[f"from {evil}"])
     assert export.text.isascii()
     assert "\x1b" not in export.text
-    clean = row.render(given, target=row.name, about=["from x"])
+    clean = row.render(given, about=["from x"])
     if export.told:
         assert "checked: its own formula" in export.text
         assert row.sheet.formula.split()[0] in export.text
@@ -483,7 +497,10 @@ def test_the_table_is_complete() -> None:
 READABLE = [row.name for row in EXPORTERS.values() if row.reader]
 
 
-@pytest.mark.parametrize("name", READABLE)
+IN_COUNTS = ["betaflight", "inav", "paparazzi"]
+
+
+@pytest.mark.parametrize("name", [name for name in READABLE if name not in IN_COUNTS])
 def test_what_was_written_is_read_back(name: str) -> None:
     """The correction comes back to single precision (VectorNav: to seven decimals), found by its content."""
     given = sensor(7, "mG")
@@ -497,6 +514,62 @@ def test_what_was_written_is_read_back(name: str) -> None:
         out = out * np.sum(out * expected) / np.sum(out**2)
     assert np.linalg.norm(out - expected, axis=1).max() < SINGLE_UT
     assert read_back(content, "file", target=name, strength=48.0)[1].isclose(back)
+
+
+@pytest.mark.parametrize("axes", ["x,y,z", "-z,x,-y"])
+@pytest.mark.parametrize("name", IN_COUNTS)
+def test_what_was_written_in_counts_is_read_back(name: str, axes: str) -> None:
+    """Within half a count of offset and half a step of gain; what is written again is the same to the letter."""
+    given = sensor(7, "counts", axes, keeps="offset" if name == "betaflight" else "diagonal")
+    text = rendered(name, given).text
+    found, back = read_back(text.encode(), "file", strength=given.field_strength / COUNT_UT)
+    assert found == name
+    assert (back.unit, back.frame) == ("counts", "vehicle" if name == "betaflight" else "sensor")
+    recorded = readings(given)
+    out = COUNT_UT * back.apply((given.axes.apply(recorded) if name == "betaflight" else recorded) / COUNT_UT)
+    expected = given.apply(given.axes.apply(recorded))
+    if name != "betaflight":
+        out = given.axes.apply(out)
+    assert np.linalg.norm(out - expected, axis=1).max() <= BOUND_UT[name]
+    again = find(name).render(back, asked=Asked(lossy=True)).text
+    settings = [line for line in text.splitlines() if line.startswith(("set ", "<define"))]
+    assert [line for line in again.splitlines() if line.startswith(("set ", "<define"))] == settings
+
+
+def test_radii_alone_leave_the_strength_open() -> None:
+    """As for a fit without a field strength, the matrix has determinant 1 then."""
+    for name in ("inav", "paparazzi"):
+        _, back = read_back(rendered(name, sensor(3, "counts", keeps="diagonal")).text.encode(), "file")
+        assert not back.field_strength_known
+        assert np.linalg.det(back.matrix) == pytest.approx(1)
+
+
+def test_settings_are_found_in_a_whole_dump() -> None:
+    """Of a board with profiles that hold other names again and again, and pins called COMPASS."""
+    dump = (
+        "# dump\n# Betaflight / STM32F7X2 4.5.0\nresource COMPASS_CS 1 NONE\nset gyro_lpf = 1\n"
+        "SET MAG_CALIBRATION = 12,-7,3 \nprofile 0\nset p_roll = 45\nprofile 1\nset p_roll = 50\n"
+    )
+    name, back = read_back(dump.encode(), "dump.txt", strength=500.0)
+    assert (name, back.offset.tolist()) == ("betaflight", [12.0, -7.0, 3.0])
+    six = "".join(
+        f"set mag{kind}_{axis} = {value}\n" for kind, value in (("zero", -5), ("gain", 1024)) for axis in "xyz"
+    )
+    name, back = read_back(b"# INAV\r\n" + six.replace("\n", "\r\n").encode(), "dump.txt")
+    assert name == "inav"
+    assert back.field_strength == pytest.approx(1024)
+
+
+def test_an_airframe_is_read_without_what_is_commented_out() -> None:
+    rows = [f"<define name='IMU_MAG_{axis}_{kind}' value=' {value} ' integer='16'/>"
+            for kind, value in (("NEUTRAL", -20), ("SENS", 4.0)) for axis in "XYZ"]  # fmt: skip
+    old = '<!-- <define name="MAG_X_NEUTRAL" value="99"/> <!-- -->'
+    airframe = f'<airframe><section name="IMU">{old}{"".join(rows)}<define name="MAG_X_SIGN" value="1"/></section>'
+    name, back = read_back(airframe.encode(), "airframe.xml")
+    assert (name, back.offset.tolist()) == ("paparazzi", [-20.0] * 3)
+    assert back.field_strength == pytest.approx(512)
+    unclosed = airframe + '<!-- <define name="MAG_X_NEUTRAL" value="99"/>'
+    assert read_back(unclosed.encode(), "airframe.xml")[1].isclose(back)
 
 
 def test_a_packet_made_elsewhere_is_read() -> None:
@@ -548,6 +621,12 @@ def test_settings_with_extremes_of_their_own_are_composed() -> None:
     npt.assert_allclose(first.offset[:2], [(48 - 30) / 2, (60 - 48) / 2])
 
 
+INAV = b"".join(b"set mag%b_%c = %d\n" % (kind, axis, number) for kind, number in ((b"zero", -5), (b"gain", 1024))
+                for axis in b"xyz")  # fmt: skip
+AIRFRAME = b"".join(b'<define name="MAG_%c_%b" value="%b"/>' % (axis, kind, number)
+                    for kind, number in ((b"NEUTRAL", b"-20"), (b"SENS", b"4.0")) for axis in b"XYZ")  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -572,6 +651,19 @@ def test_settings_with_extremes_of_their_own_are_composed() -> None:
         (b"COMPASS_DEC,0.1\n", "holds no offsets of a compass"),
         (b"1\t1\tCAL_MAG_SIDES\t63\t6\n", "holds no offsets of a compass"),
         (b"COMPASS_OFS_X \xff\n", "byte 15 is not text"),
+        (b"set mag_calibration = 1,2\n", "mag_calibration is 1,2: need a line set mag_calibration = x,y,z"),
+        (b"set mag_calibration = 1,2,x\n", "mag_calibration z is 'x': need a finite number"),
+        (b"set mag_calibration = 1,2,0.5\n", "mag_calibration z is 0.5: need a whole number, -32768 to 32767"),
+        (b"set mag_calibration = 1,2,40000\n", "mag_calibration z is 40000: need a whole number"),
+        (b"set mag_calibration = 1,2,3\nset mag_calibration = 1,2,4\n", "is 1,2,3 and again 1,2,4: keep one"),
+        (b"set mag_calibration = 1,2,3\n", "nothing tells how long readings are: give --field-strength in counts"),
+        (b"set magzero_x = 1\nset magzero_y = 1\nset magzero_z = 1\n", "no maggain_x, maggain_y, maggain_z"),
+        (INAV.replace(b"1024", b"0"), "maggain_x is 0: need a whole number, 1 to 32767"),
+        (AIRFRAME.replace(b'"4.0"', b'"-4.0"'), "must be above 0"),
+        (AIRFRAME.replace(b'"-20"', b'"-20.5"'), "MAG_X_NEUTRAL is -20.5: need a whole number"),
+        (AIRFRAME.replace(b"MAG_Z_SENS", b"MAG_Z_SIGN"), "MAG_Z_SIGN is 4.0: whether the numbers stand before"),
+        (AIRFRAME + b'<define name="IMU_MAG_X_SENS" value="5"/>', "MAG_X_SENS is 4.0 and again 5: keep one"),
+        (b'<define name="MAG_X_NEUTRAL" value="1"/>', "no MAG_Y_NEUTRAL, MAG_Z_NEUTRAL"),
     ],
 )
 def test_files_that_are_damaged_or_none_are_refused_with_a_message(content: bytes, message: str) -> None:
@@ -580,8 +672,8 @@ def test_files_that_are_damaged_or_none_are_refused_with_a_message(content: byte
 
 
 def test_targets_that_cannot_be_read_back_say_which_can() -> None:
-    with pytest.raises(UsageError, match="files of betaflight cannot be read back: those of ardupilot, px4"):
-        read_back(b"set mag_calibration = 1,2,3", "diff.txt", target="betaflight")
+    with pytest.raises(UsageError, match="files of matlab cannot be read back: those of ardupilot, px4"):
+        read_back(b"function C = flinders_correct(D)", "flinders_correct.m", target="matlab")
 
 
 def test_the_checksum_is_that_of_the_manual() -> None:

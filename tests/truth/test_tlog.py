@@ -10,7 +10,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders import simulate
+from flinders import quaternions, simulate
 from flinders.conventions.ardupilot import Parameters
 from flinders.errors import InputError, MissingExtra, NoMagnetometer, UnreadableInput
 from flinders.readers import tlog
@@ -107,8 +107,121 @@ def test_telemetry_says_what_is_certain_of_it(tmp_path: Path) -> None:
     )
     other = heard(telemetry({}, autopilot=12)[0].content, tmp_path).instruments[0]
     assert any("is not known for this autopilot" in note for note in other.notes)
-    driven = heard(telemetry(QUIET | {"COMPASS_MOT_X": 3.0, "COMPASS_MOTCT": 2.0})[0].content, tmp_path).instruments[0]
-    assert any("COMPASS_MOT) stays on the readings" in note for note in driven.notes)
+    driven = heard(telemetry(QUIET | {"COMPASS_MOT_X": 3.0, "COMPASS_MOTCT": 1.0})[0].content, tmp_path).instruments[0]
+    stays = "COMPASS_MOT) stays on the readings: the throttle it goes by is not in the log"
+    assert any(stays in note for note in driven.notes)
+    assert "COMPASS_MOT" not in driven.describe()
+
+
+@pytest.mark.parametrize(("by", "kind"), [("current", 2.0), ("throttle", 1.0)])
+def test_motor_compensation_is_taken_off_by_what_was_sent(by: str, kind: float, tmp_path: Path) -> None:
+    """Whole mG, cut after it: 1 mG through the matrix; currents in 10 mA, throttles in per cent: 0.2 mG more."""
+    values = QUIET | {"COMPASS_MOT_X": 20.0, "COMPASS_MOT_Y": -5.0, "COMPASS_MOT_Z": 7.0, "COMPASS_MOTCT": kind}
+    log = Heard()
+    send = log.sender
+    log.add(send.heartbeat_encode(2, 3, 0, 0, 0))
+    for name, value in values.items():
+        log.add(send.param_value_encode(name.encode(), value, 9, len(values), 0))
+    raw = 480 * simulate.uniform(np.random.default_rng(6), 200)
+    for step, reading in enumerate(raw):
+        drive = step % 100 / 100 if by == "throttle" else 10.0 + 5.0 * np.sin(0.1 * step)
+        if by == "throttle":
+            log.add(send.vfr_hud_encode(0, 0, 0, step % 100, 0, 0))
+        else:
+            log.add(send.sys_status_encode(0, 0, 0, 0, 12000, round(100 * drive), 90, 0, 0, 0, 0, 0, 0))
+        mag = np.trunc(Parameters.read(values).apply(reading, drive)).astype(int).tolist()
+        log.add(send.raw_imu_encode(200_000 * step, 0, 0, -1000, step, 0, 0, *mag))
+        log.at += 0.2
+    (found,) = heard(log.content, tmp_path).instruments
+    assert np.abs(10 * all_of(found) - raw).max() < 1.5
+    assert any(f"is taken off by the {by} that was sent" in note for note in found.notes)
+    assert "; COMPASS_MOT 20, -5, 7 mG" in found.describe()
+    assert np.abs(10 * all_of(found) - raw).mean() < 0.6
+
+
+def test_readings_whose_motor_compensation_is_not_known_are_left_out_and_counted(tmp_path: Path) -> None:
+    values = QUIET | {"COMPASS_MOT_X": 20.0, "COMPASS_MOTCT": 2.0}
+    log, _ = telemetry(values)
+    late = Heard()
+    late.at = log.at + 10.0
+    for step in range(5):
+        late.add(late.sender.raw_imu_encode(60_000_000 + 200_000 * step, 0, 0, 0, 0, 0, 0, 100, 0, -400), 0.2)
+    found = heard(log.content + late.content, tmp_path).instruments[0]
+    (block,) = found.columns(False)
+    assert [(one.reason, one.rows, one.lines[0]) for one in block.skipped] == [("not finite", 6, 200)]
+    assert len(block) == 199
+
+
+EARTH = np.array([210.0, 41.0, -580.0])
+"""North, east, down, in mG."""
+
+
+def flown(kind: str, *, compass: str = "RAW_IMU", autopilot: int = 3, unix: bool = False) -> Heard:
+    """Telemetry of a vehicle that turns in the field of `EARTH`, with its attitude 20 ms after each reading."""
+    log = Heard()
+    send = log.sender
+    log.add(send.heartbeat_encode(2, autopilot, 0, 0, 0))
+    for name, value in {"COMPASS_OFS_X": -97.0, "COMPASS_OFS_Y": 0.0}.items() if autopilot == 3 else ():
+        log.add(send.param_value_encode(name.encode(), value, 9, 2, 0))
+    since = 1_700_000_000_000_000 if unix else 0
+
+    def angles(seconds: float) -> Floats:
+        return np.array([2.0 * np.sin(seconds), 0.7 * np.cos(0.7 * seconds), 0.5 * seconds])
+
+    for step in range(100):
+        micros = 1_000_000 + 100_000 * step
+        body = quaternions.rotated(quaternions.inverse(quaternions.of_angles(angles(1e-6 * micros))), EARTH)
+        if compass == "HIGHRES_IMU":
+            gauss = (1e-3 * body).tolist()
+            packet = send.highres_imu_encode(since + micros, 0, 0, -9.8, 0, 0, 0.1, *gauss, 0, 0, 0, 25.0, 0x1FFF)
+            log.add(packet, 0.08)
+            log.add(send.highres_imu_encode(since + micros + 9, 0, 0, -9.8, 0, 0, 0, *gauss, 0, 0, 0, 25.0, 0x3F))
+        else:
+            held = np.trunc(body + ([-97.0, 0, 0] if autopilot == 3 else 0)).astype(int).tolist()
+            log.add(send.raw_imu_encode(since + micros, 0, 0, -1000, 0, 0, 0, *held), 0.08)
+        now = angles(1e-6 * micros + 0.02)
+        if kind == "ATTITUDE":
+            log.add(send.attitude_encode(micros // 1000 + 20, *now, 0, 0, 0), 0.02)
+        else:
+            quaternion = quaternions.of_angles(now).tolist()
+            log.add(send.attitude_quaternion_encode(micros // 1000 + 20, *quaternion, 0, 0, 0), 0.02)
+    return log
+
+
+@pytest.mark.parametrize("kind", ["ATTITUDE", "ATTITUDE_QUATERNION"])
+@pytest.mark.parametrize("unix", [False, True])
+def test_readings_turned_by_the_attitude_are_the_field_of_the_site(kind: str, unix: bool, tmp_path: Path) -> None:
+    """Also where the two count time from different beginnings: then by the clock of the ground station."""
+    (found,) = heard(flown(kind, unix=unix).content, tmp_path).instruments
+    turned = 10 * quaternions.rotated(all_of(found, "attitude"), all_of(found))
+    known = np.isfinite(turned[:, 0])
+    assert known.sum() >= 98
+    assert np.abs(turned[known] - EARTH).max() < 9.0
+    assert np.abs(turned[known] - EARTH).mean() < 3.0
+
+
+def test_highres_imu_of_px4_is_an_instrument_of_its_own_in_gauss_without_its_repeats(tmp_path: Path) -> None:
+    (found,) = heard(flown("ATTITUDE", compass="HIGHRES_IMU", autopilot=12).content, tmp_path).instruments
+    assert (found.name, found.unit.name, found.frame, found.readings) == ("HIGHRES_IMU", "G", "vehicle", 100)
+    assert found.stored is None
+    turned = quaternions.rotated(all_of(found, "attitude"), all_of(found))[1:]
+    npt.assert_allclose(turned, np.tile(EARTH / 10, (99, 1)), atol=0.4)
+    npt.assert_allclose(all_of(found, "acceleration"), [[0, 0, -9.8]] * 100, atol=1e-6)
+    npt.assert_allclose(all_of(found, "rate")[:, 2], 0.1, atol=1e-7)
+    npt.assert_allclose(all_of(found, "temperature"), 25.0)
+    assert any("corrected with CAL_MAG of a compass that is not named" in note for note in found.notes)
+    assert not any("whole mG" in note for note in found.notes)
+
+
+def test_highres_imu_of_ardupilot_is_un_applied_and_of_others_nothing_is_claimed(tmp_path: Path) -> None:
+    (ours,) = heard(flown("ATTITUDE", compass="HIGHRES_IMU").content, tmp_path).instruments
+    known = all_of(ours, "attitude")[1:]
+    body = quaternions.rotated(quaternions.inverse(known), EARTH)
+    npt.assert_allclose(10 * all_of(ours)[1:], body + np.array([97.0, 0, 0]), atol=4.0)
+    (other,) = heard(flown("ATTITUDE", compass="HIGHRES_IMU", autopilot=5).content, tmp_path).instruments
+    (block,) = other.columns(False)
+    assert (other.frame, block.attitude) == ("sensor", None)
+    assert any("is not known for this autopilot" in note for note in other.notes)
 
 
 def test_two_vehicles_in_one_telemetry_log_have_compasses_and_parameters_of_their_own(tmp_path: Path) -> None:
@@ -162,9 +275,9 @@ def test_what_is_no_telemetry_is_refused(tmp_path: Path) -> None:
 def test_the_messages_that_are_asked_for_are_those_of_the_dialect() -> None:
     for number, (name, _) in tlog.COMPASS_MESSAGES.items():
         assert pymavlink.mavlink_map[number].msgname == name
-    assert {"HEARTBEAT", "SYS_STATUS", "PARAM_VALUE", "GPS_RAW_INT", "GLOBAL_POSITION_INT"} <= {
-        pymavlink.mavlink_map[number].msgname for number in tlog.WANTED
-    }
+    others = {"HEARTBEAT", "SYS_STATUS", "PARAM_VALUE", "GPS_RAW_INT", "GLOBAL_POSITION_INT", "ATTITUDE",
+              "ATTITUDE_QUATERNION", "VFR_HUD"}  # fmt: skip
+    assert others <= {pymavlink.mavlink_map[number].msgname for number in tlog.WANTED}
 
 
 def test_without_pymavlink_the_command_that_installs_it_is_told(

@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
+import click
+
 from flinders.cli._sources import sha256
+from flinders.cli._talk import say
 from flinders.errors import DocumentError, FlindersError, NotExportable, UnitError, UsageError
 
 if TYPE_CHECKING:
@@ -13,7 +16,14 @@ if TYPE_CHECKING:
 
     from flinders.calibration import Calibration
     from flinders.judged import Judged
+    from flinders.readers import Choice
     from flinders.samples import Recording
+
+
+sensor_option = click.option(
+    "--sensor", metavar="N|NAME",
+    help="Which of several magnetometers, by number from 1 or by name [default: the calibration's, else the first].",
+)  # fmt: skip
 
 
 def load(command: str, calibration: str, recordings: Sequence[str]) -> Judged:
@@ -123,6 +133,35 @@ def is_recording(path: str) -> bool:
         return path != "-" and bool(open_recording(path))
     except FlindersError:
         return False
+
+
+def choice(calibration: Calibration, sensor: str | None) -> Choice:
+    """Which of several magnetometers is read: the one that is asked for, else the one that the calibration is for."""
+    from flinders.readers import Choice
+
+    return Choice(sensor, calibration.sensor)
+
+
+def say_sensor(path: str, calibration: Calibration, recording: Recording, asked: str | None) -> None:
+    """Say which magnetometer was taken because the calibration is for it, or that the one that is read is another.
+
+    Parameters
+    ----------
+    path : str
+        Of the calibration.
+    calibration : Calibration
+    recording : Recording
+        As it was opened with `choice`.
+    asked : str or None
+        What ``--sensor`` said.
+    """
+    name, own = getattr(recording, "name", ""), calibration.sensor
+    if not name or own is None:
+        return
+    if name.casefold() != own.strip().casefold():
+        say(f"! {path} is for sensor {own!r}, and what is read of {recording.source} is {name!r}")
+    elif asked is None:
+        say(f"{recording.source}: {name} is the sensor that {path} is for")
 
 
 def made_from(calibration: str, recordings: Iterable[Recording]) -> list[str]:

@@ -48,7 +48,9 @@ columns = click.option(
 
 
 sensor = click.option(
-    "--sensor", metavar="N|NAME", help="Which magnetometer of a log, by number from 1 or by name [default: the first]."
+    "--sensor",
+    metavar="N|NAME",
+    help="Which magnetometer of several, by number or name [default: the first].",
 )
 
 OF_A_LOG: Final = ("topic", "start", "end", "as_logged")

@@ -1,4 +1,4 @@
-"""Which magnetometer of a log, and all of them in one run."""
+"""Which of several magnetometers, and all of them in one run."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _filters, _options
-from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._sources import Counted, provenance, saying_what_was_skipped
 from flinders.cli._talk import drawn, print_json, progress, say
-from flinders.errors import FitError, UsageError
+from flinders.errors import FitError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.filters import Filter
-    from flinders.readers import Instrument
+    from flinders.readers import Instrument, Log
     from flinders.result import Fit
     from flinders.samples import Recording
 
@@ -28,43 +28,40 @@ PLACE: Final = "{sensor}"
 
 
 def opened(recordings: Sequence[str], options: dict[str, Any], **reading: Any) -> Recording:
-    """Open recordings of one sensor; of a log the one that ``--sensor`` says, whose name is kept with the calibration.
+    """Open recordings of one sensor: of several the one that ``--sensor`` says, whose name goes with the calibration.
 
     Raises
     ------
     UsageError
         For a magnetometer that there is not.
     """
-    from flinders.readers import Instrument, holds_log, open_recording
+    from flinders.readers import Choice, open_recording
     from flinders.samples import Joined
 
-    is_log = [holds_log(path) for path in recordings]
-    if not any(is_log):
-        return open_recording(recordings, **reading)
-    if not all(is_log) and options["sensor"] is not None:
-        table = next(path for path, log in zip(recordings, is_log, strict=True) if not log)
-        raise UsageError(f"--sensor chooses a magnetometer of a log, and {table} is none: calibrate them one by one")
-    found = open_recording(recordings, sensor=options["sensor"], **reading)
-    first = found.recordings[0] if isinstance(found, Joined) else found
-    if isinstance(first, Instrument):
-        options["sensor"] = first.name
+    found = open_recording(recordings, sensor=Choice(options["sensor"], is_name=True), **reading)
+    parts = found.recordings if isinstance(found, Joined) else (found,)
+    names = [getattr(part, "name", "") for part in parts]
+    if options["sensor"] is not None and any(names) and not all(names):
+        alone = next(part.source for part, name in zip(parts, names, strict=True) if not name)
+        raise UsageError(
+            f"--sensor chooses one of several magnetometers, and {alone} has just one: calibrate them one by one"
+        )
+    options["sensor"] = names[0] or options["sensor"]
     return found
 
 
 def is_all(recordings: Sequence[str], sensor: str | None) -> bool:
-    """Whether each magnetometer of a log is to be calibrated on its own.
+    """Whether each of several magnetometers is to be calibrated on its own.
 
     Raises
     ------
     UsageError
-        Where several files, or something else than a log, are to be.
+        Where several files are to be, or standard input.
     """
-    from flinders.readers import holds_log
-
     if sensor is None or sensor.strip().casefold() != ALL:
         return False
-    if len(recordings) > 1 or not holds_log(recordings[0]):
-        raise UsageError("--sensor all goes with one log of several magnetometers: give one, or leave it out")
+    if len(recordings) > 1:
+        raise UsageError("--sensor all goes with one file of several magnetometers: give one, or leave it out")
     return True
 
 
@@ -79,7 +76,7 @@ def calibrate(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Calibrate each magnetometer of a log, and print a table of what was found.
+    """Calibrate each magnetometer of a log or table, and print a table of what was found.
 
     Returns
     -------
@@ -98,22 +95,24 @@ def calibrate(
             "several calibrations do not go to standard output: name files, such as -o compass-{sensor}.json"
         )
     with progress("reading") as watch:
-        asked = {name: value for name, value in reading.items() if name not in {"as_logged", "topic"}}
-        log = open_log(recordings[0], progress=watch, **asked)
+        log = _several(open_log(recordings[0], progress=watch, **reading), reading)
         paths = [_named(output, number) for number in range(1, len(log.instruments) + 1)]
         for each in filter(None, paths):
             _options.refuse_to_overwrite(each, recordings)
             refuse_existing(each, force=force)
         outcomes = []
         for instrument, path in zip(log.instruments, paths, strict=True):
-            outcome = _fitted(instrument, by, options, as_logged=reading["as_logged"], path=path, force=force)
+            outcome = _fitted(instrument, by, options, path=path, force=force)
             outcomes.append((instrument.name, outcome))
+    if all(isinstance(outcome, InputError) for _, outcome in outcomes):
+        raise next(outcome for _, outcome in outcomes if isinstance(outcome, InputError))
     if as_json:
         print_json({"sensors": [_row(*found, path) for found, path in zip(outcomes, paths, strict=True)]})
     else:
-        click.echo(drawn(fits(outcomes, options["target_deg"]), sys.stdout))
+        rows = [(name, FitError(str(found)) if isinstance(found, InputError) else found) for name, found in outcomes]
+        click.echo(drawn(fits(rows, options["target_deg"]), sys.stdout))
     written = [
-        path for path, (_, outcome) in zip(paths, outcomes, strict=True) if path and not isinstance(outcome, FitError)
+        path for path, (_, found) in zip(paths, outcomes, strict=True) if path and not isinstance(found, FlindersError)
     ]
     say(
         f"written to {', '.join(written)}"
@@ -123,21 +122,35 @@ def calibrate(
     return max(_exit_code(outcome) for _, outcome in outcomes)
 
 
+def _several(log: Log, reading: dict[str, Any]) -> Log:
+    """Refuse what says already which magnetometer it is.
+
+    Raises
+    ------
+    UsageError
+        Naming that.
+    """
+    if reading["columns"] is not None:
+        raise UsageError("--sensor all takes each magnetometer, --columns says which one it is: leave one of them out")
+    if reading["topic"] is not None and not log.is_table:
+        raise UsageError("--sensor all takes each magnetometer, --topic says which one it is: leave one of them out")
+    if log.is_table and len(log.instruments) == 1:
+        raise UsageError(f"{log.source} has one magnetometer: leave --sensor all out")
+    return log
+
+
 def _fitted(
     instrument: Instrument,
     by: Filter | None,
     options: dict[str, Any],
     *,
-    as_logged: bool,
     path: str | None,
     force: bool,
-) -> Fit | FitError:
-    """Fit one magnetometer and write its calibration; a refusal is a result like any other."""
-    from dataclasses import replace
-
+) -> Fit | FitError | InputError:
+    """Fit one magnetometer and write its calibration; a refusal is a result like any other, and so is a dead one."""
     from flinders.fitting import fit
 
-    part = Counted(replace(instrument, as_logged=as_logged))
+    part = Counted(instrument)
     say(str(part.recording))
     asked = {**options, "sensor": instrument.name}
     try:
@@ -146,7 +159,7 @@ def _fitted(
                 found = fit(_filters.through([part], None), **asked)
             else:
                 found = _filters.fit_filtered([part], by, asked)
-    except FitError as refusal:
+    except (FitError, InputError) as refusal:
         return refusal
     if path:
         found.save(path, force=force, provenance=provenance([part]))
@@ -167,16 +180,16 @@ def _named(output: str | None, number: int) -> str | None:
     return str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
 
 
-def _row(name: str, outcome: Fit | FitError, path: str | None) -> dict[str, Any]:
+def _row(name: str, outcome: Fit | FitError | InputError, path: str | None) -> dict[str, Any]:
     """JSON-ready: the fit as ``calibrate --json`` has it, and of which magnetometer it is."""
-    if not isinstance(outcome, FitError):
+    if not isinstance(outcome, FlindersError):
         return {"sensor": name, "written": path, **outcome.as_dict()}
     fit = getattr(outcome, "fit", None)
-    told = {"code": outcome.code, "message": str(outcome), "evidence": dict(outcome.evidence)}
+    told = {"code": outcome.code, "message": str(outcome), "evidence": dict(getattr(outcome, "evidence", {}))}
     return {"sensor": name, "written": None, "verdict": "refused", **(fit.as_dict() if fit else {}), "error": told}
 
 
-def _exit_code(outcome: Fit | FitError) -> int:
-    if isinstance(outcome, FitError):
-        return REFUSED
+def _exit_code(outcome: Fit | FitError | InputError) -> int:
+    if isinstance(outcome, FlindersError):
+        return outcome.exit_code
     return GOOD if outcome.verdict == "good" else LIMITED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 from typing import TYPE_CHECKING
 
 from flinders.errors import TooFewSamples
@@ -87,7 +88,7 @@ def _source_file(part: Counted) -> SourceFile:
     recording = part.recording
     size = recording.file.size  # type: ignore[attr-defined]
     return SourceFile(
-        name=part.source,
+        name=os.fsencode(part.source).decode(errors="replace"),
         sha256=sha256(recording),
         bytes=size,
         rows=part.rows,

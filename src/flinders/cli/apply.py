@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _filters, _options
-from flinders.cli._calibration import agree, load
+from flinders.cli._calibration import agree, choice, load, say_sensor, sensor_option
 from flinders.cli._talk import print_json, progress, say
 from flinders.errors import InputError, UsageError, counted
 
@@ -47,7 +47,7 @@ Example:
 @click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
 @_filters.option
 @_options.columns
-@_options.sensor
+@sensor_option
 @_options.log
 @_options.force
 @_options.as_json
@@ -59,6 +59,7 @@ def command(
     by: Filter | None,
     force: bool,
     as_json: bool,
+    sensor: str | None,
     **reading: Any,
 ) -> None:
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
@@ -78,8 +79,14 @@ def command(
         refuse_existing(output, force=force)
     correction = load("apply", calibration, [recording]).calibration
     with progress("correcting") as watch:
-        source = open_recording(recording, axes=str(correction.axes), once=True, progress=watch, **reading)
+        wanted = choice(correction, sensor)
+        source = open_recording(
+            recording, axes=str(correction.axes), sensor=wanted, once=True, progress=watch, **reading
+        )
         agree(correction, source)
+        if getattr(source, "name", ""):
+            say(str(source))
+        say_sensor(calibration, correction, source, sensor)
         corrector = Corrector(correction, source.source)
         smoother = None if by is None else _filters.Smoother(by, corrector)
         is_text = isinstance(source, TextRecording) and not _is_part(reading)

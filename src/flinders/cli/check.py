@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from flinders.cli import _options
-from flinders.cli._calibration import agree, is_calibration, load, made_from
+from flinders.cli._calibration import agree, choice, is_calibration, load, made_from, say_sensor, sensor_option
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._sources import saying_what_was_skipped
 from flinders.cli._talk import drawn, print_json, progress, say
@@ -41,7 +41,7 @@ Exit codes:
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @_options.judgement
 @_options.columns
-@_options.sensor
+@sensor_option
 @_options.log
 @_options.as_json
 def command(
@@ -66,7 +66,7 @@ def command(
 
     known = load("check", calibration, recordings)
     with progress("reading") as watch:
-        recording = _open(known.calibration, recordings, progress=watch, **reading)
+        recording = _open(calibration, known.calibration, recordings, progress=watch, **reading)
         found = _strength(known.calibration, recording)
         if known.covariance is None:
             say(f"{calibration} states no uncertainty: it is taken as exact")
@@ -94,7 +94,9 @@ def command(
     return GOOD if holds else LIMITED
 
 
-def _open(calibration: Calibration, paths: tuple[str, ...], **options: Any) -> Joined:
+def _open(
+    path: str, calibration: Calibration, recordings: tuple[str, ...], *, sensor: str | None, **options: Any
+) -> Joined:
     """Open recordings in the unit and axes of the calibration.
 
     Raises
@@ -107,14 +109,16 @@ def _open(calibration: Calibration, paths: tuple[str, ...], **options: Any) -> J
     from flinders.readers import open_recording
     from flinders.samples import Joined
 
-    _options.refuse_twice(paths)
-    for path in paths:
-        if is_calibration(path):
-            raise UsageError(f"{path} is a calibration too: flinders compare compares two of them")
-    parts = tuple(open_recording(path, axes=str(calibration.axes), **options) for path in paths)
+    _options.refuse_twice(recordings)
+    for each in recordings:
+        if is_calibration(each):
+            raise UsageError(f"{each} is a calibration too: flinders compare compares two of them")
+    wanted = choice(calibration, sensor)
+    parts = tuple(open_recording(each, axes=str(calibration.axes), sensor=wanted, **options) for each in recordings)
     for part in parts:
         agree(calibration, part)
         say(str(part))
+        say_sensor(path, calibration, part, sensor)
     return Joined(parts)
 
 

@@ -11,7 +11,7 @@ import click
 from flinders.cli import _options, targets
 from flinders.cli._calibration import for_use, known_of, only, refuse_on_top
 from flinders.cli._talk import print_json, say
-from flinders.errors import UsageError, figures
+from flinders.errors import FlindersError, UsageError, figures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,6 +46,10 @@ Exit codes:
 @click.option(
     "--lossy", is_flag=True, help="Write it also where what the target cannot hold costs more than 1° of heading."
 )
+@click.option(
+    "--name", metavar="NAME",
+    help="What names in code begin with, for code of two sensors in one program [default: flinders].",
+)  # fmt: skip
 @click.option("-o", "--output", metavar="FILE", help="Where to write [default: standard output].")
 @_options.force
 @_options.as_json
@@ -55,6 +59,7 @@ def command(
     listed: bool,
     compass: int | None,
     lossy: bool,
+    name: str | None,
     output: str | None,
     force: bool,
     as_json: bool,
@@ -65,9 +70,6 @@ def command(
     numbers as they are written, and the largest error found is told. A value that the target cannot hold is
     refused, not cut, and so is a target without room for soft iron that matters.
     """
-    from flinders.exporters import Asked, find
-    from flinders.files import refuse_existing
-
     if listed:
         targets.show(as_json=as_json)
         return
@@ -76,31 +78,80 @@ def command(
             "need a calibration file and a target: flinders export --to ardupilot calibration.json; "
             "flinders targets names them"
         )
-    exporter = find(target)
-    if compass is not None and not exporter.compasses:
-        raise UsageError(f"--compass goes with ardupilot, px4 and px4-shell: {exporter.name} holds one compass only")
-    if output == "-" and as_json:
-        raise UsageError("--json and the text would both go to standard output: name a file with -o")
-    _options.refuse_to_overwrite(output, [calibration])
-    to_file = output if output != "-" else None
-    if to_file:
-        refuse_existing(to_file, force=force)
-    judged = _loaded(calibration, exporter)
-    number, told = placed(judged, exporter, compass)
-    asked = Asked(compass=number, lossy=lossy)
-    export = exporter.render(judged.calibration, target=exporter.name, about=[*about(judged), *told], asked=asked)
-    if to_file:
-        save(export, to_file, force=force)
+    exporter = _taking(target, compass=compass, name=name)
+    _check_output(output, calibration, force=force, as_json=as_json)
+    judged = for_use("export --to TARGET", calibration)
+    export, told = _rendered(judged, exporter, compass=compass, lossy=lossy, name=name)
+    path = None if output == "-" else output
+    if path:
+        save(export, path, force=force)
     if as_json:
         print_json(export.fields)
-    elif not to_file:
+    elif not path:
         show(export)
-    if to_file or as_json or not export.told:
+    if path or as_json or not export.told:
         _tell(export, judged)
     for line in told:
         say(line if compass is None else f"! {line}")
-    if to_file:
-        say(f"written to {to_file}")
+    if path:
+        say(f"written to {path}")
+
+
+def _taking(target: str, *, compass: int | None, name: str | None) -> Exporter:
+    """Look up a target, and refuse options that it does not take.
+
+    Raises
+    ------
+    UsageError
+    """
+    from flinders.exporters import EXPORTERS, find
+
+    exporter = find(target)
+    if compass is not None and not exporter.compasses:
+        takes = ", ".join(row.name for row in EXPORTERS.values() if row.compasses)
+        raise UsageError(f"--compass goes with {takes}: {exporter.name} holds one compass only")
+    if name is not None and not exporter.named:
+        takes = ", ".join(row.name for row in EXPORTERS.values() if row.named)
+        raise UsageError(f"--name goes with {takes}: {exporter.name} has no names to choose, leave it out")
+    return exporter
+
+
+def _check_output(output: str | None, calibration: str, *, force: bool, as_json: bool) -> None:
+    """Find what could not be written before anything is read.
+
+    Raises
+    ------
+    UsageError
+        Where two results would go to standard output, or one over the calibration.
+    OutputError
+        Where a file is in the way, or could not be written.
+    """
+    from flinders.files import refuse_existing
+
+    if output == "-" and as_json:
+        raise UsageError("--json and the text would both go to standard output: name a file with -o")
+    _options.refuse_to_overwrite(output, [calibration])
+    if output and output != "-":
+        refuse_existing(output, force=force)
+
+
+def _rendered(
+    judged: Judged, exporter: Exporter, *, compass: int | None = None, lossy: bool = False, name: str | None = None
+) -> tuple[Export, list[str]]:
+    """Write a calibration for a target, and what to say of the compass that it is for.
+
+    Raises
+    ------
+    NotExportable, UnitError, UsageError
+        Where the target cannot hold it, or nobody knows for which compass it is.
+    """
+    from flinders.exporters import Asked
+
+    if exporter.compasses:
+        refuse_on_top(judged, exporter.name)
+    number, told = placed(judged, exporter, compass)
+    asked = Asked(compass=number, lossy=lossy, name=name)
+    return exporter.render(judged.calibration, about=[*about(judged), *told], asked=asked), told
 
 
 def _tell(export: Export, judged: Judged) -> None:
@@ -110,14 +161,6 @@ def _tell(export: Export, judged: Judged) -> None:
         say(note)
     for warning in (*_limits(judged), *export.warnings):
         say(f"! {warning}")
-
-
-def _loaded(path: str, exporter: Exporter) -> Judged:
-    """Load a calibration that a target may have."""
-    judged = for_use("export --to TARGET", path)
-    if exporter.compasses:
-        refuse_on_top(judged, exporter.name)
-    return judged
 
 
 def placed(judged: Judged, exporter: Exporter, asked: int | None = None) -> tuple[int | None, list[str]]:
@@ -177,36 +220,45 @@ def refuse_with(value: str | None, option: str) -> None:
         raise UsageError(f"--export does not go with {option}: write the calibration with -o, then use flinders export")
 
 
-def beside(fit: Fit, target: str, path: str, *, files: Sequence[SourceFile], force: bool) -> None:
-    """Write a fit for a target, beside its calibration file; `files` are what it was made from.
+def beside(
+    fit: Fit, target: str, path: str, *, files: Sequence[SourceFile], force: bool, calibration: str | None
+) -> None:
+    """Write a fit for a target, after its `calibration` file; `files` are what it was made from.
 
     Raises
     ------
-    NotExportable, UnitError, UsageError
-        Where the target cannot hold it, or nobody knows for which compass it is; the calibration file is written by
-        then.
+    FlindersError
+        Where the target cannot hold it, nobody knows for which compass it is, or it cannot be written. What has become
+        of the calibration, which is written by then, is said before.
     """
-    from flinders.exporters import Asked, find
+    from flinders.exporters import find
     from flinders.judged import Judged
 
     judged = replace(Judged.from_fit(fit, name=", ".join(file.name for file in files)), files=tuple(files))
-    exporter = find(target)
-    if exporter.compasses:
-        refuse_on_top(judged, exporter.name)
-    number, told = placed(judged, exporter)
-    export = exporter.render(
-        judged.calibration, target=target, about=[*about(judged), *told], asked=Asked(compass=number)
-    )
-    if path == "-":
-        show(export)
-    else:
-        save(export, path, force=force)
+    try:
+        export, told = _rendered(judged, find(target))
+        if path == "-":
+            show(export)
+        else:
+            save(export, path, force=force)
+    except FlindersError:
+        say(f"! nothing was written for {target}; {_kept(calibration)}")
+        raise
     for line in (*told, export.checked):
         say(f"{target}: {line}")
     for warning in export.warnings:
         say(f"! {warning}")
     if path != "-":
         say(f"written to {path}")
+
+
+def _kept(calibration: str | None) -> str:
+    """Where the calibration is that a target did not get."""
+    if calibration is None:
+        return "no calibration file was asked for either: keep it with -o calibration.json"
+    if calibration == "-":
+        return "the calibration went to standard output"
+    return f"the calibration is in {calibration}"
 
 
 def save(export: Export, path: str, *, force: bool) -> None:

@@ -11,6 +11,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _compass, _filters, _options
+from flinders.cli._calibration import choice, load, say_sensor, sensor_option
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import UsageError
 
@@ -50,7 +51,7 @@ Example:
     help="How tilt is taken off; all but exact are for comparison.",
 )  # fmt: skip
 @_compass.sensors
-@_options.sensor
+@sensor_option
 @_options.log
 @_filters.option
 @_options.force
@@ -63,6 +64,7 @@ def command(
     by: Filter | None,
     force: bool,
     as_json: bool,
+    sensor: str | None,
     **options: Any,
 ) -> None:
     """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
@@ -79,8 +81,11 @@ def command(
     if output != "-":
         refuse_existing(output, force=force)
     with progress("heading") as bar:
-        opened = _compass.open_log("heading", calibration, log, progress=bar, **options)
+        known = load("heading", calibration, [log]).calibration
+        wanted = choice(known, sensor)
+        opened = _compass.open_log("heading", calibration, log, sensor=wanted, progress=bar, **options)
         say(str(opened))
+        say_sensor(calibration, known, opened.recording, sensor)
         opened.smoother = None if by is None else _filters.Smoother(by)
         watched = _compass.Watch(opened, dip_deg)
         lines = _lines(watched)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -33,7 +34,7 @@ Example:
 @click.option("--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts.")
 @click.option(
     "--field-strength", "strength", type=_options.positive, metavar="F",
-    help="Strength of the field at the site in µT, where the file does not hold it.",
+    help="Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
 )  # fmt: skip
 @click.option("-o", "--output", metavar="FILE", help="Calibration file to write [default: standard output].")
 @_options.force
@@ -50,8 +51,9 @@ def command(
     """Read the calibration that another tool holds out of FILE, and write it as a calibration file.
 
     FILE is what `flinders export` writes for the targets that `flinders targets` marks, or what the tool itself
-    saved: parameters of ArduPilot or PX4, a MotionCal packet, sensor_calib.json, RTIMULib.ini, VectorNav's register
-    23, or parameters of magnetometer_pipeline. It knows no uncertainty, and nothing of the recording.
+    saved: parameters of ArduPilot or PX4, a MotionCal packet, sensor_calib.json, RTIMULib.ini, a dump of Betaflight
+    or INAV, an airframe of Paparazzi, VectorNav's register 23, or parameters of magnetometer_pipeline. It knows no
+    uncertainty, and nothing of the recording.
     """
     from flinders.document import dumps, write
     from flinders.exporters import read_back
@@ -97,7 +99,7 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
         return None
     number, device = reader.which(content, file, compass)
     source = SourceFile(
-        name=file,
+        name=os.fsencode(file).decode(errors="replace"),
         sha256=hashlib.sha256(content).hexdigest(),
         bytes=len(content),
         rows=0,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flinders.samples import Samples
     from flinders.summary import Summary
 
-BESIDE = ("time", "acceleration", "rate", "temperature", "current", "strength")
+BESIDE = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
 """What may stand beside a reading, as `Samples` calls it."""
 READ_BY: Final = {
     "columns": None, "unit": None, "scale": None, "axes": "x,y,z", "topic": None, "start": None, "end": None,
@@ -80,7 +80,7 @@ def _contents(held: Log, path: str, place: str | None, date: str | None, reading
     from flinders.report.info import Contents, commands_for
 
     site = _site(held, place, date)
-    wanted = _wanted(held, path, reading["topic"])
+    wanted = _wanted(held, reading["topic"])
     sensors, refusals = [], []
     for number, instrument in enumerate(held.instruments, 1):
         if instrument not in wanted:
@@ -108,13 +108,9 @@ def _contents(held: Log, path: str, place: str | None, date: str | None, reading
     )
 
 
-def _wanted(held: Log, path: str, topic: str | None) -> Sequence[Instrument]:
+def _wanted(held: Log, topic: str | None) -> Sequence[Instrument]:
     """The magnetometers of a log, or the one that a topic names; of an archive it has named the member already."""
-    from flinders.readers import holds_log
-
-    if topic is None or not (len(held.instruments) > 1 or holds_log(path)):
-        return held.instruments
-    return (held.sensor(topic),)
+    return held.instruments if topic is None or held.is_table else (held.sensor(topic),)
 
 
 def _given(name: str, value: object, default: object) -> list[str]:

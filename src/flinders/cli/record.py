@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import signal
 import sys
-import threading
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _options, _wires
 from flinders.cli._talk import print_json, say
 from flinders.errors import UsageError, counted, figures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
-    from flinders.live.recorder import Recorded
     from flinders.live.sources import ByteSource
-
-BAUD: Final = 115200
+    from flinders.live.transcript import Recorded
 
 
 @click.command(
@@ -31,28 +27,24 @@ Example:
   flinders record --serial /dev/ttyACM0 -o tumble.csv
   flinders record --udp 50100 --seconds 60 -o tumble.csv
   flinders record --serial /dev/ttyACM0 --seconds 60 -o - | flinders calibrate -
+  flinders record --serial /dev/ttyACM0 --resume -o tumble.csv
 
 \b
 Exit codes:
   0  recorded, also where Ctrl-C ended it
   5  no port, or no reading came
+  6  the file cannot be written or continued; what came before is saved
 """,
 )
 @click.option("--serial", "port", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
-@click.option(
-    "--baud",
-    type=click.IntRange(50, 20_000_000),
-    default=BAUD,
-    show_default=True,
-    metavar="N",
-    help="Its bits per second.",
-)
+@_wires.baud
 @click.option("--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port.")
 @click.option("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
 @click.option("-o", "--output", metavar="FILE", help="Where to write; - for standard output.")
 @click.option("--seconds", type=_options.positive, metavar="S", help="Stop after so long [default: at Ctrl-C].")
 @click.option("--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings.")
 @_options.force
+@click.option("--resume", is_flag=True, help="Go on with the recording in the output file, which a crash has ended.")
 @_options.as_json
 def command(
     port: str | None,
@@ -63,6 +55,7 @@ def command(
     seconds: float | None,
     readings: int | None,
     force: bool,
+    resume: bool,
     as_json: bool,
 ) -> None:
     """Record what a sensor sends, as it arrives, as text that every command reads.
@@ -73,20 +66,34 @@ def command(
     """
     from flinders.files import refuse_existing
     from flinders.live.recorder import Recorder
-    from flinders.live.sinks import ToFile, ToStandardOutput
+    from flinders.live.sinks import Resumed, ToFile, ToStandardOutput
 
     _refuse_unclear(port, udp, tcp, output, as_json=as_json)
+    if resume and (force or output == "-"):
+        raise UsageError(f"--resume goes on with a file: leave {'--force out' if force else 'it out with -o -'}")
     if output != "-":
-        refuse_existing(str(output), force=force)
+        refuse_existing(str(output), force=force or resume)
+    resumed = Resumed.of(str(output)) if resume else None
     with contextlib.ExitStack() as stack:
         source = _opened(port, baud, udp, tcp)
         stack.callback(source.close)
-        sink = ToStandardOutput() if output == "-" else stack.enter_context(ToFile(str(output), force=force))
-        stopped = stack.enter_context(_until_stopped())
+        sink = (
+            ToStandardOutput()
+            if output == "-"
+            else stack.enter_context(ToFile(str(output), force=force, resume=resume))
+        )
+        stopped = stack.enter_context(_wires.stopping(patient=False))
         watch = stack.enter_context(_status())
         say(f"recording {source.name}{'' if seconds or readings else '; Ctrl-C ends it'}")
         told = Recorder(
-            source, sink, seconds=seconds, readings=readings, stopped=stopped, say=watch.say, watch=watch.show
+            source,
+            sink,
+            seconds=seconds,
+            readings=readings,
+            resumed=resumed,
+            stopped=stopped,
+            say=watch.say,
+            watch=watch.show,
         ).run()
     say(str(told))
     for line in _remarks(told, output):
@@ -191,25 +198,3 @@ def _status() -> Iterator[_Status]:
         yield status
     finally:
         status.clear()
-
-
-@contextlib.contextmanager
-def _until_stopped() -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C, and what ends a program from outside, as the end of the recording; a second time it ends at once."""
-    asked = False
-
-    def ask(number: int, _: object) -> None:
-        nonlocal asked
-        if asked:
-            signal.default_int_handler(number, None)
-        asked = True
-
-    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        names = []
-    before = {name: signal.signal(getattr(signal, name), ask) for name in names}
-    try:
-        yield lambda: asked
-    finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import signal
-import threading
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _options, _wires
 from flinders.cli._calibration import for_use, known_of, only, refuse_on_top
 from flinders.cli._talk import print_json, say
-from flinders.errors import NotConfirmed, UsageError, counted
+from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from flinders.calibration import Calibration
     from flinders.exporters import Export
     from flinders.judged import Judged
     from flinders.live.mavlink import Vehicle
     from flinders.live.plan import Change, Plan
     from flinders.live.sources import ByteSource
-
-BAUD: Final = 115200
 
 
 @click.command(
@@ -51,14 +45,7 @@ Exit codes:
     metavar="ADDRESS",
     help="A vehicle: udp:HOST:PORT to listen, udpout:HOST:PORT, tcp:HOST:PORT, or a serial port.",
 )
-@click.option(
-    "--baud",
-    type=click.IntRange(50, 20_000_000),
-    default=BAUD,
-    show_default=True,
-    metavar="N",
-    help="Bits per second of a serial port.",
-)
+@_wires.baud
 @click.option(
     "--compass",
     type=click.IntRange(0, 3),
@@ -134,7 +121,7 @@ def _render(calibration: Calibration, target: str) -> Export:
     """Have a target's own formula run on the numbers that will be sent, and refuse what it cannot hold."""
     from flinders.exporters import find
 
-    return find(target).render(calibration, target=target)
+    return find(target).render(calibration)
 
 
 # boards
@@ -175,6 +162,9 @@ def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: b
     try:
         say(f"{port}: sending {len(packet.encode())} bytes")
         confirmed = motioncal.send(source, packet)
+    except KeyboardInterrupt:
+        say(f"! stopped: {motioncal.EITHER}; send again, or see what it prints with flinders record")
+        raise
     finally:
         source.close()
     say(f"{port}: {confirmed}")
@@ -229,12 +219,12 @@ def _to_vehicle(
     as_json: bool,
 ) -> None:
     """Set the compass parameters of a vehicle, or show what they would be."""
-    from flinders.files import refuse_existing, write_text
+    from flinders.files import write_text
     from flinders.live.mavlink import PX4, Vehicle
     from flinders.live.plan import Plan
 
     if backup is not None:
-        refuse_existing(backup)
+        _refuse_backup(backup)
     say(f"waiting for a vehicle on {source.name}")
     vehicle = Vehicle.find(source, system=system)
     say(f"{vehicle.name}, {'ARMED' if vehicle.armed else 'disarmed'}")
@@ -254,7 +244,7 @@ def _to_vehicle(
             "nothing was changed" if plan.pending else f"{plan.vehicle} holds these values already: nothing was changed"
         )
         return
-    refuse_existing(path)
+    _refuse_backup(path)
     write_text(plan.backup(), path)
     say(f"the values from before are in {path}")
     _carry_out(plan, vehicle, path)
@@ -265,6 +255,25 @@ def _to_vehicle(
     )
 
 
+def _refuse_backup(path: str) -> None:
+    """See that the values from before have a place of their own, which lasts.
+
+    Raises
+    ------
+    UsageError, OutputError
+    """
+    from flinders.files import refuse_existing
+
+    if path in ("", "-"):
+        raise UsageError(f"--backup {path!r}: need the name of a file, which is there when all else fails")
+    try:
+        refuse_existing(path)
+    except OutputExists:
+        raise OutputError(
+            f"{path} exists, and may hold values that somebody needs: name another file with --backup"
+        ) from None
+
+
 def _carry_out(plan: Plan, vehicle: Vehicle, path: str) -> None:
     """Change the vehicle; where that fails, say where the old values are.
 
@@ -272,9 +281,9 @@ def _carry_out(plan: Plan, vehicle: Vehicle, path: str) -> None:
     ------
     NotConfirmed
     """
-    with _stopping() as stopped:
+    with _wires.stopping(patient=True) as stopped:
         try:
-            plan.carry_out(vehicle, stopped=stopped)
+            plan.carry_out(vehicle, stopped=stopped, say=say)
         except NotConfirmed as error:
             message = f"{error}. The values from before are in {path}"
             if not stopped():
@@ -309,23 +318,3 @@ def _show(plan: Plan, *, as_json: bool, written_to: str | None) -> None:
 
 def _as_dict(change: Change) -> dict[str, object]:
     return {"name": change.new.name, "before": change.old.value, "after": change.new.value}
-
-
-@contextlib.contextmanager
-def _stopping() -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C as a wish, so that a vehicle is not left with half of the values, however often it is pressed."""
-    asked = False
-
-    def ask(*_: object) -> None:
-        nonlocal asked
-        asked = True
-
-    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        names = []
-    before = {name: signal.signal(getattr(signal, name), ask) for name in names}
-    try:
-        yield lambda: asked
-    finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)

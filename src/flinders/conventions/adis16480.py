@@ -207,7 +207,7 @@ def _wanted(calibration: Calibration) -> Floats:
     matrix, offset = in_recorded_axes(calibration)
     with np.errstate(over="ignore", invalid="ignore"):
         hard_iron = -(matrix @ offset) / MG
-    wanted: Floats = np.concatenate([hard_iron, (matrix - np.eye(3)).ravel()]) / STEPS
+        wanted: Floats = np.concatenate([hard_iron, (matrix - np.eye(3)).ravel()]) / STEPS
     return wanted
 
 

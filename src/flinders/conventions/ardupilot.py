@@ -234,7 +234,12 @@ class Parameters:
     @property
     def is_identity(self) -> bool:
         """Nothing is corrected."""
-        return not self.offset.any() and np.array_equal(self.matrix, np.eye(3))
+        return not (self.offset.any() or self.is_driven) and np.array_equal(self.matrix, np.eye(3))
+
+    @property
+    def is_driven(self) -> bool:
+        """COMPASS_MOTCT and COMPASS_MOT compensate for motors."""
+        return self.motor_by in (BY_THROTTLE, BY_CURRENT) and bool(self.motor.any())
 
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as ArduPilot does.
@@ -349,6 +354,9 @@ class Parameters:
             told.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
         if self.gain != 1.0:
             told.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
+        if self.is_driven:
+            unit = "mG/A" if self.motor_by == BY_CURRENT else "mG at full throttle"
+            told.append(f"COMPASS_MOT{digit} {listed(self.motor)} {unit}")
         return "; ".join(told)
 
     def refuse_beyond(self) -> None:
@@ -391,8 +399,7 @@ class Parameters:
 
     def _motor(self, drive: ArrayLike) -> Floats:
         """(..., 3) mG: MOT x, where COMPASS_MOTCT turns it on."""
-        on = self.motor_by in (BY_THROTTLE, BY_CURRENT)
-        return floats(drive, "drive")[..., np.newaxis] * (self.motor if on else np.zeros(3))
+        return floats(drive, "drive")[..., np.newaxis] * (self.motor if self.is_driven else np.zeros(3))
 
     def _name(self, group: str, scheme: Scheme, axis: str = "") -> str:
         return names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"]

@@ -1,4 +1,4 @@
-"""INAV's ``magzero`` and ``maggain``: ``m = (raw − zero) 1024 / gain``, whole numbers, in the axes of the sensor.
+r"""INAV's ``magzero`` and ``maggain``: ``m = (raw − zero) 1024 / gain``, whole numbers, in the axes of the sensor.
 
 A gain is the radius of its axis in counts, so that corrected readings are 1024 long; with D the diagonal that comes
 nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
@@ -10,20 +10,25 @@ nearest to the matrix and F the length of corrected readings in counts, gain = F
 ((120, -32, 7), (320, 400, 500))
 >>> settings.apply([440.0, -32.0, 7.0])
 array([1024.,    0.,    0.])
+>>> dump = b"set magzero_x = 120\nset magzero_y = -32\nset magzero_z = 7\n"
+>>> dump += b"set maggain_x = 320\nset maggain_y = 400\nset maggain_z = 500\n"
+>>> read(dump, "dump.txt").matrix.diagonal()
+array([1.25, 1.  , 0.8 ])
 
 Source: INAV, ``sensors/compass.c`` at 005b1ee7; int16, and a division that leaves off what is behind the point.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.conventions._affine import Affine, nearest_diagonal, whole
-from flinders.units import COUNTS
+from flinders.conventions._counts import counts, in_16_bits, of_radii, offset_and_radii, settings
+from flinders.errors import DocumentError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -35,8 +40,6 @@ UNITY: Final = 1024
 """Length of a corrected reading."""
 ZEROS: Final = ("magzero_x", "magzero_y", "magzero_z")
 GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
-LOWEST, HIGHEST = -(2**15), 2**15 - 1
-ADVICE: Final = "take away or demagnetise what is near the sensor, and check the unit of the recording"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +68,36 @@ class Settings:
         NotExportable
             Where 16 bits cannot hold them.
         """
-        found = Affine.of(calibration, COUNTS, who=WHO)
-        with np.errstate(all="ignore"):
-            radii = found.strength / nearest_diagonal(found.matrix)
-        zero = whole(found.offset, ZEROS, lowest=LOWEST, highest=HIGHEST, advice=ADVICE)
-        return cls(zero, whole(radii, GAINS, lowest=1, highest=HIGHEST, advice=ADVICE))
+        offset, radii = offset_and_radii(calibration, who=WHO)
+        return cls(in_16_bits(offset, ZEROS), in_16_bits(radii, GAINS, lowest=1))
 
     def apply(self, field: ArrayLike) -> Floats:
         """Correct readings: (..., 3) in counts to (..., 3) whole numbers, 1024 for the earth's field."""
         scaled = (vectors(field, finite=False) - floats(self.zero)) * UNITY / floats(self.gain)
         return np.trunc(scaled) + 0.0
+
+
+def sniff(head: bytes) -> bool:
+    """Whether a file may be what INAV's CLI printed, or what is pasted into it."""
+    return re.search(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", head) is not None
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the settings back, out of a dump, for readings in the axes of the sensor.
+
+    `strength`, counts: length of corrected readings; without it the geometric mean of the gains.
+
+    Raises
+    ------
+    DocumentError
+        Where one is missing, stands there with two values, or is none that INAV holds.
+    """
+    found = settings(content, source, [*ZEROS, *GAINS])
+    missing = [name for name in (*ZEROS, *GAINS) if name not in found]
+    if missing:
+        raise DocumentError(
+            f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
+            "at its default: save what dump prints"
+        )
+    zero, gain = counts(found, ZEROS, source), counts(found, GAINS, source, lowest=1)
+    return of_radii(zero, floats(gain), strength)

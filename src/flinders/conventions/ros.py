@@ -106,13 +106,7 @@ def sniff(head: bytes) -> bool:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the parameters of magnetometer_pipeline back.
 
-    Parameters
-    ----------
-    content : bytes
-    source : str
-        For messages.
-    strength : float, optional, µT
-        Length of corrected readings, which they do not hold; 50 µT where it is not given.
+    `strength`, µT: length of corrected readings, which they do not hold; 50 µT where it is not given.
 
     Raises
     ------

@@ -118,13 +118,7 @@ def sniff(head: bytes) -> bool:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the settings back, extremes and ellipsoid composed.
 
-    Parameters
-    ----------
-    content : bytes
-    source : str
-        For messages.
-    strength : float, optional, µT
-        Length of corrected readings; half of the largest range where it is not given.
+    `strength`, µT: length of corrected readings; half of the largest range where it is not given.
 
     Raises
     ------

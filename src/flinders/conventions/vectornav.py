@@ -63,13 +63,7 @@ def sniff(head: bytes) -> bool:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the sentence, or the device's answer to ``$VNRRG,23``, back.
 
-    Parameters
-    ----------
-    content : bytes
-    source : str
-        For messages.
-    strength : float, optional, µT
-        Length of corrected readings, which the register does not hold; 50 µT where it is not given.
+    `strength`, µT: length of corrected readings, which the register does not hold; 50 µT where it is not given.
 
     Raises
     ------

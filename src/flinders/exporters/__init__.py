@@ -2,8 +2,8 @@
 
 >>> from flinders.calibration import Calibration
 >>> from flinders.units import Unit
->>> export = find("adis16480").render(Calibration.identity(field_strength=50.0, raw=Unit.of("uT")), target="adis16480")
->>> [register["code"] for register in export.fields["registers"]]
+>>> export = find("adis16480").render(Calibration.identity(field_strength=50.0, raw=Unit.of("uT")))
+>>> [register["code"] for register in export.fields["values"]["registers"]]
 [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
 
 An exporter is a row of `EXPORTERS`: a new target adds a file here, one with its formulas to `conventions`, and a row.
@@ -15,7 +15,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions import adafruit as sensorlab
+from flinders.conventions import betaflight as mag_zero
+from flinders.conventions import inav as radii
 from flinders.conventions import motioncal as packet
+from flinders.conventions import paparazzi as defines
 from flinders.conventions import ros as ros_parameters
 from flinders.conventions import rtimulib as settings
 from flinders.conventions import vectornav as register
@@ -39,15 +42,15 @@ from flinders.exporters import (
     vectornav,
     zscilib,
 )
-from flinders.exporters._export import Asked, Deviation, Export, Render
+from flinders.exporters._export import NOTHING_MORE, Asked, Deviation, Export, Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from flinders.calibration import Calibration
 
-__all__ = ["EXPORTERS", "Asked", "Deviation", "Export", "Exporter", "Reader", "Render", "Sheet", "find", "read_back"]
+__all__ = ["EXPORTERS", "Asked", "Deviation", "Export", "Exporter", "Reader", "Sheet", "Written", "find", "read_back"]
 
 HEAD: Final = 65536
 """Bytes of a file that are looked at to tell what it is."""
@@ -62,7 +65,9 @@ class Reader:
     sniff : callable
         Whether the first bytes may be those of such a file.
     read : callable
-        ``read(content, source, strength=…)`` gives the calibration; it takes ``compass`` where there is `which`.
+        ``read(content, source, strength=…)`` gives the calibration: of the bytes of a file, with its name for messages
+        and the length of corrected readings, which goes before what the file says of it; in µT, in counts for files in
+        counts. It takes ``compass`` where there is `which`.
     which : callable, optional
         ``which(content, source, compass)`` gives number and device id of the compass that is read, of several.
     """
@@ -84,26 +89,53 @@ class Exporter:
         What it writes, for people.
     suffix : str
         Ending of such a file.
-    render : callable
-        Writes it.
     sheet : Sheet
         Its formula, unit, axes, storage and source.
+    write : callable
+        ``write(calibration, asked)`` gives the calibration in the numbers of the target.
     reader : Reader, optional
         Where such a file can be read back.
     docs : str
         The page that tells about it.
     compasses : bool
         It keeps several compasses, and takes ``--compass``.
+    named : bool
+        Names in it stand in a program beside those of others, and it takes ``--name``.
     """
 
     name: str
     use: str
     suffix: str
-    render: Render
     sheet: Sheet
+    write: Callable[[Calibration, Asked], Written]
     reader: Reader | None = None
     docs: str = "targets.md"
     compasses: bool = False
+    named: bool = False
+
+    def render(self, calibration: Calibration, *, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+        """Write a calibration for the target, and try the target's own formula on what is written.
+
+        Parameters
+        ----------
+        calibration : Calibration
+        about : sequence of str
+            Lines that tell where it comes from.
+        asked : Asked
+            Which compass, and what else there is to choose.
+
+        Raises
+        ------
+        UnitError
+            Where counts would have to become a unit, or the other way round.
+        NotExportable
+            For what the target cannot hold, and for readings in other axes than those in which it acts.
+        UsageError
+            For a compass that there is not, or a name that cannot be written.
+        """
+        self.sheet.refuse_foreign(calibration)
+        written = self.write(calibration, asked)
+        return self.sheet.export(calibration, written, target=self.name, about=about, asked=asked)
 
 
 ARDUPILOT: Final = Reader(ardupilot.sniff, ardupilot.read, ardupilot.which)
@@ -114,49 +146,58 @@ EXPORTERS: Final[Mapping[str, Exporter]] = {
     row.name: row
     for row in (
         Exporter(
-            "ardupilot", "ArduPilot parameters", ".param", ardupilot.render, ardupilot.SHEET, ARDUPILOT, compasses=True
+            "ardupilot", "ArduPilot parameters", ".param", ardupilot.SHEET, ardupilot.write, ARDUPILOT, compasses=True
         ),
-        Exporter("px4", "PX4, file of QGroundControl", ".params", px4.render, px4.SHEET, PX4, compasses=True),
-        Exporter("px4-shell", "PX4, lines for its shell", ".txt", px4.render_shell, px4.SHEET, PX4, compasses=True),
-        Exporter("motioncal", "MotionCal packet, PJRC EEPROM", ".bin", motioncal.render, motioncal.SHEET, PACKET),
-        Exporter("adafruit-eeprom", "Adafruit EEPROM image", ".bin", motioncal.render, motioncal.SHEET, PACKET),
+        Exporter("px4", "PX4, file of QGroundControl", ".params", px4.SHEET, px4.write, PX4, compasses=True),
+        Exporter("px4-shell", "PX4, lines for its shell", ".txt", px4.SHEET, px4.write_shell, PX4, compasses=True),
+        Exporter("motioncal", "MotionCal packet, PJRC EEPROM", ".bin", motioncal.SHEET, motioncal.write, PACKET),
+        Exporter("adafruit-eeprom", "Adafruit EEPROM image", ".bin", motioncal.SHEET, motioncal.write, PACKET),
         Exporter(
-            "sensorlab", "Adafruit SensorLab JSON", ".json", adafruit.render, adafruit.SHEET,
+            "sensorlab", "Adafruit SensorLab JSON", ".json", adafruit.SHEET, adafruit.write,
             Reader(sensorlab.sniff, sensorlab.read),
         ),
-        Exporter("fusion", "x-io Fusion from 1.2.0, C", ".h", fusion.render, fusion.SHEET),
-        Exporter("fusion-python", "x-io Fusion from 1.3.0, Python", ".py", fusion.render_python, fusion.PYTHON),
-        Exporter("fusion-1.1", "x-io Fusion up to 1.1, C", ".h", fusion.render_old, fusion.OLD),
+        Exporter("fusion", "x-io Fusion from 1.2.0, C", ".h", fusion.SHEET, fusion.write),
+        Exporter("fusion-python", "x-io Fusion from 1.3.0, Python", ".py", fusion.PYTHON, fusion.write_python),
+        Exporter("fusion-1.1", "x-io Fusion up to 1.1, C", ".h", fusion.OLD, fusion.write_old),
         Exporter(
-            "rtimulib", "lines of RTIMULib.ini", ".ini", rtimulib.render, rtimulib.SHEET,
+            "rtimulib", "lines of RTIMULib.ini", ".ini", rtimulib.SHEET, rtimulib.write,
             Reader(settings.sniff, settings.read),
         ),
-        Exporter("betaflight", "Betaflight CLI", ".txt", betaflight.render, betaflight.SHEET),
-        Exporter("inav", "INAV CLI", ".txt", inav.render, inav.SHEET),
-        Exporter("paparazzi", "Paparazzi airframe XML", ".xml", paparazzi.render, paparazzi.SHEET),
         Exporter(
-            "vectornav", "VectorNav register 23", ".txt", vectornav.render, vectornav.SHEET,
+            "betaflight", "Betaflight CLI", ".txt", betaflight.SHEET, betaflight.write,
+            Reader(mag_zero.sniff, mag_zero.read),
+        ),
+        Exporter(
+            "inav", "INAV CLI", ".txt", inav.SHEET, inav.write,
+            Reader(radii.sniff, radii.read),
+        ),
+        Exporter(
+            "paparazzi", "Paparazzi airframe XML", ".xml", paparazzi.SHEET, paparazzi.write,
+            Reader(defines.sniff, defines.read),
+        ),
+        Exporter(
+            "vectornav", "VectorNav register 23", ".txt", vectornav.SHEET, vectornav.write,
             Reader(register.sniff, register.read),
         ),
-        Exporter("adis16480", "ADIS16480 registers", ".txt", adis16480.render, adis16480.SHEET, docs="registers.md"),
-        Exporter("adis16488", "ADIS16488 registers", ".txt", adis16480.render, adis16480.SHEET, docs="registers.md"),
-        Exporter("ros-madgwick", "ROS 2 imu_filter_madgwick", ".yaml", ros.render_madgwick, ros.MADGWICK),
+        Exporter("adis16480", "ADIS16480 registers", ".txt", adis16480.SHEET, adis16480.write, docs="registers.md"),
+        Exporter("adis16488", "ADIS16488 registers", ".txt", adis16480.LATER, adis16480.write, docs="registers.md"),
+        Exporter("ros-madgwick", "ROS 2 imu_filter_madgwick", ".yaml", ros.MADGWICK, ros.write_madgwick),
         Exporter(
-            "ros-pipeline", "ROS magnetometer_pipeline", ".yaml", ros.render_pipeline, ros.PIPELINE,
+            "ros-pipeline", "ROS magnetometer_pipeline", ".yaml", ros.PIPELINE, ros.write_pipeline,
             Reader(ros_parameters.sniff, ros_parameters.read),
         ),
-        Exporter("esphome", "ESPHome template sensors", ".yaml", esphome.render, esphome.SHEET),
-        Exporter("zscilib", "Zephyr zscilib constants", ".h", zscilib.render, zscilib.SHEET),
-        Exporter("matlab", "MATLAB and Octave function", ".m", matlab.render, matlab.SHEET),
-        Exporter("c", "C99 header, single precision", ".h", code.render_header, code.HEADER),
-        Exporter("c-q15", "C99 header, 16-bit fixed point", ".h", code.render_q15, code.SHORT),
-        Exporter("c-q31", "C99 header, 32-bit fixed point", ".h", code.render_q31, code.LONG),
-        Exporter("arduino", "Arduino sketch", ".ino", code.render_sketch, code.SKETCH),
-        Exporter("micropython", "MicroPython, CircuitPython", ".py", code.render_micropython, code.MODULE),
+        Exporter("esphome", "ESPHome template sensors", ".yaml", esphome.SHEET, esphome.write),
+        Exporter("zscilib", "Zephyr zscilib constants", ".h", zscilib.SHEET, zscilib.write),
+        Exporter("matlab", "MATLAB and Octave function", ".m", matlab.SHEET, matlab.write, named=True),
+        Exporter("c", "C99 header, single precision", ".h", code.HEADER, code.write_header, named=True),
+        Exporter("c-q15", "C99 header, 16-bit fixed point", ".h", code.SHORT, code.write_q15, named=True),
+        Exporter("c-q31", "C99 header, 32-bit fixed point", ".h", code.LONG, code.write_q31, named=True),
+        Exporter("arduino", "Arduino sketch", ".ino", code.SKETCH, code.write_sketch, named=True),
+        Exporter("micropython", "MicroPython, CircuitPython", ".py", code.MODULE, code.write_micropython),
         Exporter(
-            "json", "plain JSON", ".json", plain.render_json, plain.JSON, Reader(plain.sniff, plain.read)
+            "json", "plain JSON", ".json", plain.JSON, plain.write_json, Reader(plain.sniff, plain.read)
         ),
-        Exporter("yaml", "plain YAML", ".yaml", plain.render_yaml, plain.YAML),
+        Exporter("yaml", "plain YAML", ".yaml", plain.YAML, plain.write_yaml),
     )
 }  # fmt: skip
 """By name, in the order they are listed."""
@@ -189,7 +230,7 @@ def read_back(
     target : str, optional
         Whose file it is; found by its content where it is not given.
     strength : float, optional, µT
-        Length of corrected readings, where the target does not hold it.
+        Length of corrected readings, where the target does not hold it; in counts for files in counts.
     compass : int, optional
         Which of several.
 

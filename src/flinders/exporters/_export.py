@@ -1,10 +1,10 @@
-"""What an exporter gives: content of a file, the same as fields, and how far the target's own formula is off."""
+"""What an exporter is asked, what it writes, and how far the target's own formula is then off."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from flinders.errors import NotExportable, figures
 from flinders.units import label
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
@@ -39,13 +39,41 @@ class Asked:
         Which one, as the target counts; its first where it is not given.
     lossy : bool
         Write also what costs more than a degree of heading.
+    name : str, optional
+        Of the sensor: names in generated code begin with it, so that code for two sensors goes into one program.
     """
 
     compass: int | None = None
     lossy: bool = False
+    name: str | None = None
 
 
 NOTHING_MORE = Asked()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Written:
+    """A calibration in the numbers of a target.
+
+    Attributes
+    ----------
+    apply : callable
+        The target's formula with the numbers as it will hold them, in its units.
+    body : sequence of str
+        Lines of the file.
+    values : mapping
+        What is written, for programs.
+    notes : sequence of str
+        What else to know.
+    data : bytes, optional
+        Content of the file, where it is no text.
+    """
+
+    apply: Callable[[Floats], Floats]
+    body: Sequence[str]
+    values: Mapping[str, Any]
+    notes: Sequence[str] = ()
+    data: bytes | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +119,7 @@ class Deviation:
         lacks : str
             What the target cannot hold, for the message of a refusal.
         lossy : bool
-            Accept any heading error.
+            Accept any heading error of what it cannot hold, and of rounding all but an error as long as the reading.
 
         Raises
         ------
@@ -114,7 +142,7 @@ class Deviation:
         if lacks:
             if not math.isfinite(share) or (deviation.heading_deg > COARSEST_DEG and not lossy):
                 raise deviation._lost(lacks)
-        elif not share <= math.sin(math.radians(COARSEST_DEG)) and not (lossy and math.isfinite(share)):
+        elif not (share <= math.sin(math.radians(COARSEST_DEG)) or (lossy and share < 1)):
             off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
             raise NotExportable(
                 f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
@@ -172,12 +200,3 @@ class Export:
     warnings: tuple[str, ...] = ()
     data: bytes | None = None
     told: bool = True
-
-
-class Render(Protocol):
-    """How a row of the table turns a calibration into an `Export`."""
-
-    def __call__(
-        self, calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-    ) -> Export:
-        """Render; `target` is the name of the row, `about` are lines that tell where it comes from."""

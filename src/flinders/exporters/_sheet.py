@@ -21,7 +21,7 @@ import numpy as np
 from flinders.conventions._affine import OWN, RECORDED, VEHICLE, Acts, acting, per_unit, refuse_mounted
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.errors import figures
-from flinders.exporters._export import DIP_DEG, Asked, Deviation, Export
+from flinders.exporters._export import DIP_DEG, Deviation, Export
 from flinders.units import label
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked, Written
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
 
@@ -132,6 +133,8 @@ class Sheet:
         How long corrected readings are, where that is the target's own; empty where it is the calibration's.
     gives : str
         Unit of what comes out, where it is another.
+    errors_in : str
+        Unit in which its errors are told, where that of the calibration says little beside its steps.
     unverified : tuple of str
         What nobody could verify, a clause each.
     comment : Comment, optional
@@ -148,6 +151,7 @@ class Sheet:
     fed: bool = False
     lengths: str = ""
     gives: str = ""
+    errors_in: str = ""
     unverified: tuple[str, ...] = ()
     comment: Comment | None = HASH
 
@@ -162,80 +166,75 @@ class Sheet:
         return HOLDS[self.keeps]
 
     def export(
-        self,
-        calibration: Calibration,
-        apply: Callable[[Floats], Floats],
-        body: Sequence[str],
-        *,
-        target: str,
-        about: Sequence[str],
-        asked: Asked,
-        values: Mapping[str, Any],
-        notes: Sequence[str] = (),
-        data: bytes | None = None,
+        self, calibration: Calibration, written: Written, *, target: str, about: Sequence[str], asked: Asked
     ) -> Export:
         """Run the target's formula on what is written, and lay the file out.
 
         Parameters
         ----------
         calibration : Calibration
-        apply : callable
-            The target's formula with the numbers as it will hold them, in its units.
-        body : sequence of str
-            Lines of the file.
-        target, about, asked
-            As `Render` has them.
-        values : mapping
-            What is written, for programs.
-        notes : sequence of str
-            What else to know.
-        data : bytes, optional
-            Content of the file, where it is no text.
+        written : Written
+            It in the numbers of the target.
+        target : str
+            Name of the target.
+        about : sequence of str
+            Lines that tell where it comes from.
+        asked : Asked
 
         Raises
         ------
         NotExportable
-            Where the target's numbers cost more than a degree of heading, unless that was asked for; or where it acts
-            before the mounting, and the calibration is for readings after it.
+            Where the target's numbers cost more than a degree of heading, unless that was asked for.
         """
-        if self.acts == "recorded" and not self.fed:
-            refuse_mounted(calibration, who=self.title)
-        size = per_unit(calibration, self.unit, who=self.title)
-        gives = per_unit(calibration, self.gives or self.unit, who=self.title)
         lacks = f"{self.title} holds {self.holds}" if self._loses(calibration) else ""
-        deviation = Deviation.of(
-            calibration,
-            lambda raw: gives * apply(raw / size),
-            acts=acting(self.acts, calibration),
-            relative=bool(self.lengths),
-            lacks=lacks,
-            lossy=asked.lossy,
-        )
-        warnings = list(self._warnings(deviation, lacks))
+        deviation = self._tried(calibration, written.apply, lacks=lacks, lossy=asked.lossy)
+        warnings = tuple(self._warnings(deviation, lacks))
         checked = self._checked(calibration, deviation)
-        told = [*about, *self._notes(calibration, calibration.field_strength / gives), *notes]
+        told = [*about, *self._notes(calibration), *written.notes]
         remarks = [f"{self.title}: {self.formula}, in {self._unit(calibration)}", *told, *warnings, checked]
         comments = self.comment.lines(remarks) if self.comment else []
-        fields: dict[str, Any] = {
+        fields = {
             "target": target,
             "formula": self.formula,
             "unit": self._unit(calibration),
             "axes": self.where,
             "holds": self.holds,
-            "values": dict(values),
-            "checked": {
-                "vectors": deviation.vectors,
-                "unit": calibration.unit,
-                "field": calibration.field_strength,
-                "worst": deviation.worst,
-                "worst_deg": deviation.worst_deg,
-                "heading_deg": deviation.heading_deg,
-            },
+            "values": dict(written.values),
+            "checked": self._figures(calibration, deviation),
             "notes": told,
             "unverified": list(self.unverified),
         }
-        text = "\n".join([*comments, *body, ""])
-        return Export(target, text, fields, checked, tuple(warnings), data, told=bool(comments))
+        text = "\n".join([*comments, *written.body, ""])
+        return Export(target, text, fields, checked, warnings, written.data, told=bool(comments))
+
+    def refuse_foreign(self, calibration: Calibration) -> None:
+        """Refuse a calibration of readings after the mounting for a target that acts before it.
+
+        Raises
+        ------
+        NotExportable
+        """
+        if self.acts == "recorded" and not self.fed:
+            refuse_mounted(calibration, who=self.title)
+
+    def _tried(
+        self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, lossy: bool
+    ) -> Deviation:
+        """Run the target's formula in its units."""
+        size = per_unit(calibration, self.unit, who=self.title)
+        gives = self._size_given(calibration)
+        return Deviation.of(
+            calibration,
+            lambda raw: gives * apply(raw / size),
+            acts=acting(self.acts, calibration),
+            relative=bool(self.lengths),
+            lacks=lacks,
+            lossy=lossy,
+        )
+
+    def _size_given(self, calibration: Calibration) -> float:
+        """What one unit of a corrected reading is, in the unit of the calibration."""
+        return per_unit(calibration, self.gives or self.unit, who=self.title)
 
     def _loses(self, calibration: Calibration) -> bool:
         """Whether the matrix has more to it than the target holds."""
@@ -258,22 +257,47 @@ class Sheet:
         for clause in self.unverified:
             yield f"not verified: {clause}"
 
+    def _errors_in(self, calibration: Calibration) -> tuple[float, str]:
+        """The unit in which errors are told: its size in that of the calibration, and its name."""
+        if self.errors_in:
+            return per_unit(calibration, self.errors_in, who=self.title), self.errors_in
+        return 1.0, calibration.unit
+
+    def _figures(self, calibration: Calibration, deviation: Deviation) -> dict[str, Any]:
+        """How far the target is off, for programs."""
+        size, unit = self._errors_in(calibration)
+        return {
+            "vectors": deviation.vectors,
+            "unit": unit,
+            "field": calibration.field_strength / size,
+            "worst": deviation.worst / size,
+            "worst_deg": deviation.worst_deg,
+            "heading_deg": deviation.heading_deg,
+        }
+
     def _checked(self, calibration: Calibration, deviation: Deviation) -> str:
-        unit = label(calibration.unit)
-        scaled = ", scaled," if self.lengths else ""
+        """How far the target is off, in words."""
+        size, name = self._errors_in(calibration)
+        unit, scaled = label(name), ", scaled," if self.lengths else ""
         return (
             f"checked: its own formula{scaled} on {deviation.vectors} fields of "
-            f"{figures(calibration.field_strength, 4)} {unit}, {_at_most(deviation, unit)} off the calibration"
+            f"{figures(calibration.field_strength / size, 4)} {unit}, "
+            f"{_at_most(deviation.worst / size, deviation.worst_deg, unit)} off the calibration"
         )
 
-    def _notes(self, calibration: Calibration, strength: float) -> Iterable[str]:
+    def _notes(self, calibration: Calibration) -> Iterable[str]:
         """For which readings the numbers are right, and what comes out."""
         if self.lengths:
             yield f"corrected readings are {self.lengths}"
         else:
+            strength = calibration.field_strength / self._size_given(calibration)
             relative = "" if calibration.field_strength_known else ", which is relative: no field strength was given"
             unit = _named(self.gives or self.unit, calibration)
             yield f"corrected readings are {figures(strength, 4)} {unit} long{relative}"
+        yield from self._of_the_axes(calibration)
+
+    def _of_the_axes(self, calibration: Calibration) -> Iterable[str]:
+        """In which axes readings go in, and what is left to do to those that come out."""
         if calibration.frame == VEHICLE:
             yield "for readings in the axes of the vehicle, after the mounting, as they were recorded"
             if acting(self.acts, calibration) == "recorded" and not calibration.axes.is_identity:
@@ -297,12 +321,11 @@ def _named(unit: str, calibration: Calibration) -> str:
     return {OWN: calibration.unit, RECORDED: calibration.raw.name}.get(unit, unit)
 
 
-def _at_most(deviation: Deviation, unit: str) -> str:
+def _at_most(worst: float, worst_deg: float, unit: str) -> str:
     """Write the errors; what is next to nothing only as that, since it differs from machine to machine."""
-    if max(deviation.worst, deviation.worst_deg) < NEXT_TO_NOTHING:
+    if max(worst, worst_deg) < NEXT_TO_NOTHING:
         return f"less than {NEXT_TO_NOTHING} {unit} and {NEXT_TO_NOTHING}°"
-    worst, angle = max(deviation.worst, NEXT_TO_NOTHING), max(deviation.worst_deg, NEXT_TO_NOTHING)
-    return f"at most {figures(worst)} {unit} and {figures(angle)}°"
+    return f"at most {figures(max(worst, NEXT_TO_NOTHING))} {unit} and {figures(max(worst_deg, NEXT_TO_NOTHING))}°"
 
 
 def plain_ascii(text: str) -> str:

@@ -6,13 +6,12 @@ import json
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.adafruit import dumps, of
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="Adafruit SensorLab",
@@ -25,16 +24,8 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
-    """Write the file; gyroscope and accelerometer stay uncorrected.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    """
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the file; gyroscope and accelerometer stay uncorrected; a calibration in counts raises `UnitError`."""
     numbers = of(calibration)
     text = dumps(numbers).rstrip("\n")
-    return SHEET.export(
-        calibration, numbers.apply, [text], target=target, about=about, asked=asked, values=json.loads(text)
-    )
+    return Written(numbers.apply, [text], json.loads(text))

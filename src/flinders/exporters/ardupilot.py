@@ -2,9 +2,10 @@
 
 >>> import numpy as np
 >>> from flinders.calibration import Calibration
+>>> from flinders.exporters import Asked
 >>> from flinders.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
->>> print(*render(found, target="ardupilot", asked=Asked(compass=2)).text.splitlines()[-4:], sep=chr(10))
+>>> print(*write(found, Asked(compass=2)).body[-4:], sep=chr(10))
 COMPASS_ODI2_X,0
 COMPASS_ODI2_Y,0
 COMPASS_ODI2_Z,0
@@ -18,13 +19,12 @@ from typing import TYPE_CHECKING, Final
 from flinders.conventions._affine import Affine
 from flinders.conventions._parsing import chosen, decoded
 from flinders.conventions.ardupilot import Parameters, compasses, in_vehicle_axes, names, parse
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="ArduPilot",
@@ -36,8 +36,14 @@ SHEET: Final = Sheet(
     acts="mapped",
 )
 
+MOTORS: Final = (
+    "COMPASS_MOT and COMPASS_MOTCT are not written: what is on board stays, and belongs to the old DIA, ODI and SCALE; "
+    "where it is not 0 and those change, run CompassMot again"
+)
+"""MOT x is added after I and SCALE: with others it would have to be I' SCALE' (I SCALE)⁻¹ MOT."""
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+
+def write(calibration: Calibration, asked: Asked) -> Written:
     """Write the parameters of one compass, the first unless another is asked for.
 
     Raises
@@ -55,26 +61,20 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), 
     parameters = Parameters.of(in_place, compass=compass).as_held()
     values = dict(parameters.rows())
     body = [f"{name},{value:.9g}" for name, value in values.items()]
-    return SHEET.export(calibration, parameters.apply, body, target=target, about=about, asked=asked, values=values)
+    return Written(parameters.apply, body, values, notes=(MOTORS,))
 
 
 def sniff(head: bytes) -> bool:
     """Whether a file may hold parameters of a compass of ArduPilot."""
-    return b"COMPASS_" in head or b"COMPASS1_" in head
+    pins = b"resource COMPASS_" in head  # of Betaflight
+    return not pins and (b"COMPASS_" in head or b"COMPASS1_" in head)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None, compass: int | None = None) -> Calibration:
     """Read the parameters of one compass back.
 
-    Parameters
-    ----------
-    content : bytes
-    source : str
-        For messages.
-    strength : float, optional, µT
-        Length of corrected readings, which they do not hold; 50 µT where it is not given.
-    compass : int, optional
-        Which one; the only one where there is one.
+    `strength`, µT: length of corrected readings, which they do not hold; 50 µT where it is not given. `compass`:
+    which one; the only one where there is one.
 
     Raises
     ------

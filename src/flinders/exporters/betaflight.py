@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.betaflight import MagZero
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 from flinders.units import COUNTS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="Betaflight",
@@ -26,18 +25,14 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
-    """Write the line.
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the line; a recording that was not in raw counts raises `UnitError`.
 
     Raises
     ------
-    UnitError
-        Where the recording was not in raw counts.
     NotExportable
         Where the soft iron left out costs more than a degree of heading, or int16 cannot hold the offset.
     """
     zero = MagZero.of(calibration)
     body = [f"set mag_calibration = {','.join(map(str, zero.counts))}", "save"]
-    return SHEET.export(
-        calibration, zero.apply, body, target=target, about=about, asked=asked, values={"mag_calibration": zero.counts}
-    )
+    return Written(zero.apply, body, {"mag_calibration": zero.counts})

@@ -2,9 +2,10 @@
 
 >>> import numpy as np
 >>> from flinders.calibration import Calibration
+>>> from flinders.exporters import Asked
 >>> found = Calibration(np.diag([1.25, 1.0, 0.5]), [10.0, -20.0, 30.0], 50.0)
 >>> module: dict[str, object] = {}
->>> exec(render_micropython(found, target="micropython").text, module)
+>>> exec(chr(10).join(write_micropython(found, Asked()).body), module)
 >>> module["correct"]((10, -20, 130))
 (0.0, 0.0, 50.0)
 
@@ -16,9 +17,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.conventions._affine import OWN, RECORDED, Affine
+from flinders.conventions._affine import OWN, RECORDED
 from flinders.conventions.code import Q15, Q31, FixedPoint, Format, single_precision, unit_in, unit_out
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
+from flinders.exporters._names import begun, guarded
 from flinders.exporters._sheet import BLOCK, HASH, Sheet, digits
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.conventions._affine import Affine
+    from flinders.exporters._export import Asked
 
 HEADER: Final = Sheet(
     title="C99 header",
@@ -55,90 +59,98 @@ LONG: Final = replace(
     gives=RECORDED,
 )
 
-FLOAT_BODY: Final = """\
+FLOAT: Final = """\
 {{
-    const float x = raw[0] - flinders_offset[0];
-    const float y = raw[1] - flinders_offset[1];
-    const float z = raw[2] - flinders_offset[2];
+    const float x = raw[0] - {name}_offset[0];
+    const float y = raw[1] - {name}_offset[1];
+    const float z = raw[2] - {name}_offset[2];
     int row;
     for (row = 0; row < 3; row++) {{
-        corrected[row] = flinders_matrix[row][0] * x + flinders_matrix[row][1] * y + flinders_matrix[row][2] * z;
+        corrected[row] = {name}_matrix[row][0] * x + {name}_matrix[row][1] * y + {name}_matrix[row][2] * z;
     }}
 }}"""
 
-FIXED_BODY: Final = """\
-static inline int64_t flinders_held(int64_t value)
+FIXED: Final = """\
+static inline int64_t {name}_held(int64_t value)
 {{
     return value > {largest} ? {largest} : value < -{largest} - 1 ? -{largest} - 1 : value;
 }}
 
 /* The largest whole number that is not above value / 2^places. */
-static inline int64_t flinders_shifted(int64_t value, int places)
+static inline int64_t {name}_shifted(int64_t value, int places)
 {{
     return value >= 0 ? value >> places : -((-value + ((int64_t)1 << places) - 1) >> places);
 }}
 
 /* From {unit} as recorded to {unit}; both may be the same array. */
-static inline void flinders_correct(const {whole} raw[3], {whole} corrected[3])
+static inline void {name}_correct(const {whole} raw[3], {whole} corrected[3])
 {{
     int64_t moved[3];
     int row, column;
     for (column = 0; column < 3; column++) {{
-        moved[column] = flinders_held(raw[column]) * {step} - flinders_offset[column];
+        moved[column] = {name}_held(raw[column]) * {step} - {name}_offset[column];
     }}
     for (row = 0; row < 3; row++) {{
         int64_t sum = (int64_t)1 << {half};
         for (column = 0; column < 3; column++) {{
-            sum += (int64_t)flinders_matrix[row][column] * moved[column];
+            sum += (int64_t){name}_matrix[row][column] * moved[column];
         }}
-        corrected[row] = ({whole})flinders_held(flinders_shifted(sum, {places}));
+        corrected[row] = ({whole}){name}_held({name}_shifted(sum, {places}));
     }}
 }}"""
 
+USUAL: Final = "flinders"
+"""What names in C begin with, unless another name is asked for."""
 
-def render_header(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
-    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``."""
-    numbers = single_precision(calibration)
+
+def write_header(calibration: Calibration, asked: Asked) -> Written:
+    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``.
+
+    Raises
+    ------
+    UsageError
+        For a name that cannot begin one in C.
+    """
+    numbers, name = single_precision(calibration), begun(USUAL, asked.name)
     body = [
-        *_opened(),
-        *_array("static const float flinders_matrix[3][3]", numbers.matrix),
-        f"static const float flinders_offset[3] = {{{_listed(numbers.offset)}}}; /* {unit_in(calibration)} */",
-        f"#define FLINDERS_FIELD_STRENGTH {digits(numbers.strength, 'f')} /* {unit_out(calibration)} */",
+        *_array(f"static const float {name}_matrix[3][3]", numbers.matrix),
+        f"static const float {name}_offset[3] = {{{_listed(numbers.offset)}}}; /* {unit_in(calibration)} */",
+        f"#define {name.upper()}_FIELD_STRENGTH {digits(numbers.strength, 'f')} /* {unit_out(calibration)} */",
         "",
         f"/* From {unit_in(calibration)} as recorded to {unit_out(calibration)}; both may be the same array. */",
-        "static inline void flinders_correct(const float raw[3], float corrected[3])",
-        *FLOAT_BODY.format().splitlines(),
-        *CLOSED,
+        f"static inline void {name}_correct(const float raw[3], float corrected[3])",
+        *FLOAT.format(name=name).splitlines(),
     ]
-    return _exported(HEADER, calibration, numbers, body, target=target, about=about, asked=asked)
+    return _written(calibration, numbers, guarded(name, body))
 
 
-def render_sketch(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
-    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
-    numbers = single_precision(calibration)
+def write_sketch(calibration: Calibration, asked: Asked) -> Written:
+    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place.
+
+    Raises
+    ------
+    UsageError
+        For a name that cannot begin one in C++.
+    """
+    numbers, name = single_precision(calibration), begun("", asked.name)
+    constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
+    sums = [
+        " + ".join(f"{constant}_MATRIX[{row}][{place}] * {one}" for place, one in enumerate("uvw")) for row in range(3)
+    ]
     body = [
-        *_array("const float MAG_MATRIX[3][3]", numbers.matrix),
-        f"const float MAG_OFFSET[3] = {{{_listed(numbers.offset)}}}; // {unit_in(calibration)}",
+        *_array(f"const float {constant}_MATRIX[3][3]", numbers.matrix),
+        f"const float {constant}_OFFSET[3] = {{{_listed(numbers.offset)}}}; // {unit_in(calibration)}",
         "",
         f"// Call it with raw readings in {unit_in(calibration)}; they become {unit_out(calibration)}.",
-        "void correctMagnetometer(float &x, float &y, float &z) {",
-        "  const float u = x - MAG_OFFSET[0], v = y - MAG_OFFSET[1], w = z - MAG_OFFSET[2];",
-        *(
-            f"  {axis} = MAG_MATRIX[{row}][0] * u + MAG_MATRIX[{row}][1] * v + MAG_MATRIX[{row}][2] * w;"
-            for row, axis in enumerate("xyz")
-        ),
+        f"void {function}Magnetometer(float &x, float &y, float &z) {{",
+        f"  const float u = x - {constant}_OFFSET[0], v = y - {constant}_OFFSET[1], w = z - {constant}_OFFSET[2];",
+        *(f"  {axis} = {total};" for axis, total in zip("xyz", sums, strict=True)),
         "}",
     ]
-    return _exported(SKETCH, calibration, numbers, body, target=target, about=about, asked=asked)
+    return _written(calibration, numbers, body)
 
 
-def render_micropython(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
+def write_micropython(calibration: Calibration, _asked: Asked) -> Written:
     """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
     numbers = single_precision(calibration)
     body = [
@@ -154,90 +166,60 @@ def render_micropython(
         "    x, y, z = raw[0] - OFFSET[0], raw[1] - OFFSET[1], raw[2] - OFFSET[2]",
         "    return tuple(a * x + b * y + c * z for a, b, c in MATRIX)",
     ]
-    return _exported(MODULE, calibration, numbers, body, target=target, about=about, asked=asked)
+    return _written(calibration, numbers, body)
 
 
-def render_q15(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
+def write_q15(calibration: Calibration, asked: Asked) -> Written:
     """Write a header for whole readings of 16 bits.
 
     Raises
     ------
     NotExportable
-        Where 16 bits cannot hold the numbers, or whole numbers of the recorded unit cost a degree.
+        Where 16 bits cannot hold the numbers.
+    UsageError
+        For a name that cannot begin one in C.
     """
-    return _fixed(calibration, Q15, "int16_t", target=target, about=about, asked=asked)
+    return _fixed(calibration, Q15, "int16_t", asked)
 
 
-def render_q31(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
-    """Write a header for whole readings of 24 bits in 32.
-
-    Raises
-    ------
-    NotExportable
-        Where they cannot hold the numbers, or whole numbers of the recorded unit cost a degree.
-    """
-    return _fixed(calibration, Q31, "int32_t", target=target, about=about, asked=asked)
+def write_q31(calibration: Calibration, asked: Asked) -> Written:
+    """Write a header for whole readings of 24 bits in 32; raises as `write_q15`."""
+    return _fixed(calibration, Q31, "int32_t", asked)
 
 
-def _exported(
-    sheet: Sheet,
-    calibration: Calibration,
-    numbers: Affine,
-    body: Sequence[str],
-    *,
-    target: str,
-    about: Sequence[str],
-    asked: Asked,
-) -> Export:
+def _written(calibration: Calibration, numbers: Affine, body: Sequence[str]) -> Written:
+    """Code in single precision."""
     values = {
         "matrix": numbers.matrix,
         "offset": numbers.offset,
         "unit_in": unit_in(calibration),
         "unit_out": unit_out(calibration),
     }
-    return sheet.export(calibration, numbers.apply, body, target=target, about=about, asked=asked, values=values)
+    return Written(numbers.apply, body, values)
 
 
-def _fixed(
-    calibration: Calibration, form: Format, whole: str, *, target: str, about: Sequence[str], asked: Asked
-) -> Export:
-    code = FixedPoint.of(calibration, form)
-    unit, entry = unit_in(calibration), f"int{form.bits}_t"
-    rows = [f"    {{{', '.join(map(str, row))}}}," for row in code.entries]
-    places = code.shift + form.fraction
-    text = FIXED_BODY.format(
-        largest=form.largest, unit=unit, whole=whole, step=1 << form.fraction, half=places - 1, places=places
+def _fixed(calibration: Calibration, form: Format, whole: str, asked: Asked) -> Written:
+    """Code in whole numbers; `whole` is the type of a reading."""
+    code, name = FixedPoint.of(calibration, form), begun(USUAL, asked.name)
+    unit, entry, places = unit_in(calibration), f"int{form.bits}_t", code.shift + form.fraction
+    text = FIXED.format(
+        name=name, largest=form.largest, unit=unit, whole=whole, step=1 << form.fraction, half=places - 1, places=places
     )
     body = [
-        *_opened(),
         "#include <stdint.h>",
         "",
         f"/* In units of 2^-{code.shift}. */",
-        f"static const {entry} flinders_matrix[3][3] = {{",
-        *rows,
+        f"static const {entry} {name}_matrix[3][3] = {{",
+        *(f"    {{{', '.join(map(str, row))}}}," for row in code.entries),
         "};",
         f"/* In units of 2^-{form.fraction} {unit}. */",
-        f"static const int32_t flinders_offset[3] = {{{', '.join(map(str, code.offset))}}};",
+        f"static const int32_t {name}_offset[3] = {{{', '.join(map(str, code.offset))}}};",
         "",
         *text.splitlines(),
-        *CLOSED,
     ]
     values = {"entries": code.entries, "shift": code.shift, "offset": code.offset, "fraction": form.fraction}
     notes = [f"readings and results are whole numbers of {unit}"]
-    return (SHORT if form is Q15 else LONG).export(
-        calibration, code.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
-    )
-
-
-def _opened() -> list[str]:
-    return ["#ifndef FLINDERS_CALIBRATION_H", "#define FLINDERS_CALIBRATION_H", ""]
-
-
-CLOSED: Final = ("", "#endif")
+    return Written(code.apply, guarded(name, body), values, notes)
 
 
 def _array(declared: str, matrix: Floats) -> list[str]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions._affine import Affine
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet, digits
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="ESPHome",
@@ -25,21 +24,13 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
-    """Write three template sensors.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    """
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write three template sensors; a calibration in counts raises `UnitError`."""
     numbers = Affine.of(calibration, "uT", who=SHEET.title).single
     body = ["sensor:", *(line for place in range(3) for line in _sensor(place, numbers.matrix, numbers.offset))]
     values = {"matrix": numbers.matrix, "offset": numbers.offset}
     notes = ["give the sensors of your magnetometer the ids field_strength_x, field_strength_y and field_strength_z"]
-    return SHEET.export(
-        calibration, numbers.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
-    )
+    return Written(numbers.apply, body, values, notes)
 
 
 def _sensor(place: int, matrix: Floats, offset: Floats) -> list[str]:

@@ -2,10 +2,11 @@
 
 >>> import numpy as np
 >>> from flinders.calibration import Calibration
+>>> from flinders.exporters import Asked
 >>> found = Calibration(np.diag([1.25, 1.0, 0.5]), [10.0, -20.0, 30.0], 50.0)
->>> print(render_old(found, target="fusion-1.1").text.splitlines()[-1])
+>>> print(write_old(found, Asked()).body[-1])
 const FusionVector hardIronOffset = {12.5f, -20.0f, 15.0f};
->>> print(render(found, target="fusion").text.splitlines()[-1])
+>>> print(write(found, Asked()).body[-1])
 const FusionVector hardIronOffset = {10.0f, -20.0f, 30.0f};
 """
 
@@ -16,14 +17,15 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.conventions._affine import OWN
 from flinders.conventions.fusion import OldModel, of
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import BLOCK, HASH, Sheet, digits
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
-    from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.conventions._affine import Affine
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="x-io Fusion from 1.2.0 on, C",
@@ -44,33 +46,19 @@ OLD: Final = replace(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+def write(calibration: Calibration, _asked: Asked) -> Written:
     """Write the constants for FusionModelMagnetic (FusionCalibrationMagnetic before 1.3), from 1.2.0 on."""
-    model = of(calibration)
-    body = _constants(model.matrix, model.offset)
-    values = {"softIronMatrix": model.matrix, "hardIronOffset": model.offset}
-    notes = ["use: FusionModelMagnetic(u, softIronMatrix, hardIronOffset); before 1.3 it is FusionCalibrationMagnetic"]
-    return SHEET.export(
-        calibration, model.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
-    )
+    note = "use: FusionModelMagnetic(u, softIronMatrix, hardIronOffset); before 1.3 it is FusionCalibrationMagnetic"
+    return _constants(of(calibration), note)
 
 
-def render_old(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
+def write_old(calibration: Calibration, _asked: Asked) -> Written:
     """Write the constants for FusionCalibrationMagnetic up to 1.1, whose offset is another."""
-    model = OldModel.of(calibration)
-    body = _constants(model.matrix, model.offset)
-    values = {"softIronMatrix": model.matrix, "hardIronOffset": model.offset}
-    notes = ["use: FusionCalibrationMagnetic(u, softIronMatrix, hardIronOffset); wrong from 1.2.0 on"]
-    return OLD.export(
-        calibration, model.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
-    )
+    note = "use: FusionCalibrationMagnetic(u, softIronMatrix, hardIronOffset); wrong from 1.2.0 on"
+    return _constants(OldModel.of(calibration), note)
 
 
-def render_python(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
+def write_python(calibration: Calibration, _asked: Asked) -> Written:
     """Write the arrays for imufusion.model_magnetic."""
     model = of(calibration)
     rows = [f"        [{_listed(row)}]," for row in model.matrix]
@@ -79,18 +67,17 @@ def render_python(
         f"hard_iron_offset = np.array([{_listed(model.offset)}])",
     ]  # fmt: skip
     values = {"soft_iron_matrix": model.matrix, "hard_iron_offset": model.offset}
-    notes = ["use: imufusion.model_magnetic(u, soft_iron_matrix, hard_iron_offset)"]
-    return PYTHON.export(
-        calibration, model.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
-    )
+    return Written(model.apply, body, values, ["use: imufusion.model_magnetic(u, soft_iron_matrix, hard_iron_offset)"])
 
 
-def _constants(matrix: Floats, offset: Floats) -> list[str]:
-    rows = [f"    {_listed(row, 'f')}," for row in matrix]
-    return [
+def _constants(model: Affine | OldModel, note: str) -> Written:
+    """Matrix and offset in C."""
+    rows = [f"    {_listed(row, 'f')}," for row in model.matrix]
+    body = [
         "const FusionMatrix softIronMatrix = {", *rows, "};",
-        f"const FusionVector hardIronOffset = {{{_listed(offset, 'f')}}};",
+        f"const FusionVector hardIronOffset = {{{_listed(model.offset, 'f')}}};",
     ]  # fmt: skip
+    return Written(model.apply, body, {"softIronMatrix": model.matrix, "hardIronOffset": model.offset}, [note])
 
 
 def _listed(values: Iterable[float], suffix: str = "") -> str:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.inav import GAINS, ZEROS, Settings
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 from flinders.units import COUNTS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="INAV",
@@ -25,17 +24,15 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
-    """Write the lines.
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the lines; a recording that was not in raw counts raises `UnitError`.
 
     Raises
     ------
-    UnitError
-        Where the recording was not in raw counts.
     NotExportable
         Where what is left out costs more than a degree of heading, or int16 cannot hold the numbers.
     """
     settings = Settings.of(calibration)
     values = dict(zip((*ZEROS, *GAINS), (*settings.zero, *settings.gain), strict=True))
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
-    return SHEET.export(calibration, settings.apply, body, target=target, about=about, asked=asked, values=values)
+    return Written(settings.apply, body, values)

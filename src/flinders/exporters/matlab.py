@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions._affine import RECORDED, Affine
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
+from flinders.exporters._names import begun
 from flinders.exporters._sheet import PERCENT, Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="MATLAB and Octave",
@@ -25,16 +25,15 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+def write(calibration: Calibration, asked: Asked) -> Written:
     """Write the function; A is transposed, as readings are rows. What comes out has the unit of what goes in."""
     found = Affine.of(calibration, RECORDED, who=SHEET.title, acts="across")
     rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in found.matrix.T)
     body = [
-        "function C = flinders_correct(D)",
+        f"function C = {begun('flinders', asked.name)}_correct(D)",
         "  b = [" + " ".join(f"{value:.17g}" for value in found.offset) + "];",
         f"  A = [{rows}];",
         "  C = bsxfun(@minus, D, b) * A;",
         "end",
     ]
-    values = {"A": found.matrix.T, "b": found.offset}
-    return SHEET.export(calibration, found.apply, body, target=target, about=about, asked=asked, values=values)
+    return Written(found.apply, body, {"A": found.matrix.T, "b": found.offset})

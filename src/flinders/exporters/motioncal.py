@@ -2,9 +2,10 @@
 
 >>> import numpy as np
 >>> from flinders.calibration import Calibration
+>>> from flinders.exporters import Asked
 >>> from flinders.units import Unit
->>> export = render(Calibration(np.eye(3), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT")), target="motioncal")
->>> export.data[:2].hex(), len(export.data)
+>>> packet = write(Calibration(np.eye(3), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT")), Asked()).data
+>>> packet[:2].hex(), len(packet)
 ('7554', 68)
 """
 
@@ -13,13 +14,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.motioncal import Packet
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="MotionCal packet",
@@ -33,7 +33,7 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+def write(calibration: Calibration, _asked: Asked) -> Written:
     """Write the bytes; the text shows them in hexadecimal.
 
     Raises
@@ -47,6 +47,4 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), 
     data = packet.encode()
     values = {"offset": packet.offset, "field": packet.strength, "matrix": packet.matrix, "hex": data.hex()}
     body = [data[start : start + 16].hex(" ") for start in range(0, len(data), 16)]
-    return SHEET.export(
-        calibration, packet.apply, body, target=target, about=about, asked=asked, values=values, data=data
-    )
+    return Written(packet.apply, body, values, data=data)

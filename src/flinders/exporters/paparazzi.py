@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.paparazzi import NEUTRALS, SENSITIVITIES, Defines
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import MARKUP, Sheet
 from flinders.units import COUNTS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="Paparazzi",
@@ -27,13 +26,11 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
-    """Write the defines for the section IMU.
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
 
     Raises
     ------
-    UnitError
-        Where the recording was not in raw counts.
     NotExportable
         Where what is left out costs more than a degree of heading.
     """
@@ -46,12 +43,4 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), 
         for name, value in zip(SENSITIVITIES, defines.sensitivity, strict=True)
     ]
     values = dict(zip((*NEUTRALS, *SENSITIVITIES), (*defines.neutral, *defines.sensitivity), strict=True))
-    return SHEET.export(
-        calibration,
-        defines.apply,
-        [*neutral, *sensitivity],
-        target=target,
-        about=about,
-        asked=asked,
-        values=values,
-    )
+    return Written(defines.apply, [*neutral, *sensitivity], values)

@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.conventions._affine import OWN, Affine
 from flinders.conventions._parsing import listed, loaded, numbers
 from flinders.errors import DocumentError
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import HASH, Sheet
 from flinders.units import COUNTS, MICROTESLA
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 JSON: Final = Sheet(
     title="plain JSON",
@@ -36,24 +35,18 @@ JSON: Final = Sheet(
 YAML: Final = replace(JSON, title="plain YAML", comment=HASH)
 
 
-def render_json(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
+def write_json(calibration: Calibration, _asked: Asked) -> Written:
     """Write one JSON object."""
     correction = Affine.of(calibration, OWN, who=JSON.title, acts="across")
     values = _values(calibration, correction)
-    body = json.dumps(values, indent=1).splitlines()
-    return JSON.export(calibration, correction.apply, body, target=target, about=about, asked=asked, values=values)
+    return Written(correction.apply, json.dumps(values, indent=1).splitlines(), values)
 
 
-def render_yaml(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
+def write_yaml(calibration: Calibration, _asked: Asked) -> Written:
     """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
     correction = Affine.of(calibration, OWN, who=JSON.title, acts="across")
     values = _values(calibration, correction)
-    body = [f"{name}: {_yaml(value)}" for name, value in values.items()]
-    return YAML.export(calibration, correction.apply, body, target=target, about=about, asked=asked, values=values)
+    return Written(correction.apply, [f"{name}: {_yaml(value)}" for name, value in values.items()], values)
 
 
 def _values(calibration: Calibration, correction: Affine) -> dict[str, Any]:
@@ -82,13 +75,7 @@ def sniff(head: bytes) -> bool:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the plain JSON back.
 
-    Parameters
-    ----------
-    content : bytes
-    source : str
-        For messages.
-    strength : float, optional, in the unit of the file
-        Goes before the field strength in it.
+    `strength`, in the unit of the file: goes before the field strength in it.
 
     Raises
     ------

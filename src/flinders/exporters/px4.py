@@ -2,9 +2,10 @@
 
 >>> import numpy as np
 >>> from flinders.calibration import Calibration
+>>> from flinders.exporters import Asked
 >>> from flinders.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
->>> print(*render_shell(found, target="px4-shell").text.splitlines()[-9:-7], sep=chr(10))
+>>> print(*write_shell(found, Asked()).body[:2], sep=chr(10))
 param set CAL_MAG0_XOFF 0.100000001
 param set CAL_MAG0_YOFF -0.200000003
 """
@@ -17,13 +18,14 @@ from flinders.conventions._affine import Affine
 from flinders.conventions._parsing import chosen, decoded
 from flinders.conventions.ardupilot import parse
 from flinders.conventions.px4 import COMPASSES, INTERNAL, Parameters
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="PX4",
@@ -37,7 +39,7 @@ FLOAT: Final = 9
 """MAV_PARAM_TYPE_REAL32, the last column of QGroundControl's file."""
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+def write(calibration: Calibration, asked: Asked) -> Written:
     """Write the five columns that QGroundControl loads: vehicle, component, name, value, type.
 
     Raises
@@ -49,19 +51,15 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), 
     UsageError
         For a compass that there is not.
     """
-    return _render(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{FLOAT}", target, about, asked)
+    return _written(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{FLOAT}", asked)
 
 
-def render_shell(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
-    """Write lines for the shell of the vehicle; raises as `render`."""
-    return _render(calibration, lambda name, value: f"param set {name} {value}", target, about, asked)
+def write_shell(calibration: Calibration, asked: Asked) -> Written:
+    """Write lines for the shell of the vehicle; raises as `write`."""
+    return _written(calibration, lambda name, value: f"param set {name} {value}", asked)
 
 
-def _render(
-    calibration: Calibration, line: Callable[[str, str], str], target: str, about: Sequence[str], asked: Asked
-) -> Export:
+def _written(calibration: Calibration, line: Callable[[str, str], str], asked: Asked) -> Written:
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, SHEET.unit, who=SHEET.title)  # refuses counts, and numbers beyond all bounds
     parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL).as_held()
@@ -71,9 +69,7 @@ def _render(
         f"CAL_MAG{compass}_ID must already be the device_id of this sensor, and CAL_MAG{compass}_ROT its mounting; "
         "restart the vehicle afterwards"
     )
-    return SHEET.export(
-        calibration, parameters.apply, body, target=target, about=about, asked=asked, values=values, notes=[ready]
-    )
+    return Written(parameters.apply, body, values, [ready])
 
 
 def sniff(head: bytes) -> bool:
@@ -84,15 +80,8 @@ def sniff(head: bytes) -> bool:
 def read(content: bytes, source: str, *, strength: float | None = None, compass: int | None = None) -> Calibration:
     """Read the parameters of one compass back, from either kind of file.
 
-    Parameters
-    ----------
-    content : bytes
-    source : str
-        For messages.
-    strength : float, optional, µT
-        Length of corrected readings, which they do not hold; 50 µT where it is not given.
-    compass : int, optional
-        Which one; the only one where there is one.
+    `strength`, µT: length of corrected readings, which they do not hold; 50 µT where it is not given. `compass`:
+    which one; the only one where there is one.
 
     Raises
     ------

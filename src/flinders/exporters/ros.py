@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.ros import BIAS, Bias, madgwick_lines, pipeline, pipeline_lines
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 MADGWICK: Final = Sheet(
     title="imu_filter_madgwick",
@@ -34,9 +33,7 @@ PIPELINE: Final = Sheet(
 )
 
 
-def render_madgwick(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
+def write_madgwick(calibration: Calibration, _asked: Asked) -> Written:
     """Write a file of parameters for ROS 2.
 
     Raises
@@ -47,25 +44,12 @@ def render_madgwick(
         Where the soft iron left out costs more than a degree of heading.
     """
     bias = Bias.of(calibration)
-    values = dict(zip(BIAS, bias.offset, strict=True))
-    body = madgwick_lines(bias)
-    return MADGWICK.export(calibration, bias.apply, body, target=target, about=about, asked=asked, values=values)
+    return Written(bias.apply, madgwick_lines(bias), dict(zip(BIAS, bias.offset, strict=True)))
 
 
-def render_pipeline(
-    calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE
-) -> Export:
-    """Write the parameters of bias_remover, for rosparam.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    """
+def write_pipeline(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the parameters of bias_remover, for rosparam; a calibration in counts raises `UnitError`."""
     found = pipeline(calibration)
     values = {"initial_mag_bias": found.offset, "initial_mag_scaling_matrix": found.matrix}
-    body = pipeline_lines(found)
     notes = ["the name of the matrix is that of the code; the package's README has another"]
-    return PIPELINE.export(
-        calibration, found.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
-    )
+    return Written(found.apply, pipeline_lines(found), values, notes)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.rtimulib import Settings
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="RTIMULib.ini",
@@ -23,18 +22,9 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
-    """Write the lines that replace those of the same names.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    """
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the lines that replace those of the same names; a calibration in counts raises `UnitError`."""
     settings = Settings.of(calibration)
     lines = settings.lines()
     notes = ["replaces the lines of the same names in RTIMULib.ini; acts after the driver's own exchange of axes"]
-    values = dict(line.split("=") for line in lines)
-    return SHEET.export(
-        calibration, settings.apply, lines, target=target, about=about, asked=asked, values=values, notes=notes
-    )
+    return Written(settings.apply, lines, dict(line.split("=") for line in lines), notes)

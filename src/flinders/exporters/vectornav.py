@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.vectornav import of, sentence
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="VectorNav register 23",
@@ -24,24 +23,8 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
-    """Write the sentence with its checksum.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    """
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the sentence with its checksum; a calibration in counts raises `UnitError`."""
     register = of(calibration)
     notes = ["for readings recorded with register 23 at its default: it replaces what the device holds"]
-    values = {"C": register.matrix, "B": register.offset}
-    return SHEET.export(
-        calibration,
-        register.apply,
-        [sentence(register)],
-        target=target,
-        about=about,
-        asked=asked,
-        values=values,
-        notes=notes,
-    )
+    return Written(register.apply, [sentence(register)], {"C": register.matrix, "B": register.offset}, notes)

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Final
 from flinders.arrays import floats
 from flinders.conventions._affine import OWN
 from flinders.conventions.zscilib import Correction
-from flinders.exporters._export import NOTHING_MORE, Asked, Export
+from flinders.exporters._export import Written
 from flinders.exporters._sheet import BLOCK, Sheet, digits
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.calibration import Calibration
+    from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(
     title="Zephyr zscilib",
@@ -27,7 +26,7 @@ SHEET: Final = Sheet(
 )
 
 
-def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+def write(calibration: Calibration, _asked: Asked) -> Written:
     """Write the arrays and how to use them."""
     found = Correction.of(calibration)
     rows = [f"    {', '.join(map(digits, row))}," for row in floats(found.matrix)]
@@ -36,7 +35,4 @@ def render(calibration: Calibration, *, target: str, about: Sequence[str] = (), 
         f"static zsl_real_t magn_b[3] = {{ {', '.join(map(digits, floats(found.bias)))} }};",
     ]  # fmt: skip
     notes = ["use: zsl_mtx_from_arr(&K, magn_K); zsl_vec_from_arr(&b, magn_b); zsl_fus_cal_corr_vec(&v, &K, &b, &out);"]
-    values = {"K": found.matrix, "b": found.bias}
-    return SHEET.export(
-        calibration, found.apply, body, target=target, about=about, asked=asked, values=values, notes=notes
-    )
+    return Written(found.apply, body, {"K": found.matrix, "b": found.bias}, notes)

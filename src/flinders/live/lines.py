@@ -26,6 +26,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.errors import FlindersError
+from flinders.readers import _magcc
 from flinders.readers._json import flat
 from flinders.readers._names import meaning
 from flinders.readers._numbers import SPACES, fits, number, split
@@ -42,13 +43,10 @@ TIME: Final = "t_s"
 TRIPLES: Final = {
     "Raw": ("accel_{}_g", "gyro_{}_dps", "mag_{}_uT"),
     "Uni": ("accel_{}_mps2", "gyro_{}_radps", "mag_{}_uT"),
-    "magcc": ("accel_{}", "gyro_{}_radps", "mag_{}"),
 }
 """Names of the columns of formats that have none of their own."""
 STEPS: Final = (1 / 8192, 1 / 16, 1 / 10)
 """g, °/s and µT in one count of MotionCal's ``Raw:`` lines."""
-MAGCC: Final = re.compile(r"\s*\|([^|*]*)\*\s*")
-"""One datagram of magcc: time, acceleration, rate, field, roll, pitch, yaw."""
 
 
 class Row(NamedTuple):
@@ -115,10 +113,8 @@ def settle(lines: list[str]) -> Form | None:
     for prefix, pattern in PREFIXES.items():
         if any(pattern.match(line) for line in lines):
             return _prefixed(prefix)
-    if any(_magcc(line) is not None for line in lines):
-        return _form(
-            "magcc datagrams", _magcc, ["t_s", *_names("magcc"), "roll_rad", "pitch_rad", "yaw_rad"], timed=True
-        )
+    if any(_magcc.cells(line) for line in lines):
+        return _form("magcc datagrams", _datagram, list(_magcc.NAMES), timed=True)
     records = [line for line in lines if is_record(line)]
     if records:
         return _json(records)
@@ -132,7 +128,7 @@ def is_record(line: str) -> bool:
 
 def is_marked(line: str) -> bool:
     """Tell whether a line shows by its start that nothing of it is missing there; ``17,4,-586`` may have been 217."""
-    if is_record(line) or MAGCC.fullmatch(line) or any(pattern.match(line) for pattern in PREFIXES.values()):
+    if is_record(line) or _magcc.DATAGRAM.fullmatch(line) or any(pattern.match(line) for pattern in PREFIXES.values()):
         return True
     return not all(number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
 
@@ -165,11 +161,10 @@ def _unprefixed(prefix: str, line: str) -> str | None:
     return ",".join(f"{value * STEPS[place // 3]:.7g}" for place, value in enumerate(values) if value is not None)
 
 
-def _magcc(line: str) -> str | None:
+def _datagram(line: str) -> str | None:
     """Take the thirteen numbers of a datagram."""
-    found = MAGCC.fullmatch(line)
-    cells = [cell.strip() for cell in found[1].split(",")] if found else []
-    return ",".join(cells) if len(cells) == 13 and None not in [number(cell, ".") for cell in cells] else None
+    cells = _magcc.cells(line)
+    return None if cells is None else ",".join(cells)
 
 
 def _json(records: list[str]) -> Form | None:

@@ -15,6 +15,7 @@ supported.
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import time
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from flinders.errors import LinkError, NotSent, UsageError
 from flinders.readers._extras import needs
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from flinders.live.sources import ByteSource
 
@@ -37,6 +38,10 @@ NO_AUTOPILOT: Final = 8
 """MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a companion computer."""
 AUTOPILOT: Final = 1
 """MAV_COMP_ID_AUTOPILOT1, the component that is asked where others of the vehicle have heartbeats too."""
+SET_MESSAGE_INTERVAL, RAW_SENSORS = 511, 1
+"""MAV_CMD, and MAV_DATA_STREAM of RAW_IMU and SCALED_IMU."""
+FIRST_VERSION: Final = 0xFE
+"""First byte of a packet of MAVLink 1."""
 ARMED: Final = 128
 """MAV_MODE_FLAG_SAFETY_ARMED."""
 GROUND_STATION: Final = 6
@@ -50,7 +55,12 @@ LISTEN_S: Final = 1.5
 SILENT_S: Final = 5.0
 """Seconds without a heartbeat after which the link is lost."""
 ANSWER_S: Final = 0.8
-TRIES: Final = 4
+TRIES: Final = 10
+"""Questions before it is given up: where three of ten packets are lost each way, one in a thousand goes unanswered."""
+MOST_OTHERS: Final = 4
+"""Answers with another value, after which the vehicle is taken to keep it."""
+REOPEN_S: Final = 0.2
+"""Seconds between tries to open a lost link again."""
 BACKLOG: Final = 1000
 """Datagrams that are taken in before anything is set, at most."""
 KINDS: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
@@ -73,6 +83,15 @@ class Held:
     name: str
     value: float
     kind: int = REAL32
+
+
+@dataclass(frozen=True, slots=True)
+class Beat:
+    """What a HEARTBEAT says: which component sent it, what autopilot it is, and whether it is armed."""
+
+    component: int
+    autopilot: int
+    armed: bool
 
 
 class Vehicle:
@@ -131,22 +150,20 @@ class Vehicle:
             Where its autopilot is neither ArduPilot nor PX4.
         """
         found = cls(source, answer=answer, silent=silent)
-        heard: dict[int, tuple[int, int, bool]] = {}
+        heard: dict[int, Beat] = {}
         until, first = time.monotonic() + wait, None
-        while time.monotonic() < (until if first is None else min(first + listen, until + listen)):
+        while time.monotonic() < (until if first is None else first + listen):
             for message in found._arrived():
-                if message.get_type() == "HEARTBEAT" and message.autopilot != NO_AUTOPILOT:
-                    one = (message.get_srcComponent(), message.autopilot, bool(message.base_mode & ARMED))
-                    if one[0] == AUTOPILOT or heard.get(message.get_srcSystem(), one)[0] != AUTOPILOT:
-                        heard[message.get_srcSystem()] = one
-            if heard and (system is None or system in heard):
-                first = time.monotonic() if first is None else first
-                if system is not None:
-                    break
+                if message.get_type() == "HEARTBEAT":
+                    _note(heard, message)
+            if first is None and heard and (system is None or system in heard):
+                first = time.monotonic()
+            if system in heard and heard[system].component == AUTOPILOT:
+                break
         found._choose(heard, system)
         return found
 
-    def _choose(self, heard: dict[int, tuple[int, int, bool]], system: int | None) -> None:
+    def _choose(self, heard: dict[int, Beat], system: int | None) -> None:
         """Settle on one of the vehicles that were heard."""
         there = ", ".join(map(str, sorted(heard)))
         if not heard or (system is not None and system not in heard):
@@ -158,7 +175,8 @@ class Vehicle:
         if system is None and len(heard) > 1:
             raise UsageError(f"{self._source.name} has several vehicles, systems {there}: say which with --system")
         self.system = sorted(heard)[0] if system is None else system
-        self.component, self.autopilot, self.armed = heard[self.system]
+        beat = heard[self.system]
+        self.component, self.autopilot, self.armed = beat.component, beat.autopilot, beat.armed
         self._seen = time.monotonic()
         if self.autopilot not in AUTOPILOTS:
             raise NotSent(
@@ -171,31 +189,48 @@ class Vehicle:
         """What messages call it."""
         return f"{AUTOPILOTS.get(self.autopilot, 'vehicle')}, system {self.system}"
 
-    def get(self, name: str) -> Held | None:
+    def get(self, *names: str, tries: int = TRIES) -> Held | None:
         """Ask for a parameter; None where the vehicle has none of this name, or does not answer.
+
+        Parameters
+        ----------
+        *names : str
+            What it may be called; the first that is answered counts.
+        tries : int
+            How often it is asked.
 
         Raises
         ------
         LinkError
             Where the link is lost.
         """
-        for attempt in range(TRIES):
-            self._send(self._dialect.MAVLink_param_request_read_message(self.system, self.component, name.encode(), -1))
-            for message in self._during(self._patience(attempt)):
-                if self._is_about(message, name, "PARAM_VALUE"):
+        unknown: set[str] = set()
+        for attempt in range(tries):
+            for name in names:
+                self._send(
+                    self._dialect.MAVLink_param_request_read_message(self.system, self.component, name.encode(), -1)
+                )
+            for message in self.messages(self._patience(attempt)):
+                name = self._told_of(message, names)
+                if name and message.get_type() == "PARAM_VALUE":
                     return Held(name, self._decoded(message), message.param_type)
-                if self._is_about(message, name, "PARAM_ERROR"):
+                if name:
+                    unknown.add(name)
+                if unknown == set(names):
                     return None
         return None
 
-    def set(self, held: Held) -> bool:
-        """Set a parameter, and tell whether the vehicle answers with that value.
+    def set(self, held: Held) -> float | None:
+        """Set a parameter, and return the value that the vehicle answers with; None where it does not.
+
+        It is asked again while it answers with another value, since that may be late and to an earlier question.
 
         Raises
         ------
         LinkError
             Where the link is lost.
         """
+        answered, others = None, 0
         for attempt in range(TRIES):
             encoded = self._encoded(held)
             self._send(
@@ -203,18 +238,64 @@ class Vehicle:
                     self.system, self.component, held.name.encode(), encoded, held.kind
                 )
             )
-            for message in self._during(self._patience(attempt)):
-                if self._is_about(message, held.name, "PARAM_VALUE"):
-                    if same(self._decoded(message), held.value):
-                        return True
-                    break  # a late answer to an earlier question, or it keeps its own value: once more
-                if self._is_about(message, held.name, "PARAM_ERROR"):
-                    return False
+            for message in self.messages(self._patience(attempt)):
+                if not self._told_of(message, (held.name,)):
+                    continue
+                if message.get_type() == "PARAM_ERROR":
+                    return answered
+                answered, others = self._decoded(message), others + 1
+                if same(answered, held.value) or others == MOST_OTHERS:
+                    return answered
+                break
+        return answered
+
+    def come_back(self, seconds: float) -> bool:
+        """Wait for a vehicle whose link was lost, and tell whether it is heard again."""
+        until, before = time.monotonic() + seconds, self._seen
+        while time.monotonic() < until:
+            try:
+                for _ in self._arrived(0.1):
+                    pass
+            except LinkError:
+                time.sleep(REOPEN_S)
+                with contextlib.suppress(LinkError):
+                    self._source.reopen()
+            if self._seen > before:
+                return True
         return False
 
+    def messages(self, seconds: float) -> Iterator[Any]:
+        """Yield the messages of this vehicle for so long.
+
+        Raises
+        ------
+        LinkError
+            Where its heartbeats have ended.
+        """
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            for message in self._arrived(max(min(0.05, until - time.monotonic()), 0.0)):
+                if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:
+                    yield message
+            if time.monotonic() - self._seen > self._silent:
+                raise LinkError(f"{self.name} on {self._source.name} has been silent for {self._silent:g} s")
+
+    def ask_for(self, message: int, rate_hz: float) -> None:
+        """Ask for a message so many times a second, in the new way and in ArduPilot's old one; it may not be heard.
+
+        Raises
+        ------
+        LinkError
+            Where the link is lost.
+        """
+        system, component, dialect = self.system, self.component, self._dialect
+        interval = [float(message), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0]
+        self._send(dialect.MAVLink_command_long_message(system, component, SET_MESSAGE_INTERVAL, 0, *interval))
+        self._send(dialect.MAVLink_request_data_stream_message(system, component, RAW_SENSORS, round(rate_hz), 1))
+
     def _patience(self, attempt: int) -> float:
-        """Seconds that an answer is waited for: longer each time, as a slow link needs it."""
-        return self._answer * (1 + attempt / 2)
+        """Seconds that an answer is waited for: longer at first, as a slow link needs it."""
+        return self._answer * min(1 + attempt / 2, 2)
 
     def listen(self) -> None:
         """Take in what has arrived, so that `armed` is up to date."""
@@ -225,8 +306,12 @@ class Vehicle:
             for _ in self._messages(content):
                 pass
 
-    def _is_about(self, message: Any, name: str, kind: str) -> bool:  # noqa: ANN401 - pymavlink has no types
-        return bool(message.get_type() == kind and message.param_id.rstrip("\0") == name)
+    def _told_of(self, message: Any, names: Sequence[str]) -> str:  # noqa: ANN401 - pymavlink has no types
+        """Which of these parameters a message is about; empty where it is about none."""
+        if message.get_type() not in ("PARAM_VALUE", "PARAM_ERROR"):
+            return ""
+        name = str(message.param_id).rstrip("\0")
+        return name if name in names else ""
 
     def _decoded(self, message: Any) -> float:  # noqa: ANN401
         if self.autopilot == PX4 and message.param_type in KINDS:
@@ -243,22 +328,6 @@ class Vehicle:
     def _send(self, message: Any) -> None:  # noqa: ANN401
         self._link.send(message, force_mavlink1=self._is_old)
 
-    def _during(self, seconds: float) -> Iterator[Any]:
-        """Yield the messages of this vehicle for so long.
-
-        Raises
-        ------
-        LinkError
-            Where its heartbeats have ended.
-        """
-        until = time.monotonic() + seconds
-        while time.monotonic() < until:
-            for message in self._arrived(max(min(0.05, until - time.monotonic()), 0.0)):
-                if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:
-                    yield message
-            if time.monotonic() - self._seen > self._silent:
-                raise LinkError(f"{self.name} on {self._source.name} has been silent for {self._silent:g} s")
-
     def _arrived(self, timeout: float = 0.05) -> Iterator[Any]:
         """Yield all messages that have arrived, and say once a second that we are here."""
         if time.monotonic() - self._beaten > 1.0:
@@ -273,12 +342,22 @@ class Vehicle:
                 continue
             if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:
                 self._seen = time.monotonic()
+                self._is_old = message.get_msgbuf()[0] == FIRST_VERSION  # answer in kind
                 if message.get_type() == "HEARTBEAT":
                     self.armed = bool(message.base_mode & ARMED)
-            self._is_old = message.get_msgbuf()[0] == 0xFE  # MAVLink 1: answer in kind
             yield message
 
 
+def _note(heard: dict[int, Beat], message: Any) -> None:  # noqa: ANN401
+    """Keep the heartbeat of an autopilot, by its system; that of its own component before those of others."""
+    beat = Beat(message.get_srcComponent(), message.autopilot, bool(message.base_mode & ARMED))
+    if beat.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
+        return
+    system = message.get_srcSystem()
+    if beat.component == AUTOPILOT or heard.get(system, beat).component != AUTOPILOT:
+        heard[system] = beat
+
+
 def same(one: float, other: float) -> bool:
-    """Tell whether two values are one float32."""
-    return bool(np.float32(one) == np.float32(other))
+    """Tell whether two values are one float32; a value that is no number is the same as another such."""
+    return bool(np.array_equal(np.float32(one), np.float32(other), equal_nan=True))

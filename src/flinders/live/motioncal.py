@@ -45,6 +45,10 @@ LONGEST: Final = 4096
 MOTIONCAL_SLACK, MOTIONCAL_SHARE = 0.0001, 0.00003
 FEWEST_PLACES: Final = 2
 """Decimals that an echo is taken to have: what it prints with fewer has to agree with that many."""
+EITHER: Final = "the board may hold the old values or the new ones"
+"""What is known where the packet was on its way."""
+REOPEN_S: Final = 0.1
+"""Seconds between tries to open a port again."""
 NUMBER: Final = re.compile(r"[-+]?\d+(?:\.(\d*))?")
 NUMBERS: Final = {"Cal1": 10, "Cal2": 9}
 
@@ -134,17 +138,21 @@ def send(
     heard.anything(boot)
     expected = echo_of(packet)
     content = packet.encode()
+    lost: LinkError | None = None
     for attempt in range(1, tries + 1):
         try:
+            if lost is not None:
+                _reopen(source, boot)
+                heard.anew(boot)
+                lost = None
             for piece in [content] if attempt == 1 else _pieces(content):
                 source.write(piece)
             if (echoes := heard.echo(expected, answer)) is not None:
                 return Confirmed(min(min(echo.places) for echo in echoes), attempt)
-        except LinkError as error:
-            raise NotConfirmed(
-                f"{error}; the packet was on its way, so that the board may hold the old values or the new ones: plug "
-                "it in and send again"
-            ) from None
+        except LinkError as error:  # a board that starts anew goes away for a moment
+            lost = error
+    if lost is not None:
+        raise NotConfirmed(f"{lost}; the packet was on its way, so that {EITHER}: plug it in and send again")
     raise NotConfirmed(f"sent {tries} times and not confirmed: {heard.complaint(expected)}")
 
 
@@ -166,41 +174,68 @@ def echo_lines(packet: Packet) -> list[str]:
 
 @dataclass(slots=True)
 class _Heard:
-    """What the board has said."""
+    """What the board has said.
+
+    Attributes
+    ----------
+    source : ByteSource
+    rest : bytes
+        A line without its end.
+    received : int
+        Bytes, since the port was opened.
+    garbled : str
+        The last line that begins as an echo does and is none.
+    echoes : dict of Echo
+        The last of each kind since the packet was sent.
+    known : dict of Echo
+        The last of each kind at all.
+    """
 
     source: ByteSource
     rest: bytes = b""
     received: int = 0
     garbled: str = ""
     echoes: dict[str, Echo] = field(default_factory=dict)
+    known: dict[str, Echo] = field(default_factory=dict)
 
     def anything(self, seconds: float) -> None:
         """Wait until the board says anything."""
         until = time.monotonic() + seconds
         while not self.received and time.monotonic() < until:
-            for _ in self._lines(until):
-                pass
+            self._take(until)
+
+    def anew(self, seconds: float) -> None:
+        """Forget a line that was cut off, and wait until the board says anything again."""
+        self.rest, self.received = b"", 0
+        self.anything(seconds)
 
     def echo(self, expected: dict[str, tuple[float, ...]], seconds: float) -> list[Echo] | None:
         """Wait for both lines with the expected values; None where they do not come in time."""
         self.echoes.clear()
         until = time.monotonic() + seconds
         while time.monotonic() < until:
-            for line in self._lines(until):
-                self._note(line)
+            self._take(until)
             if all(name in self.echoes and self.echoes[name].differs(expected[name]) is None for name in expected):
                 return list(self.echoes.values())
         return None
 
     def complaint(self, expected: dict[str, tuple[float, ...]]) -> str:
         """Say what came in place of the echo, and what to do."""
-        for name, echo in self.echoes.items():
-            if (place := echo.differs(expected[name])) is not None:
+        for name, echo in self.known.items():
+            place = echo.differs(expected[name])
+            if place is None:
+                continue
+            found, wanted = echo.values[place], expected[name][place]
+            wrong = f"{found:g} in place of {wanted:.6g} (number {place + 1} of its {name} line)"
+            if name in self.echoes:
                 return (
-                    f"the board still says {echo.values[place]:g} in place of {expected[name][place]:.6g} (number "
-                    f"{place + 1} of its {name} line), so it has not taken the packet: see that the sketch keeps a "
+                    f"the board still says {wrong}, so it has not taken the packet: see that the sketch keeps a "
                     "calibration that it is sent, as those of PJRC and Adafruit do, and send again"
                 )
+            return (
+                f"the board said {wrong} before, and nothing of it since: {EITHER}; see what it prints with flinders "
+                "record, and send again"
+            )
         if self.garbled:
             return (
                 f"its echo cannot be read ({self.garbled[:60]!r}): check --baud and the cable; whether the board has "
@@ -211,19 +246,23 @@ class _Heard:
                 f"nothing came from {self.source.name}: check the port, --baud and that the sketch runs; whether the "
                 "board has taken the packet is not known"
             )
-        missing = " and ".join(f"{name}:" for name in expected if name not in self.echoes)
+        missing = " and ".join(f"{name}:" for name in expected if name not in self.known)
+        if not missing:
+            return "the board printed both lines with the new values, but never one soon after the other: send again"
         return (
             f"the board prints no {missing} line, by which sketches tell what they hold: whether it has taken the "
             "packet is not known; see what it prints with flinders record, and that the sketch reads what MotionCal "
             "sends"
         )
 
-    def _lines(self, until: float) -> Iterator[str]:
+    def _take(self, until: float) -> None:
+        """Take what has arrived, and note the echoes in it."""
         content = self.source.read(max(min(0.1, until - time.monotonic()), 0.0))
         self.received += len(content)
         *lines, self.rest = re.split(rb"[\r\n]+", self.rest + content)
         self.rest = self.rest[-LONGEST:]
-        return iter([line.decode("ascii", "replace").strip() for line in lines])
+        for line in lines:
+            self._note(line.decode("ascii", "replace").strip())
 
     def _note(self, line: str) -> None:
         """Keep an echo; one that is not understood is no answer, but worth telling."""
@@ -233,7 +272,27 @@ class _Heard:
             if echo is None:
                 self.garbled = line
             else:
-                self.echoes[name] = echo
+                self.echoes[name] = self.known[name] = echo
+
+
+def _reopen(source: ByteSource, seconds: float) -> None:
+    """Open a port again that may be back in so many seconds.
+
+    Raises
+    ------
+    LinkError
+        Where it is not.
+    """
+    until = time.monotonic() + seconds
+    while True:
+        try:
+            source.reopen()
+        except LinkError:
+            if time.monotonic() >= until:
+                raise
+            time.sleep(REOPEN_S)
+        else:
+            return
 
 
 def _pieces(content: bytes) -> Iterator[bytes]:

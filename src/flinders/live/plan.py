@@ -15,14 +15,16 @@ back, and the error says which of them the vehicle holds.
 from __future__ import annotations
 
 import contextlib
+import math
 import re
+import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 from flinders.conventions import ardupilot, px4
 from flinders.conventions._affine import refuse_mounted
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
-from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, PX4, TRIES, Held, Vehicle, same
+from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Held, Vehicle, same
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,6 +33,10 @@ if TYPE_CHECKING:
 
 COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}
 """How they number them."""
+READS: Final = 4
+"""How often a value is read back that is not the one that was set."""
+BACK_S: Final = 30.0
+"""Seconds that a lost vehicle is waited for, to put the values from before back."""
 AXES: Final = {
     ARDUPILOT: "it acts after COMPASS_ORIENT: the recording must be in the axes of the vehicle, as its logs are",
     PX4: "it acts before CAL_MAGn_ROT: the recording must be in the axes of the sensor, as sensor_mag of its logs is",
@@ -121,6 +127,12 @@ class Plan:
                     "this parameter, or keeps compass numbers otherwise; update it, or set what it has by hand "
                     "(flinders export)"
                 )
+            if old.kind in KINDS:
+                raise NotSent(
+                    f"{vehicle.name} keeps {old.name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
+                    f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the "
+                    "values by hand (flinders export)"
+                )
             changes.append(Change(old, replace(old, value=value)))
         return cls(
             vehicle.name, vehicle.autopilot, found, there, tuple(changes), vehicle.system, vehicle.component, notes
@@ -152,6 +164,8 @@ class Plan:
         *,
         done: Callable[[Change], None] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
+        say: Callable[[str], None] = lambda _: None,
+        back: float = BACK_S,
     ) -> None:
         """Set the parameters one by one, then ask for all of them again; put the old ones back where any of it fails.
 
@@ -162,6 +176,10 @@ class Plan:
             Called after each that is confirmed.
         stopped : callable
             Tells whether to give up.
+        say : callable
+            Told what a person should know while it is waited for a lost vehicle.
+        back : float, s
+            How long that is waited, to put the old values back.
 
         Raises
         ------
@@ -180,9 +198,9 @@ class Plan:
             _refuse_stopped(stopped)
             self._verify(vehicle)
         except (LinkError, NotSent, NotConfirmed) as error:
-            raise NotConfirmed(f"{error}; {_put_back(vehicle, touched)}") from None
-        except KeyboardInterrupt:
-            _put_back(vehicle, touched)
+            raise NotConfirmed(f"{error}; {_put_back(vehicle, touched, say=say, back=back)}") from None
+        except BaseException:
+            _put_back(vehicle, touched, say=say, back=back)
             raise
 
     def _verify(self, vehicle: Vehicle) -> None:
@@ -194,7 +212,7 @@ class Plan:
         """
         for change in self.changes:
             held = None
-            for _ in range(TRIES):  # a late answer may be to an earlier question
+            for _ in range(READS):  # a late answer may be to an earlier question
                 held = vehicle.get(change.new.name)
                 if held is None or same(held.value, change.new.value):
                     break
@@ -264,10 +282,9 @@ def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
         Where the vehicle does not tell.
     """
     names = _identity(vehicle.autopilot, compass)
-    for scheme, name in enumerate(names):
-        held = vehicle.get(name)
-        if held is not None:
-            return scheme, int(held.value)
+    held = vehicle.get(*names)
+    if held is not None and math.isfinite(held.value):
+        return names.index(held.name), int(held.value) % 2**32  # PX4 keeps it as a number with a sign
     raise NotSent(
         f"{vehicle.name} does not answer what compass {compass} is ({names[0]}), nothing was changed: check --compass "
         "and the link"
@@ -286,9 +303,8 @@ def _find_compass(vehicle: Vehicle, meant: int) -> int:
     for compass in COMPASSES[vehicle.autopilot]:
         with contextlib.suppress(NotSent):  # a vehicle with fewer
             there[compass] = _device_id(vehicle, compass)[1]
-    for compass, found in there.items():
-        if found == meant:
-            return compass
+            if there[compass] == meant:
+                return compass
     listed = ", ".join(f"{compass}: {found or 'none'}" for compass, found in there.items())
     raise NotSent(
         f"{vehicle.name} has no compass with device id {meant} ({listed}), nothing was changed: the calibration is for "
@@ -325,8 +341,13 @@ def _set(vehicle: Vehicle, new: Held) -> None:
     ------
     NotConfirmed
     """
-    if not vehicle.set(new):
-        raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}")
+    answered = vehicle.set(new)
+    if answered is None:
+        raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}: it does not answer")
+    if not same(answered, new.value):
+        raise NotConfirmed(
+            f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}: it says {_spelled(answered)}"
+        )
 
 
 def _refuse_stopped(stopped: Callable[[], bool]) -> None:
@@ -340,25 +361,34 @@ def _refuse_stopped(stopped: Callable[[], bool]) -> None:
         raise NotConfirmed("stopped before all was sent")
 
 
-def _put_back(vehicle: Vehicle, touched: list[Change]) -> str:
-    """Set the old values again, and say what the vehicle holds."""
+def _put_back(vehicle: Vehicle, touched: list[Change], *, say: Callable[[str], None], back: float) -> str:
+    """Set the old values again, and say what the vehicle holds; a link that is lost is waited for."""
     if not touched:
         return "nothing was changed"
-    left: list[str] = []
-    for change in reversed(touched):
+    left, until = list(reversed(touched)), time.monotonic() + back
+    refused: list[Change] = []
+    while left:
         try:
-            if not vehicle.set(change.old):
-                left.append(change.old.name)
-        except LinkError:
-            left.append(change.old.name)
-    if not left:
+            answered = vehicle.set(left[0].old)
+        except LinkError as error:
+            say(f"! {error}; waiting up to {back:g} s for it, to put the values from before back")
+            if not vehicle.come_back(until - time.monotonic()):
+                break
+            continue
+        if answered is None or not same(answered, left[0].old.value):
+            refused.append(left[0])
+        left.pop(0)
+    if not left and not refused:
         return f"the vehicle holds the values from before again (all {len(touched)} that were touched, confirmed)"
+    names = [change.old.name for change in touched if change in refused or change in left]
     return (
-        f"and the values from before could not be put back for {', '.join(reversed(left))}: DO NOT ARM before they are "
-        "loaded from the file"
+        f"and the values from before could not be put back for {', '.join(names)}: DO NOT ARM before they are loaded "
+        "from the file"
     )
 
 
 def _spelled(value: float) -> str:
     """Write a value so that it is the same float32 when it is read."""
-    return f"{int(value)}" if float(value).is_integer() and abs(value) < 1e9 else f"{value:.9g}"
+    return (
+        f"{int(value)}" if math.isfinite(value) and float(value).is_integer() and abs(value) < 1e9 else f"{value:.9g}"
+    )

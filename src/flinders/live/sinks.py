@@ -7,6 +7,18 @@ r"""Where a recording goes: a file that lasts, or what follows in a pipe.
 ...     sink.write("217,4,-586\n")
 ...     path.read_text()                                           # it is there at once
 '217,4,-586\n'
+
+A recording that a crash has ended is continued where it ends:
+
+>>> _ = path.write_text("t_s,mag_x,mag_y,mag_z\n0.1,217,4,-586\n0.2,217,2,-5")
+>>> with ToFile(path, resume=True) as sink:
+...     sink.write("0.3,217,4,-586\n")
+>>> print(path.read_text())
+t_s,mag_x,mag_y,mag_z
+0.1,217,4,-586
+# cut off: 0.2,217,2,-5
+0.3,217,4,-586
+<BLANKLINE>
 """
 
 from __future__ import annotations
@@ -14,17 +26,33 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import re
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from flinders.errors import OutputError, OutputExists
 from flinders.files import reason, refuse_existing
+from flinders.live.transcript import escaped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import TracebackType
+
+
+ROWS: Final = 20
+"""Rows by which a recording is recognised that is continued."""
+GAP_S: Final = 0.001
+"""Seconds between its last row and the next, at least."""
+TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')
+"""What a row begins with whose time was put in front."""
+TAIL: Final = 1 << 16
+"""Bytes that are looked at for the end of the last whole line."""
+BEGUN: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
 
 
 class Sink(Protocol):
@@ -45,6 +73,57 @@ class Sink(Protocol):
         """See that it lasts, without waiting for it."""
 
 
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """What has to be known of a recording to continue it.
+
+    Attributes
+    ----------
+    header : str, optional
+        What stands above its rows, which may be nothing; None where it has no rows.
+    rows : tuple of str
+        The first of them.
+    seconds : float
+        From its beginning to now, and no less than its last time where that is given by the recorder.
+    """
+
+    header: str | None
+    rows: tuple[str, ...]
+    seconds: float
+
+    @classmethod
+    def of(cls, path: str | os.PathLike[str]) -> Self:
+        """Look at a recording that `Recorder` has made, by whatever it was ended.
+
+        Raises
+        ------
+        OutputError
+            Where there is none, or it is something else.
+        """
+        file = Path(path)
+        try:
+            with file.open("rb") as content:
+                head = content.read(TAIL).decode("utf-8", "replace")
+                content.seek(max(file.stat().st_size - TAIL, 0))
+                tail = content.read().decode("utf-8", "replace")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
+        begun = BEGUN.search(head)
+        if begun is None:
+            raise OutputError(
+                f"{path} is no recording of flinders record (none begins it): record into a file of its own"
+            )
+        whole = head.rpartition("\n")[0].splitlines()
+        lines = [line for line in whole if line.strip() and not line.startswith("#")]
+        since = (datetime.now(UTC) - datetime.fromisoformat(begun[1])).total_seconds()
+        if not lines:
+            return cls(None, (), max(since, 0.0))
+        is_row = lines[0].lstrip('"')[:1].isdigit() or lines[0][:1] in "-+."
+        header = "" if is_row else lines[0]
+        last = _last_time(tail) if header.startswith("t_s") else 0.0
+        return cls(header, tuple(lines[not is_row :][:ROWS]), max(since, last + GAP_S))
+
+
 class ToFile:
     """A new file, written without a buffer of its own.
 
@@ -53,6 +132,8 @@ class ToFile:
     path : str or path
     force : bool
         Begin anew where there is a file already.
+    resume : bool
+        Go on at the end of the file that there is; a last line without its end is made a comment.
 
     Raises
     ------
@@ -60,12 +141,13 @@ class ToFile:
         Where it cannot be made.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, force: bool = False, resume: bool = False) -> None:
         self.name = os.fspath(path)
-        refuse_existing(path, force=force)
+        refuse_existing(path, force=force or resume)
         try:
-            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | (0 if force else os.O_EXCL)
+            flags = os.O_RDWR | os.O_APPEND | (0 if resume else os.O_CREAT if force else os.O_CREAT | os.O_EXCL)
             self._file = os.open(path, flags | getattr(os, "O_BINARY", 0), 0o666)
+            self._lock()
         except FileExistsError:
             raise OutputExists(path) from None
         except OSError as error:
@@ -73,17 +155,25 @@ class ToFile:
         self._syncing = ThreadPoolExecutor(1, "sync")  # a slow disk must not keep a port from being read
         self._pending: Future[None] | None = None
         self._bytes = 0
-        self._is_over = force
+        self._is_over, self._is_resumed = force, resume
+        if resume:
+            self._mend()
 
     def write(self, text: str) -> None:
-        """As `Sink.write`."""
+        """As `Sink.write`; of lines that do not fit on the disk none is begun."""
         content = memoryview(text.encode())
         with self._failures():
             if self._is_over:  # what was there before goes when there is something in its place
                 os.ftruncate(self._file, 0)
                 self._is_over = False
-            while content:
-                content = content[os.write(self._file, content) :]
+            whole = os.fstat(self._file).st_size
+            try:
+                while content:
+                    content = content[os.write(self._file, content) :]
+            except OSError:
+                with contextlib.suppress(OSError):  # half a line would read as other numbers
+                    os.ftruncate(self._file, whole)
+                raise
         self._bytes += len(text.encode())
 
     def sync(self) -> None:
@@ -101,6 +191,42 @@ class ToFile:
         finally:
             self._syncing.shutdown()
             os.close(self._file)
+
+    def _lock(self) -> None:
+        """See that nobody else records into the file.
+
+        Raises
+        ------
+        OutputError
+        """
+        try:
+            import fcntl
+        except ImportError:  # Windows keeps others out by itself
+            return
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(self._file)
+            raise OutputError(
+                f"{self.name}: another program is recording into it: stop that one, or name another file"
+            ) from None
+        except OSError:  # a file system without locks
+            return
+
+    def _mend(self) -> None:
+        """Make a comment of a last line without its end, which a crash has left."""
+        with self._failures():
+            size = os.fstat(self._file).st_size
+            start, tail = size, b""
+            while start and b"\n" not in tail:
+                start = max(start - TAIL, 0)
+                os.lseek(self._file, start, os.SEEK_SET)
+                tail = os.read(self._file, size - start)
+            torn = tail.rpartition(b"\n")[2]
+            if torn:
+                os.ftruncate(self._file, size - len(torn))
+                comment = torn if torn.startswith(b"#") else f"# cut off: {escaped(torn)}".encode()
+                os.write(self._file, comment + b"\n")
 
     def _finish(self) -> None:
         with self._failures():
@@ -130,15 +256,40 @@ class ToFile:
             return
         with contextlib.suppress(OutputError):
             self.close()
-        if not self._bytes and not self._is_over:
+        if not self._bytes and not self._is_over and not self._is_resumed:
             with contextlib.suppress(OSError):
                 Path(self.name).unlink()
 
 
+def title(name: str, *, is_new: bool) -> str:
+    """Write the first line of a recording: what it is of, and since when."""
+    now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return f"# flinders {version('flinders')} record: {name}, {'begun' if is_new else 'resumed'} {now}\n"
+
+
+def _last_time(tail: str) -> float:
+    """The time of the last whole row; 0 where there is none."""
+    for line in reversed(tail.rpartition("\n")[0].splitlines()):
+        found = TIME.match(line)
+        if found:
+            return float(found[1].replace(",", "."))
+    return 0.0
+
+
 class ToStandardOutput:
-    """Standard output, for what follows in a pipe."""
+    """Standard output, for what follows in a pipe.
+
+    Raises
+    ------
+    OutputError
+        Where it is closed.
+    """
 
     name = "standard output"
+
+    def __init__(self) -> None:
+        if sys.__stdout__ is None:
+            raise OutputError(f"{self.name} is closed: name a file with -o")
 
     def write(self, text: str) -> None:
         """As `Sink.write`."""

@@ -17,6 +17,7 @@ A reader is a row of `READERS`: a new format adds a file and a row.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -26,9 +27,9 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.errors import NoMagnetometer, UnitError, UnreadableInput, UsageError
+from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._kinds import foreign_kind
-from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.readers._log import FIRST, Choice, Instrument, Log, Position, Stored
 from flinders.readers._skipping import added
 from flinders.readers._source import File, Source, find, on_disk
 from flinders.readers._span import Span
@@ -41,7 +42,7 @@ from flinders.readers.text import Progress, TextRecording, open_text, sniff_text
 from flinders.readers.tlog import open_tlog, sniff_tlog
 from flinders.readers.ulog import open_ulog, sniff_ulog
 from flinders.readers.zipped import open_zip, sniff_zip
-from flinders.samples import Joined, Recording, Samples
+from flinders.samples import Joined, Recording, Samples, frame_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "READERS",
+    "Choice",
     "Instrument",
     "Log",
     "Position",
@@ -82,6 +84,7 @@ class Open(Protocol):
         scale: float | None,
         axes: Axes,
         flat: str | None,
+        choice: Choice,
         progress: Progress | None,
     ) -> TextRecording | TableRecording:
         """As `open_recording`."""
@@ -102,7 +105,7 @@ class Reader:
     sniff : callable
         Tells from the first bytes, unpacked, whether this reader should try.
     open : callable, optional
-        Opens a table that `sniff` accepted: one magnetometer, in columns.
+        Opens a table that `sniff` accepted: a magnetometer in columns, or one of several.
     log : callable, optional
         Or opens a log: several instruments, which know their units.
     extra : str
@@ -158,7 +161,7 @@ def open_recording(
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
-    sensor: str | None = None,
+    sensor: str | Choice | None = None,
     topic: str | None = None,
     as_logged: bool = False,
     start: float | None = None,
@@ -181,9 +184,9 @@ def open_recording(
         Microtesla in one count.
     axes : str
         Where each new axis comes from, such as ``"x,-y,-z"``.
-    sensor : str, optional
-        Which magnetometer of a log, by its number from 1 or its name; by default the first, which says what others
-        there are.
+    sensor : str or Choice, optional
+        Which magnetometer of a log, or of a table of several, by its number from 1 or its name; by default the first,
+        which says what others there are.
     topic : str, optional
         The member of an archive, or the topic of a bag, which is the name of a magnetometer.
     as_logged : bool
@@ -204,7 +207,8 @@ def open_recording(
         `UnreadableInput` for what is not there or not a recording, `NoMagnetometer` where it is not clear
         which columns are the magnetometer.
     UsageError
-        For columns that there are not; its `UnitError` and `AxesError` for a unit or mapping that cannot be used.
+        For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
+        cannot be used.
     """
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
@@ -214,7 +218,7 @@ def open_recording(
         unit=unit,
         scale=scale,
         axes=Axes.of(axes),
-        sensor=sensor,
+        choice=sensor if isinstance(sensor, Choice) else Choice(sensor),
         topic=topic,
         as_logged=as_logged,
         span=Span.of(start, end),
@@ -248,7 +252,7 @@ def open_log(
 ) -> Log:
     r"""Recognise all that a file holds: each of its magnetometers, place and time, the calibration that was in force.
 
-    Parameters and errors are those of `open_recording`. A table has one magnetometer, and knows no place.
+    Parameters and errors are those of `open_recording`. A table knows no place.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -273,22 +277,25 @@ def open_log(
     if reader.log is not None:
         return _log_of(file, reader, asked)
     table = _table_of(file, reader, asked)
-    columns_read = table.layout.columns if isinstance(table, TextRecording) else table.columns
-    alone = Instrument(
+    several = [_as_instrument(each) for each in table.each(unit, scale)]
+    return Log(
         source=table.source,
-        name=f"columns {', '.join(columns_read.field.names)}",
-        unit=table.unit,
-        columns=lambda _: table.blocks(),
-        axes=table.axes,
-        readings=table.readings if isinstance(table, TableRecording) else None,
-        file=table.file,
+        format=reader.title,
+        instruments=tuple(several or [_as_instrument(table)]),
+        begun=_begun(_columns_of(table)),
+        notes=() if several else (table.describe().removeprefix(f"{table.source}: "),),
+        is_table=True,
     )
-    told = table.describe().removeprefix(f"{table.source}: ")
-    return Log(table.source, reader.title, (alone,), begun=_begun(columns_read), notes=(told,))
 
 
-def holds_log(path: AnyPath) -> bool:
-    """Tell whether a path leads to a log, which may have several magnetometers, and not to a table; never for a pipe.
+def holds_log(path: AnyPath, *, columns: str | None = None, topic: str | None = None) -> bool:
+    """Tell whether there is a magnetometer to choose: in a log, or a table of several; never for a pipe.
+
+    Parameters
+    ----------
+    path : str or path
+    columns, topic : str, optional
+        As `open_recording`; columns say which magnetometer it is already.
 
     Raises
     ------
@@ -297,7 +304,14 @@ def holds_log(path: AnyPath) -> bool:
     """
     if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
         return False  # what cannot be looked at twice is left alone
-    return _reader_of(_found(path)).log is not None
+    file = _found(path)
+    reader = _reader_of(file)
+    if reader.log is not None:
+        return True
+    asked = _Asked(columns=columns, unit=None, scale=None, axes=Axes(), topic=topic, span=Span(), progress=None)
+    with contextlib.suppress(FlindersError):  # said by whoever opens it next
+        return bool(_columns_of(_table_of(file, reader, asked)).magnetometers)
+    return False
 
 
 def read(
@@ -341,6 +355,8 @@ def read(
         temperature=_joined([block.temperature for block in blocks]),
         current=_joined([block.current for block in blocks]),
         strength=_joined([block.strength for block in blocks]),
+        throttle=_joined([block.throttle for block in blocks]),
+        attitude=_joined([block.attitude for block in blocks]),
         source=recording.source,
         skipped=(),
     )
@@ -360,7 +376,7 @@ class _Asked:
     topic: str | None
     span: Span
     progress: Progress | None
-    sensor: str | None = None
+    choice: Choice = FIRST
     as_logged: bool = False
     flat: str | None = None
 
@@ -370,8 +386,6 @@ def _open(file: Source, asked: _Asked) -> FileRecording:
     reader = _reader_of(file)
     if reader.log is not None:
         return _chosen(_log_of(file, reader, asked), asked)
-    if asked.sensor is not None:
-        raise UsageError(f"{file.name} has one magnetometer: leave --sensor out; its columns are chosen with --columns")
     return _table_of(file, reader, asked)
 
 
@@ -399,13 +413,14 @@ def _reader_of(file: Source) -> Reader:
 
 
 def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | TableRecording:
-    """Open one magnetometer's columns."""
+    """Open the columns of one magnetometer; of several, that which is meant."""
     options: dict[str, Any] = {
         "columns": asked.columns,
         "unit": asked.unit,
         "scale": asked.scale,
         "axes": asked.axes,
         "flat": asked.flat,
+        "choice": asked.choice,
         "progress": asked.progress,
     }
     if asked.as_logged:
@@ -423,6 +438,26 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
             recording.file, recording.kept = file, (*recording.kept, disk)
     recording.span = asked.span
     return recording
+
+
+def _columns_of(table: TextRecording | TableRecording) -> Columns:
+    return table.layout.columns if isinstance(table, TextRecording) else table.columns
+
+
+def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
+    """Make a magnetometer of a log out of columns of a table; one of several says which columns those are."""
+    told = table.describe().removeprefix(f"{table.source}: {table.name}, ")
+    return Instrument(
+        source=table.source,
+        name=table.name or f"columns {', '.join(_columns_of(table).field.names)}",
+        unit=table.unit,
+        columns=lambda _: table.blocks(),
+        axes=table.axes,
+        frames=(frame_of(table), frame_of(table)),
+        readings=table.readings if isinstance(table, TableRecording) else None,
+        notes=(told,) if table.name else (),
+        file=table.file,
+    )
 
 
 def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
@@ -468,12 +503,13 @@ def _begun(columns: Columns) -> datetime | None:
 
 def _chosen(log: Log, asked: _Asked) -> Instrument:
     """Take the magnetometer that was asked for, or the first, which then names the others."""
-    if asked.sensor is not None and asked.topic is not None:
+    if asked.choice.sensor is not None and asked.topic is not None:
         raise UsageError("--sensor and --topic both say which magnetometer of a log it is: leave one of them out")
-    wanted = asked.sensor if asked.sensor is not None else asked.topic
-    first, *others = log.instruments
-    named = tuple(f"{number} {other.name}" for number, other in enumerate(others, 2))
-    return replace(first, others=named) if wanted is None else log.sensor(wanted)
+    choice = asked.choice if asked.topic is None else Choice(asked.topic)
+    names = [instrument.name for instrument in log.instruments]
+    chosen = log.instruments[choice.among(names, log.source)]
+    named = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2))
+    return replace(chosen, others=named if choice.is_open else (), damage=log.damage)
 
 
 def _beginning(log: Log) -> float:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 IN_VEHICLE_AXES: Final = ("vehicle", "vehicle")
 """The `Instrument.frames` of a compass: nothing is turned back."""
 
-OF_INTEREST: Final = ("COMPASS", "AHRS_ORIENTATION", "CUST_ROT")
+OF_INTEREST: Final = ("COMPASS", "AHRS_ORIENTATION", "AHRS_EKF_TYPE", "CUST_ROT")
 """How the names of the parameters begin that are kept."""
 
 MOST_CHANGES: Final = 1000

@@ -5,6 +5,10 @@
 array([[ 5. ,  0.5],
        [15. ,  2.5],
        [ nan,  nan]])
+>>> roll = Turning.of([0.0, 0.1], [[1.0, 0.0, 0.0, 0.0], [0.96, 0.28, 0.0, 0.0]])         # by 32.5°
+>>> roll.at(np.array([0.05, 0.2])).round(4)
+array([[0.9899, 0.1414, 0.    , 0.    ],
+       [   nan,    nan,    nan,    nan]])
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.arrays import floats
+from flinders.quaternions import between, known
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -24,6 +29,14 @@ if TYPE_CHECKING:
 
 LONGEST: Final = 2.5
 """Seconds between two measurements over which nothing is interpolated."""
+LONGEST_TURN: Final = 0.5
+"""The same between two attitudes: autopilots tell theirs four times a second or more."""
+ROUNDING: Final = 0.01
+"""By how much a throttle may lie beyond 0 to 1."""
+WIDEST_TURN: Final = np.pi / 4
+"""Angle between two attitudes over which nothing is interpolated: the estimator jumped, or nobody knows the way."""
+LEAST_COSINE: Final = float(np.cos(WIDEST_TURN / 2))
+"""Of half that angle: what the product of two unit quaternions is at least."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +64,12 @@ class Beside:
         """
         when, measured = floats(time), floats(values)
         usable = np.isfinite(when) & np.isfinite(measured).all(axis=1)
-        order = np.argsort(when[usable], kind="stable")
-        return cls(when[usable][order], measured[usable][order]) if usable.any() else None
+        if not usable.all():
+            when, measured = when[usable], measured[usable]
+        if np.any(when[1:] < when[:-1]):
+            order = np.argsort(when, kind="stable")
+            when, measured = when[order], measured[order]
+        return cls(when, measured) if len(when) else None
 
     def at(self, time: Floats) -> Floats:
         """(N, k) at these (N,) times, between neighbours by a straight line; NaN before, after and in long gaps."""
@@ -65,12 +82,69 @@ class Beside:
         return found
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Turning:
+    """Attitudes with times of their own.
+
+    Attributes
+    ----------
+    time : (M,) float, s
+        Ascending.
+    attitude : (M, 4) float
+        Unit quaternions.
+    """
+
+    time: Floats
+    attitude: Floats
+
+    @classmethod
+    def of(cls, time: ArrayLike, attitude: ArrayLike) -> Self | None:
+        """Put attitudes in the order of their times, without those that are none; None where none is left.
+
+        Parameters
+        ----------
+        time : (M,) array-like, s
+        attitude : (M, 4) array-like
+            Quaternions w, x, y, z; those whose length is not 1 are none.
+        """
+        found = Beside.of(time, known(floats(attitude)))
+        return None if found is None else cls(found.time, found.values)
+
+    def at(self, time: Floats) -> Floats:
+        """(N, 4) at these (N,) times, between neighbours on the shortest way at a constant rate.
+
+        NaN before and after, where neighbours are more than `LONGEST_TURN` apart, and where they differ by more than
+        `WIDEST_TURN`.
+        """
+        after = np.clip(np.searchsorted(self.time, time, side="right"), 1, max(len(self.time) - 1, 1))
+        before, after = after - 1, np.minimum(after, len(self.time) - 1)
+        start, end = self.time[before], self.time[after]
+        gap = end - start
+        share = np.clip((time - start) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)
+        found = between(self.attitude[before], self.attitude[after], share)
+        near = np.abs(np.einsum("ij,ij->i", self.attitude[before], self.attitude[after])) >= LEAST_COSINE
+        met = (time == start) | (time == end)
+        lost = ~(met | (near & (gap <= LONGEST_TURN)))
+        found[~((time >= start) & (time <= end)) | lost] = np.nan
+        return found
+
+
 def along(beside: Beside | None, time: Floats, turn: Floats | None = None) -> Floats | None:
     """The same of something that may not be there, turned by a (3, 3) rotation where there is one."""
     if beside is None:
         return None
     found = beside.at(time)
     return found if turn is None else found @ turn.T
+
+
+def shares(values: Floats) -> Floats:
+    """Throttles of a log: those beyond 0 to 1 are NaN; a hundredth too much is rounding.
+
+    >>> shares(np.array([0.5, 1.005, -0.2]))
+    array([0.5, 1. , nan])
+    """
+    with np.errstate(invalid="ignore"):
+        return np.where((values >= -ROUNDING) & (values <= 1 + ROUNDING), np.clip(values, 0.0, 1.0), np.nan)
 
 
 def numbered(samples: Samples, before: int) -> Samples:

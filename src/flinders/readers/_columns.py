@@ -7,27 +7,32 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders import quaternions
 from flinders.errors import UsageError
+from flinders.readers._beside import shares
+from flinders.readers._log import FIRST, Choice, numbered
 from flinders.readers._names import (
     ACCELERATION,
+    ATTITUDE,
     CURRENT,
     FACTORS,
     FIELD,
     RATE,
     STRENGTH,
     TEMPERATURE,
+    THROTTLE,
     TIME,
     Meaning,
-    field_stem,
     meaning,
 )
+from flinders.readers._several import Vector, companion, instruments, vectors
 from flinders.samples import Samples
 from flinders.units import Unit
 
@@ -90,6 +95,12 @@ class Columns:
         At most one of each other kind.
     left_out : tuple of str
         Columns that were recognised and cannot be used, each with the reason.
+    name : str
+        Of several magnetometers in one table, what this one is called; empty where it is the only one.
+    magnetometers : tuple of Columns
+        Those of each of them, in order; empty where there is one.
+    others : tuple of str
+        Numbers and names of the other ones, where nobody has said which is meant.
     """
 
     field: Column
@@ -98,6 +109,9 @@ class Columns:
     stated: bool = False
     beside: tuple[Column, ...] = ()
     left_out: tuple[str, ...] = ()
+    name: str = ""
+    magnetometers: tuple[Columns, ...] = ()
+    others: tuple[str, ...] = ()
 
     @property
     def time(self) -> Column | None:
@@ -133,14 +147,26 @@ class Columns:
         """Pick one of the columns from what was read of `cells`."""
         return values[:, [self.cells.index(cell) for cell in column.cells]]
 
-    def samples(self, values: Floats, *, unit: Unit, axes: Axes, source: str) -> Samples:
+    def told(self, unit: str) -> str:
+        """Say which columns are read, in which unit; of several magnetometers, which one."""
+        which = f"{self.name}, " if self.name else ""
+        time = f", time in {self.time.names[0]}" if self.time else ""
+        return f"{which}columns {', '.join(self.field.names)} in {unit}{time}"
+
+    def told_besides(self) -> list[str]:
+        """Say what is left out, and which other magnetometers there are."""
+        told = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
+        return told + [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
+
+    def samples(self, values: Floats, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
         """Make samples of (N, len(cells)) values: the field, and what stands beside it in the units of `Samples`."""
         field = self.taken(values, self.field)
         if len(self.field.cells) == 2:
             level = np.zeros((len(field), 3))
             level[:, self.field.axes] = field
             field = level
-        return Samples.of(
+        throttle, attitude = self._beside(values, THROTTLE), self._beside(values, ATTITUDE)
+        found = Samples.of(
             field,
             unit=unit,
             axes=axes,
@@ -150,8 +176,11 @@ class Columns:
             temperature=self._beside(values, TEMPERATURE),
             current=self._beside(values, CURRENT),
             strength=self._beside(values, STRENGTH),
+            throttle=None if throttle is None else shares(throttle),
+            attitude=None if attitude is None else quaternions.known(attitude),
             source=source,
         )
+        return found if frame == found.frame else replace(found, frame=frame)
 
     def _beside(self, values: Floats, kind: str) -> Floats | None:
         """Take what stands beside the field, if it is there."""
@@ -164,7 +193,7 @@ class Columns:
 
 def names_magnetometer(names: Sequence[str]) -> bool:
     """Tell whether three of these names are those of a magnetometer."""
-    return bool(_triple(names, [meaning(name) for name in names], FIELD))
+    return bool(vectors(names, [meaning(name) for name in names], FIELD))
 
 
 def by_name(
@@ -186,19 +215,48 @@ def by_name(
     Returns
     -------
     Columns or None
-        None where no magnetometer is recognised.
+        Of several magnetometers those of the first, which knows them all; None where none is recognised.
     """
     meanings = [_meaning(*column) for column in zip_longest(names, units[: len(names)], fillvalue="")]
-    field = tuple(wanted) or _triple(names, meanings, FIELD)
-    if not field:
-        return None
-    free = [Meaning("") if place in field else found for place, found in enumerate(meanings)]
-    stated = {meanings[cell].unit for cell in field if meanings[cell].kind == FIELD}
+    found = vectors(names, meanings, FIELD)
+    fields = instruments(found)
+    free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
+    around = partial(
+        _around,
+        fields=fields,
+        axes=[(kind, vectors(names, free, kind)) for kind in (ACCELERATION, RATE)],
+        names=names,
+        meanings=meanings,
+        values=values,
+    )
+    if wanted:
+        own = next((each for each in found if set(each.cells) == set(wanted)), Vector(tuple(wanted), 0, (), ""))
+        return around(own._replace(cells=tuple(wanted)))
+    made = [around(field) for field in fields]
+    if len(made) < 2:
+        return made[0] if made else None
+    named = tuple(replace(columns, name=field.name) for columns, field in zip(made, fields, strict=True))
+    return replace(named[0], magnetometers=named)
+
+
+def _around(
+    field: Vector,
+    *,
+    fields: Sequence[Vector],
+    axes: Sequence[tuple[str, Sequence[Vector]]],
+    names: Sequence[str],
+    meanings: Sequence[Meaning],
+    values: Floats,
+) -> Columns:
+    """Put together what is read for one of the magnetometers of a table."""
+    free = [Meaning("") if place in field.cells else found for place, found in enumerate(meanings)]
+    stated = {meanings[cell].unit for cell in field.cells if meanings[cell].kind == FIELD}
     unit = stated.pop() if len(stated) == 1 else ""
-    beside, left_out = _beside(names, free, values)
+    found = [(kind, _goes_with(each, field, fields)) for kind, each in axes]
+    beside, left_out = _beside(names, free, values, [(kind, cells) for kind, cells in found if cells])
     return Columns(
-        field=Column(FIELD, field, tuple(names[cell].strip() for cell in field)),
-        unit=unit or _by_convention(names, field),
+        field=Column(FIELD, field.cells, tuple(names[cell].strip() for cell in field.cells)),
+        unit=unit or _by_convention(names, field.cells),
         stated=bool(unit),
         beside=beside,
         left_out=left_out,
@@ -231,6 +289,8 @@ def choose(
     *,
     units: Sequence[str] = (),
     flat: str | None = None,
+    choice: Choice = FIRST,
+    source: str = "the table",
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither tells.
 
@@ -246,20 +306,46 @@ def choose(
         What stands below the names.
     flat : str, optional
         The plane whose two columns will do: two that are asked for, or the only two there are.
+    choice : Choice, optional
+        Which of several magnetometers.
+    source : str
+        For messages.
 
     Raises
     ------
     UsageError
-        For columns that there are not.
+        For columns that there are not, or a magnetometer.
     """
     width = values.shape[1]
     if flat is not None and asked is None and width == 2:
         asked = "1,2"
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
-    if chosen is None or flat is None or len(wanted) != 2:
+    if chosen is None:
+        return None
+    chosen = _chosen(chosen, choice, source, asked)
+    if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
+
+
+def _chosen(columns: Columns, choice: Choice, source: str, asked: str | None) -> Columns:
+    """Take the magnetometer that is meant; where nobody says, the first, which then knows the names of the others.
+
+    Raises
+    ------
+    UsageError
+        For one that there is not, or where there is nothing to choose from.
+    """
+    if not columns.magnetometers:
+        if asked is not None and choice.sensor is not None and not choice.is_name:
+            raise UsageError("--columns and --sensor both say which magnetometer it is: leave one of them out")
+        choice.refuse_beside(source)
+        return columns
+    names = [each.name for each in columns.magnetometers]
+    place = choice.among(names, source)
+    others = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2)) if choice.is_open else ()
+    return replace(columns.magnetometers[place], magnetometers=columns.magnetometers, others=others)
 
 
 def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
@@ -324,19 +410,12 @@ def _place(asked: str, names: list[str], width: int) -> int:
     raise UsageError(f"there is no column {asked!r}: {there}; give three names or numbers from 1 to {width}")
 
 
-def _triple(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> tuple[int, ...]:
-    """Find the three columns of one sensor; of several sensors the one with the smallest rank, then the first."""
-    sensors: dict[str, dict[str, int]] = defaultdict(dict)
-    for place, found in enumerate(meanings):
-        if found.kind == kind and found.axis:
-            sensors[field_stem(names[place], found.axis)].setdefault(found.axis, place)
-    complete = [
-        tuple(axes[letter] for letter in letters)
-        for axes in sensors.values()
-        for letters in ("xyz", "012", "123")
-        if set(letters) <= axes.keys()
-    ]
-    return min(complete, key=lambda cells: (meanings[cells[0]].rank, min(cells)), default=())
+def _goes_with(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> tuple[int, ...]:
+    """Pick the accelerometer or gyro that stands beside a magnetometer: where there is one of that, the best."""
+    if len(fields) > 1:
+        own = companion(found, field, fields)
+        return own.cells if own else ()
+    return min(found, key=lambda each: (each.rank, min(each.cells))).cells if found else ()
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
@@ -348,16 +427,16 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
 
 
 def _beside(
-    names: Sequence[str], meanings: Sequence[Meaning], values: Floats
+    names: Sequence[str], meanings: Sequence[Meaning], values: Floats, triples: Sequence[tuple[str, tuple[int, ...]]]
 ) -> tuple[tuple[Column, ...], tuple[str, ...]]:
-    """Find what stands beside the magnetometer, and what has to be left out."""
-    found = [
-        Column(kind, cells, tuple(names[cell].strip() for cell in cells))
-        for kind in (ACCELERATION, RATE)
-        if (cells := _triple(names, meanings, kind))
-    ]
+    """Find what stands beside the magnetometer and those three axes, and what has to be left out."""
+    found = [Column(kind, cells, tuple(names[cell].strip() for cell in cells)) for kind, cells in triples]
+    turned = {known.axis: place for place, known in enumerate(meanings) if known.kind == ATTITUDE}
+    if len(turned) == 4:
+        cells = tuple(turned[axis] for axis in "wxyz")
+        found.append(Column(ATTITUDE, cells, tuple(names[cell].strip() for cell in cells)))
     left_out: list[str] = []
-    for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH):
+    for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE):
         places = [place for place, known in enumerate(meanings) if known.kind == kind and not known.axis]
         for place in sorted(places, key=lambda place: meanings[place].rank):
             if _numeric(values[:, place]):
@@ -374,7 +453,7 @@ def _beside(
         elif column.kind == RATE and not unit:
             left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
         else:
-            scaled.append(replace(column, factor=FACTORS[column.kind].get(unit, 1.0)))
+            scaled.append(replace(column, factor=FACTORS.get(column.kind, {}).get(unit, 1.0)))
     return tuple(scaled), tuple(left_out)
 
 

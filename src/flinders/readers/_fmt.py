@@ -56,6 +56,8 @@ LETTERS: Final[dict[str, tuple[str, float]]] = {
     "n": ("S4", 1), "N": ("S16", 1), "Z": ("S64", 1), "a": ("V64", 1),
 }  # fmt: skip
 """How each letter of a format is packed, and what it is multiplied by."""
+CHARACTERS: Final = "nNZa"
+"""Letters of fields that are no numbers."""
 
 
 class Format(NamedTuple):
@@ -101,11 +103,14 @@ class Packed:
     format : Format
     where : (N,) int64
         At which byte each begins; ascending.
+    beside : (N, length) bytes, optional
+        Copies of them, one after the other.
     """
 
     raw: Bytes
     format: Format
     where: Places
+    beside: Bytes | None = None
 
     def __len__(self) -> int:
         return len(self.where)
@@ -120,8 +125,10 @@ class Packed:
         return self.format.place(label)[1] in "bBhHiIqQM"
 
     def column(self, label: str) -> Floats:
-        """(N,) a field, in the unit of its letter."""
+        """(N,) a field, in the unit of its letter; NaN where it holds characters."""
         letter = self.format.place(label)[1]
+        if letter in CHARACTERS:
+            return np.full(len(self), np.nan)
         scale = LETTERS[letter][1]
         values = self._bare(label).astype(np.float64)
         return values if scale == 1 else values * scale
@@ -134,15 +141,24 @@ class Packed:
         """Some of them."""
         return Packed(self.raw, self.format, self.where[rows])
 
+    def copied(self) -> Packed:
+        """The same with their bytes side by side: each is fetched once, and no more for each of its fields."""
+        length = self.format.length
+        whole = self._at_each_byte(np.dtype(f"V{length}"), 0)[self.where]
+        return Packed(self.raw, self.format, self.where, whole.view(np.uint8).reshape(len(self), length))
+
     def _bare(self, label: str) -> NDArray[Any]:
-        """(N,) as it is packed: the view that begins at each byte of the file, at those where a message does."""
+        """(N,) as it is packed."""
         offset, letter = self.format.place(label)
         kind = np.dtype(LETTERS[letter][0])
-        each_byte = max(len(self.raw) - offset - kind.itemsize + 1, 0)
-        view: NDArray[Any] = (
-            np.ndarray((each_byte,), kind, self.raw.data, offset, (1,)) if each_byte else np.empty(0, kind)
-        )
-        return view[self.where]
+        if self.beside is None or not len(self):
+            return self._at_each_byte(kind, offset)[self.where]
+        return np.ndarray((len(self),), kind, self.beside.data, offset, (self.format.length,))
+
+    def _at_each_byte(self, kind: np.dtype[Any], offset: int) -> NDArray[Any]:
+        """The view of the file that begins at each of its bytes, or so many behind it."""
+        count = max(len(self.raw) - offset - kind.itemsize + 1, 0)
+        return np.ndarray((count,), kind, self.raw.data, offset, (1,)) if count else np.empty(0, kind)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,12 +188,18 @@ class Listed:
         return self.letters[self.labels.index(label)] in "bBhHiIqQM"
 
     def column(self, label: str) -> Floats:
-        """(N,) a field, in the unit that the text is in."""
+        """(N,) a field, in the unit that the text is in; NaN where it holds characters."""
+        if self.letters[self.labels.index(label)] in CHARACTERS:
+            return np.full(len(self), np.nan)
         return np.asarray(self.rows[label], np.float64)
 
     def texts(self, label: str) -> list[str]:
         """A field of characters."""
         return [str(each) for each in self.rows[label]]
+
+    def copied(self) -> Listed:
+        """The same: their values are side by side already."""
+        return self
 
     def only(self, rows: slice | NDArray[Any]) -> Listed:
         """Some of them."""
@@ -397,7 +419,7 @@ def _listed_format(rest: str) -> Format | None:
 
 
 def _holder(letter: str) -> Any:  # noqa: ANN401 - numbers side by side, or a list of texts
-    return [] if letter in "nNZa" else array("d")
+    return [] if letter in CHARACTERS else array("d")
 
 
 def _cells(rest: str, format: Format) -> list[Any] | None:
@@ -407,7 +429,7 @@ def _cells(rest: str, format: Format) -> list[Any] | None:
         return None
     try:
         return [
-            part.strip() if letter in "nNZa" else float(part)
+            part.strip() if letter in CHARACTERS else float(part)
             for part, letter in zip(parts, format.letters, strict=False)
         ]
     except ValueError:

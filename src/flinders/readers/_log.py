@@ -17,7 +17,7 @@ flinders.errors.UsageError: flight.bin has no magnetometer 2: there is 1 (MAG 0)
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from flinders.errors import UnreadableInput, UsageError
 from flinders.readers._span import Span
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from datetime import datetime
 
     from flinders.arrays import Floats
@@ -34,6 +34,91 @@ if TYPE_CHECKING:
     from flinders.readers.text import Progress
     from flinders.samples import Samples
     from flinders.units import Unit
+
+
+MOST_NAMED: Final = 8
+"""Magnetometers that a line names; an array may have dozens."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Which of several magnetometers is meant.
+
+    Attributes
+    ----------
+    sensor : str, optional
+        The one that was asked for, by its number from 1 or its name.
+    preferred : str, optional
+        The name of the one to take where nobody asks: that which a calibration was made from.
+    is_name : bool
+        `sensor` may be a name that is given to the only magnetometer of a table, which does not know its own.
+
+    >>> Choice("2").among(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").among(["mag"], "one.csv")
+    (1, 0)
+    >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
+    Traceback (most recent call last):
+    flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
+        (mag_left), 2 (mag_right); say with --sensor which one it is for
+    """
+
+    sensor: str | None = None
+    preferred: str | None = None
+    is_name: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Nobody says which: the first is taken, and the others are named."""
+        return self.sensor is None and self.preferred is None
+
+    def among(self, names: Sequence[str], source: str) -> int:
+        """Look it up: its place among these names, counted from 0; the first where nothing says which, or it is alone.
+
+        Raises
+        ------
+        UsageError
+            For one that there is not; names those there are.
+        """
+        wanted = self.preferred if self.sensor is None else self.sensor
+        if wanted is None or (self.sensor is None and len(names) == 1):
+            return 0
+        for place, name in enumerate(names):
+            numbers = () if self.sensor is None else (str(place + 1),)
+            if wanted.strip().casefold() in (*numbers, name.casefold(), name.casefold().removeprefix("/")):
+                return place
+        verb = "are" if len(names) > 1 else "is"
+        there = numbered([f"{number} ({name})" for number, name in enumerate(names, 1)])
+        what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
+        if self.sensor is None:
+            raise UsageError(
+                f"{what}, which the calibration is for: there {verb} {there}; say with --sensor which one it is for"
+            )
+        raise UsageError(f"{what}: there {verb} {there or 'none'}")
+
+    def refuse_beside(self, source: str) -> None:
+        """Refuse to choose from a table of one magnetometer.
+
+        Raises
+        ------
+        UsageError
+        """
+        if self.sensor is not None and not self.is_name:
+            raise UsageError(
+                f"{source} has one magnetometer: leave --sensor out; its columns are chosen with --columns"
+            )
+
+
+FIRST: Final = Choice()
+"""Nobody says which."""
+
+
+def numbered(words: Sequence[str]) -> str:
+    """Put numbers and names of magnetometers into a sentence, as many as fit.
+
+    >>> numbered(["2 MAG2", "3 MAG3"])
+    '2 MAG2, 3 MAG3'
+    """
+    more = f" and {len(words) - MOST_NAMED} more" if len(words) > MOST_NAMED else ""
+    return ", ".join(words[:MOST_NAMED]) + more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +204,8 @@ class Instrument:
         What to know about it, a sentence each.
     others : tuple of str
         Names of the log's other magnetometers, where nobody has said which is meant.
+    damage : tuple of str
+        What of the file could not be read, where it was cut short or is broken.
     file : Source, optional
         The bytes it was read from, as they lie on the disk.
     kept : tuple of Source
@@ -143,6 +230,7 @@ class Instrument:
     readings: int | None = None
     notes: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
+    damage: tuple[str, ...] = ()
     file: Source | None = None
     kept: tuple[Source, ...] = ()
     progress: Progress | None = None
@@ -170,7 +258,7 @@ class Instrument:
             within = clock.within(block)
             if within.any():
                 given += 1
-                yield turned(replace(clock.kept(block, within), source=self.source, frame=self.frame), self.axes)
+                yield replace(clock.kept(block, within), source=self.source, frame=self.frame).turned(self.axes)
         clock.judge()
         if not given:
             raise UnreadableInput(
@@ -185,7 +273,8 @@ class Instrument:
             told.append(self.stored.told(as_logged=self.as_logged))
         told += [f"axes {self.axes}"] * (self.axes != Axes()) + [str(self.span)] * (not self.span.is_all)
         if self.others:
-            told.append(f"also there: {', '.join(self.others)} (choose with --sensor)")
+            told.append(f"also there: {numbered(self.others)} (choose with --sensor)")
+        told += self.damage
         return "; ".join(told)
 
     def __str__(self) -> str:
@@ -209,6 +298,10 @@ class Log:
         UTC.
     notes : tuple of str
         What to know about the file, a sentence each: that it was cut short, that its clock jumps.
+    damage : tuple of str
+        Those of the notes that tell what could not be read.
+    is_table : bool
+        Its magnetometers are columns of one table; a topic has named the member of an archive that holds it.
     """
 
     source: str
@@ -217,6 +310,8 @@ class Log:
     position: Position | None = None
     begun: datetime | None = None
     notes: tuple[str, ...] = ()
+    damage: tuple[str, ...] = ()
+    is_table: bool = False
 
     def sensor(self, wanted: str) -> Instrument:
         """Look a magnetometer up by its number, counted from 1, or by its name.
@@ -226,24 +321,4 @@ class Log:
         UsageError
             For one that there is not; names those there are.
         """
-        for number, instrument in enumerate(self.instruments, 1):
-            if wanted.strip().casefold() in (str(number), instrument.name.casefold()):
-                return instrument
-        there = ", ".join(f"{number} ({one.name})" for number, one in enumerate(self.instruments, 1))
-        verb = "are" if len(self.instruments) > 1 else "is"
-        raise UsageError(
-            f"{self.source} has no magnetometer {wanted.strip() or repr(wanted)}: there {verb} {there or 'none'}"
-        )
-
-
-def turned(samples: Samples, axes: Axes) -> Samples:
-    """Map the axes of field, acceleration and rate; they must be as recorded."""
-    if axes == samples.axes:
-        return samples
-    return replace(
-        samples,
-        field=axes.apply(samples.field),
-        acceleration=None if samples.acceleration is None else axes.apply(samples.acceleration),
-        rate=None if samples.rate is None else axes.apply(samples.rate),
-        axes=axes,
-    )
+        return self.instruments[Choice(wanted).among([one.name for one in self.instruments], self.source)]

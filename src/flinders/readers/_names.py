@@ -26,6 +26,8 @@ TIME: Final = "time"
 TEMPERATURE: Final = "temperature"
 CURRENT: Final = "current"
 STRENGTH: Final = "strength"
+THROTTLE: Final = "throttle"
+ATTITUDE: Final = "attitude"
 
 _DEGREES = math.pi / 180
 
@@ -50,6 +52,7 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
 """Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`."""
 
 _UNITS = frozenset(unit for units in FACTORS.values() for unit in units)
+_UNITS_OF_AXES = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
 _LETTERS: Final = {"m": FIELD, "h": FIELD, "b": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE}
 """Sensors that go by one letter, as in ``mx`` or ``B_x``."""
 _OTHERS: Final = re.compile(
@@ -64,6 +67,13 @@ _CALIBRATED: Final = re.compile(r"(cal|calib|calibrated|cald|corr|corrected|comp
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 _TIMES: Final = re.compile(r"(t|time.*|.*time|timestamp|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
+_COMMON: Final = re.compile(
+    r"(mag.*|compass|acc.*|gyr.*|angular|velocity|linear|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
+    r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
+)
+"""Words that any such sensor may have in its name."""
+_BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""
+"""What parts the words of a name."""
 _ATTACHED: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
     r"|compass|[mhbagw])([xyz])"
@@ -72,15 +82,27 @@ _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")
 """How µT reads where its bytes were decoded as something else."""
 
 
+CALIBRATED: Final = 10
+"""Rank from which on readings were corrected already."""
+_WRITTEN_HERE: Final = {
+    "throttle_share": (THROTTLE, ""),
+    **{f"{ATTITUDE}_{axis}": (ATTITUDE, axis) for axis in "wxyz"},
+}
+"""Columns that are known by their whole name only, as `flinders.simulate.table` writes them.
+
+A ``throttle`` may be per cent or microseconds, and an attitude that of any axes."""
+
+
 class Meaning(NamedTuple):
     """What a name says.
 
     Attributes
     ----------
     kind : str
-        ``field``, ``acceleration``, ``rate``, ``time``, ``temperature``, ``current``, ``strength``, or nothing.
+        ``field``, ``acceleration``, ``rate``, ``time``, ``temperature``, ``current``, ``strength``, ``throttle``,
+        ``attitude``, or nothing.
     axis : str
-        ``x``, ``y`` or ``z``; ``0`` to ``3`` where axes are counted; or nothing.
+        ``x``, ``y`` or ``z``, of an attitude also ``w``; ``0`` to ``3`` where axes are counted; or nothing.
     unit : str
         In lower case, as found in `FACTORS`; that of a field or a strength as `Unit` calls it; or nothing.
     rank : int
@@ -95,6 +117,8 @@ class Meaning(NamedTuple):
 
 def meaning(name: str) -> Meaning:
     """Tell what a column name says; the kind is empty where nothing is recognised."""
+    if written := _WRITTEN_HERE.get(name.strip().casefold()):
+        return Meaning(*written)
     words, units = _words(name)
     folded = [word.casefold() for word in words]
     if not folded and not units:
@@ -106,7 +130,7 @@ def meaning(name: str) -> Meaning:
         return Meaning("")
     kind, rank = _vector(folded, units) if axis else _scalar(folded, units)
     if kind == FIELD and axis and any(_CALIBRATED.match(word) for word in folded):
-        rank += 10
+        rank += CALIBRATED
     return Meaning(kind, axis, _unit(kind, units), rank)
 
 
@@ -118,10 +142,53 @@ def is_unit(text: str) -> bool:
 def field_stem(name: str, axis: str) -> str:
     """Take the axis out of a name, so that the three columns of one sensor are left with the same text."""
     folded = name.strip().casefold()
+    place = _place_of_axis(folded, axis)
+    return f"{folded[:place]}*{folded[place + 1 :]}"
+
+
+def label(name: str) -> tuple[str, ...]:
+    """Take the words of a three-axis sensor's column that tell it from others of its kind.
+
+    >>> label("mag_x"), label("imu1.mag.x (uT)"), label("magX_left_raw"), label("mag_rm3100_x"), label("my2")
+    ((), ('1',), ('left',), ('rm', '3100'), ('2',))
+    >>> label("mag_a_x")  # no ampere
+    ('a',)
+    """
+    words, units = _words(name)
+    foreign = [unit for unit in units if unit.casefold() not in _UNITS_OF_AXES]
+    words, _ = _without_axis([word.casefold() for word in words + foreign])
+    kinds = [word for word in words if word.startswith(("mag", "compass", "acc", "gyr", "angular"))]
+    plain = (_COMMON, _RAW, _CALIBRATED)
+    kept = [word for word in words if not any(pattern.match(word) for pattern in plain)]
+    return tuple(word for word in kept if kinds or word not in _LETTERS)
+
+
+def sensor_name(name: str, axis: str) -> str:
+    """Take axis, unit, ``raw`` and the like out of a column's name: what is left is what the sensor is called.
+
+    >>> sensor_name("mag1_x_uT", "x"), sensor_name("Imu1.Mag.X (µT)", "x"), sensor_name("raw_mag_x_2", "x")
+    ('mag1', 'Imu1.Mag', 'mag_2')
+    >>> sensor_name("mx0", "x"), sensor_name("x2", "x"), sensor_name("mag1[0]", "0")
+    ('m0', 'xyz2', 'mag1')
+    """
+    bare = re.sub(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$", "", name.strip())
+    place = _place_of_axis(bare.casefold(), axis)
+    pieces = re.findall(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)", f"{bare[:place]}{bare[place + 1 :]}")
+    kept = [
+        f"{between[-1:] if between[-1:] in ' _.-' else '_'}{piece}"
+        for number, (between, piece) in enumerate(pieces)
+        if not (number and piece.casefold() in _UNITS_OF_AXES)
+        and not (_RAW.match(piece.casefold()) or _CALIBRATED.match(piece.casefold()))
+    ]
+    found = "".join(kept).lstrip(" _.-")
+    return found if any(map(str.isalpha, found)) else f"xyz{found}"
+
+
+def _place_of_axis(folded: str, axis: str) -> int:
+    """Find the letter or digit of the axis in a name: the last that stands by itself, else the last."""
     places = [match.start() for match in re.finditer(axis, folded)]
     alone = [place for place in places if not _letters_around(folded, place)] or places
-    place = alone[-1] if alone else 0
-    return f"{folded[:place]}*{folded[place + 1 :]}"
+    return alone[-1] if alone else 0
 
 
 def _letters_around(text: str, place: int) -> bool:
@@ -137,7 +204,7 @@ def _words(name: str) -> tuple[list[str], list[str]]:
         units.append(inside[1].strip())
         name = name[: inside.start()]
     words: list[str] = []
-    for piece in re.split(r"[\s_.,:;%#\-\[\](){}'\"]+", name):
+    for piece in re.split(rf"[{_BETWEEN}]+", name):
         if piece.casefold() in _UNITS and (words or piece.casefold() in FACTORS[TIME]):
             units.append(piece)
         else:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 LINE: Final = re.compile(r"(\d+),(mag|imu|baro|gps|landed|airspeed|flow|vio|range)((?:,[^,]*)*)$")
 MOST: Final = 0.9
 """Share of lines that have to be of this kind."""
+FRAME: Final = "vehicle"
+"""What the axes of such a log are, as `Samples` calls it."""
 NAMES: Final = (
     "time (us)", "mag_x (G)", "mag_y (G)", "mag_z (G)", "acc_x", "acc_y", "acc_z",
     "gyro_x (rad/s)", "gyro_y (rad/s)", "gyro_z (rad/s)",

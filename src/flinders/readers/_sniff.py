@@ -18,11 +18,12 @@ import numpy as np
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
 from flinders.readers._columns import Column, Columns, choose, names_magnetometer, wanted_places
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
+from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
     from flinders.errors import InputError
@@ -129,7 +130,12 @@ class Layout:
 
 
 def sniff(
-    name: str, texts: list[str], columns: str | None = None, header: Sequence[str] = (), flat: str | None = None
+    name: str,
+    texts: list[str],
+    columns: str | None = None,
+    header: Sequence[str] = (),
+    flat: str | None = None,
+    choice: Choice = FIRST,
 ) -> Layout:
     """Recognise how a recording is laid out.
 
@@ -145,6 +151,8 @@ def sniff(
         Names of the columns, if they are known from elsewhere.
     flat : str, optional
         The plane whose two columns will do where there are no three: ``"xy"``.
+    choice : Choice, optional
+        Which of several magnetometers.
 
     Raises
     ------
@@ -153,10 +161,11 @@ def sniff(
     NoMagnetometer
         Where they are, and which of the columns are the magnetometer is not clear.
     UsageError
-        Where `columns` asks for columns that there are not.
+        Where `columns` asks for columns that there are not, or `choice` for a magnetometer.
     """
     for prefix, pattern in PREFIXES.items():
         if any(pattern.match(text) for text in texts):
+            choice.refuse_beside(name)
             return _prefixed(prefix, columns)
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
@@ -168,7 +177,8 @@ def sniff(
         dialect = max(DIALECTS, key=partial(_score, stretch, least))
         rows = _rows(stretch, dialect, least)
         if rows:
-            return _table(name, texts, rows=rows, dialect=dialect, columns=columns, known=header, flat=flat)
+            choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
+            return _table(name, texts, rows=rows, dialect=dialect, known=header, choosing=choosing)
     raise _nothing(name, lines)
 
 
@@ -178,9 +188,8 @@ def _table(
     *,
     rows: dict[int, list[str]],
     dialect: tuple[str, str],
-    columns: str | None,
     known: Sequence[str],
-    flat: str | None = None,
+    choosing: Callable[..., Columns | None],
 ) -> Layout:
     """Lay out a table from the lines that are rows of numbers."""
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
@@ -191,7 +200,7 @@ def _table(
     width -= closed and len(header) != width  # each line ends with a delimiter
     values = _values(list(like.values())[:SAMPLED], width, dialect[1])
     units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
-    chosen = choose(header, values, columns, units=units, flat=flat)
+    chosen = choosing(header, values, units=units)
     if chosen is None:
         raise _no_magnetometer(name, header, values, (start + 1, texts[start]))
     return Layout(

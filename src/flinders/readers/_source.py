@@ -121,8 +121,8 @@ class File:
         with self.opened() as (_, unpacked):
             yield from self._bounded(unpacked)
 
-    def lines(self, encoding: str) -> Generator[Lines, None, None]:
-        """Yield all lines, `BLOCK` at a time.
+    def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
+        """Yield all lines, `BLOCK` at a time, or after the first so many blocks at a time.
 
         Raises
         ------
@@ -130,7 +130,7 @@ class File:
             Where the file cannot be opened, or its gzip data are broken, or more than any recording packs to so few.
         """
         with self.opened() as (raw, unpacked):
-            yield from lines_of(self._bounded(unpacked), encoding, raw.tell)
+            yield from lines_of(self._bounded(unpacked), encoding, raw.tell, blocks=blocks)
 
     def _bounded(self, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
         done = 0
@@ -360,23 +360,27 @@ def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
     while len(start) < len(GZIP) and (more := _read(name, stream.read1, CHUNK)):
         start += more
     if start.startswith(GZIP):
-        packed = gzip.GzipFile(fileobj=cast("IO[bytes]", _Ahead(start, stream)))
-        yield from _chunks(name, packed.read1)
+        packed, done = _Ahead(start, stream), 0
+        for chunk in _chunks(name, gzip.GzipFile(fileobj=cast("IO[bytes]", packed)).read1):
+            done += len(chunk)
+            if is_bomb(done, packed.given):
+                raise too_large(name, done, packed.given)
+            yield chunk
     elif start:
         yield start
         yield from _chunks(name, stream.read1)
 
 
 class _Ahead:
-    """A pipe of which the first bytes were read already; gives what has arrived, up to so many bytes."""
+    """A pipe of which the first bytes were read already; gives what has arrived, and counts it in `given`."""
 
     def __init__(self, start: bytes, stream: io.BufferedIOBase) -> None:
-        self._start, self._stream = start, stream
+        self._start, self._stream, self.given = start, stream, 0
 
     def read(self, size: int) -> bytes:
-        if not self._start:
-            return self._stream.read1(size)
-        taken, self._start = self._start[:size], self._start[size:]
+        taken = self._start[:size] or self._stream.read1(size)
+        self._start = self._start[size:]
+        self.given += len(taken)
         return taken
 
 

@@ -19,7 +19,7 @@ array([ 21.7,   0.2, -58.7])
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -28,6 +28,7 @@ from flinders.axes import Axes
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Columns, choose
 from flinders.readers._lines import shown
+from flinders.readers._log import FIRST, Choice
 from flinders.readers._sniff import ranges
 from flinders.readers._span import Span
 from flinders.readers.text import unit_of
@@ -156,9 +157,24 @@ class TableRecording:
         return self.table.length
 
     @property
+    def name(self) -> str:
+        """What the magnetometer is called, where it is one of several."""
+        return self.columns.name
+
+    @property
     def states_unit(self) -> bool:
         """The unit stands in the names."""
         return self.columns.stated
+
+    def each(self, unit: str | None, scale: float | None) -> tuple[TableRecording, ...]:
+        """Each of several magnetometers, in the unit that its names or the user say; none where there is one."""
+        found = []
+        for columns in self.columns.magnetometers:
+            settled = unit_of(columns, self.source, unit, scale)
+            own = replace(self, columns=columns.with_strength_in(settled), unit=settled)
+            own.kept = self.kept
+            found.append(own)
+        return tuple(found)
 
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
@@ -192,12 +208,11 @@ class TableRecording:
     def describe(self) -> str:
         """Say in one line what was recognised and is used."""
         columns = self.columns
-        told = [f"{self.source}: columns {', '.join(columns.field.names)} in {self.unit.name}"]
-        told[0] += f", time in {columns.time.names[0]}" if columns.time else ""
+        told = [f"{self.source}: {columns.told(self.unit.name)}"]
         told.append(self.table.kind + ("" if self.table.names else ", columns without names"))
         told += [f"axes {self.axes}"] * (not self.axes.is_identity)
         told += [str(self.span)] * (not self.span.is_all)
-        told += [f"left out {', '.join(columns.left_out)}"] * bool(columns.left_out)
+        told += columns.told_besides()
         return "; ".join(told)
 
     def __str__(self) -> str:
@@ -213,6 +228,7 @@ def open_table(
     scale: float | None = None,
     axes: Axes | None = None,
     flat: str | None = None,
+    choice: Choice = FIRST,
     progress: Progress | None = None,
 ) -> TableRecording:
     """Recognise which columns are what; parameters as `flinders.readers.open_recording`.
@@ -222,7 +238,7 @@ def open_table(
     NoMagnetometer
         Where it is not clear which columns are the magnetometer, and where none holds numbers.
     UsageError
-        For columns that there are not; its `UnitError` for a unit that contradicts the names.
+        For columns or a magnetometer that there are not; its `UnitError` for a unit that contradicts the names.
     UnreadableInput
         Where the table has no rows.
     """
@@ -231,7 +247,7 @@ def open_table(
     if not table.width:
         raise NoMagnetometer(f"{file.name} holds no columns of numbers: need three, x y z, beside what else there is")
     first = next(table.rows(range(table.width)))[:SAMPLED]
-    known = choose(table.names, first, columns, flat=flat)
+    known = choose(table.names, first, columns, flat=flat, choice=choice, source=file.name)
     if known is None:
         raise NoMagnetometer(_unknown(file.name, table, first))
     settled = unit_of(known, file.name, unit, scale)

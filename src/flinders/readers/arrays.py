@@ -44,7 +44,13 @@ MAT_7_3: Final = b"MATLAB 7.3 MAT-file"
 MOST_VALUES: Final = 1 << 27
 """Values in the variables of a MATLAB file, 1 GB of them, that are held in memory: SciPy cannot read a part of one."""
 MOST_BYTES: Final = 1 << 30
-"""Bytes of a MATLAB file, unpacked: a structure or a cell counts as one value, whatever is in it."""
+"""Bytes of a MATLAB file, unpacked."""
+MOST_NESTED: Final = 1 << 28
+"""Bytes of one with structures, which may hold small cells: each becomes an object, of 2.5 times its bytes."""
+COLUMNS: Final = frozenset({
+    "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical", "struct",
+})  # fmt: skip
+"""Classes of the variables that are looked at."""
 COMPRESSED: Final = 15
 """Type of an element of a MATLAB file that is packed, as its first number."""
 CHUNK: Final = 1 << 18
@@ -121,19 +127,32 @@ def open_mat(file: File, **options: Any) -> TableRecording:
     MissingExtra
         Where SciPy is not installed.
     UnreadableInput
-        Also where it holds more than `MOST_VALUES`, or `MOST_BYTES`.
+        Also where it holds more than `MOST_VALUES` or `MOST_BYTES`, or, with structures in it, `MOST_NESTED`.
     """
     io = needs("scipy.io", "scipy", "a MATLAB file")
     with reading(file.name, "a MATLAB file"):
-        is_beyond = _is_beyond(file, MOST_BYTES)
-        if is_beyond or sum(math.prod(shape) for _, shape, _ in io.whosmat(file.path)) > MOST_VALUES:
-            most = f"{MOST_BYTES >> 30} GB" if is_beyond else f"{MOST_VALUES:,} values"
-            raise UnreadableInput(
-                f"{file.name} holds more than {most}: save the magnetometer and its time alone, "
-                "save('small.mat', 't', 'mag', '-v7')"
-            )
-        content = io.loadmat(file.path, squeeze_me=True, struct_as_record=True, verify_compressed_data_integrity=True)
+        if _is_beyond(file, MOST_BYTES):
+            raise _too_much(file, f"{MOST_BYTES >> 30} GB")
+        held = [variable for variable in io.whosmat(file.path) if variable[2] in COLUMNS]
+        if any(kind == "struct" for _, _, kind in held) and _is_beyond(file, MOST_NESTED):
+            raise _too_much(file, f"{MOST_NESTED >> 20} MB, with structures in it")
+        if sum(math.prod(shape) for _, shape, _ in held) > MOST_VALUES:
+            raise _too_much(file, f"{MOST_VALUES:,} values")
+        content = io.loadmat(
+            file.path,
+            squeeze_me=True,
+            struct_as_record=True,
+            verify_compressed_data_integrity=True,
+            variable_names=[name for name, _, _ in held],
+        )
     return open_table(file, Table.of_arrays(file.name, "MATLAB", dict(_variables(content))), **options)
+
+
+def _too_much(file: File, most: str) -> UnreadableInput:
+    return UnreadableInput(
+        f"{file.name} holds more than {most}: save the magnetometer and its time alone, "
+        "save('small.mat', 't', 'mag', '-v7')"
+    )
 
 
 def _is_beyond(file: File, most: int) -> bool:

@@ -41,8 +41,9 @@ import numpy as np
 
 from flinders.conventions.ardupilot import COMPASSES, Parameters
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
+from flinders.quaternions import of_angles
 from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, device_id, mounting_told, stored, unused
-from flinders.readers._beside import Beside
+from flinders.readers._beside import Beside, Turning, shares
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
@@ -62,7 +63,18 @@ if TYPE_CHECKING:
 FORMAT: Final = "ArduPilot DataFlash"
 COMPASS_NAMES: Final = ("MAG", "MAG2", "MAG3")
 """Messages of compasses: all in MAG with an instance I, or, in older logs, one name each."""
-WANTED: Final = (*COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG")
+QUATERNIONS: Final = ("XKQ", "XKQ1", "NKQ", "NKQ1")
+"""Messages with the attitude of the estimator: of EKF 3 and EKF 2, in older logs one name a core."""
+ANGLES: Final = ("ATT", "AHR2")
+"""Messages with roll, pitch and yaw in degrees: what the vehicle went by, and its second estimator."""
+PRIMARY: Final = {"XKQ": "XKF4", "NKQ": "NKF4"}
+"""Where each estimator says which of its cores is used."""
+THROTTLES: Final = {"CTUN": ("ThO", "ThrOut"), "THR": ("ThrOut",)}
+"""Messages with the throttle that goes to the motors, and what it is called."""
+WANTED: Final = (
+    *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
+    *PRIMARY.values(), *THROTTLES,
+)  # fmt: skip
 CLOCKS: Final = ("TimeUS", "TimeMS")
 INSTANCE: Final = ("I", "Instance", "Inst")
 IS_TEXT: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
@@ -82,6 +94,9 @@ GPS_EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
 LEAPS: Final = ((datetime(2017, 1, 1, tzinfo=UTC), 18), (datetime(2015, 7, 1, tzinfo=UTC), 17))
 """Seconds by which GPS time is ahead of UTC from a day on; before, 16 (since July 2012)."""
 EARLIER_LEAP: Final = 16
+UNITY, PER_CENT, PER_MILLE = 1.0, 0.01, 0.001
+MOST_THROTTLE: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
+"""Up to which largest value of a log a throttle is a share, per cent or per mille: no message says it."""
 
 
 def sniff_dataflash(head: bytes) -> bool:
@@ -107,15 +122,17 @@ def open_dataflash(file: File) -> Log:
             "record again"
         )
     history = _history(messages.get("PARM"), file.name)
-    beside = _beside(messages)
+    beside = _beside(messages, history.last)
     instruments = tuple(_instrument(file, name, number, mag, history, beside) for name, number, mag in compasses)
+    damage = tuple(_damage(messages, file.size))
     return Log(
         file.name,
         FORMAT,
         instruments,
         position=_position(messages),
         begun=_begun(messages, instruments),
-        notes=_notes(messages, file.size),
+        notes=(*_notes(messages), *damage),
+        damage=damage,
     )
 
 
@@ -132,20 +149,20 @@ class _Compass:
         How many changes of parameters came before each.
     parameters : dict of Parameters
         By number of changes.
-    beside : tuple of _Others
+    beside : tuple of _Others or _Attitude
     """
 
     source: str
     mag: Table
     version: NDArray[np.intp]
     parameters: dict[int, Parameters]
-    beside: tuple[_Others, ...]
+    beside: tuple[_Others | _Attitude, ...]
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""
         for start in range(0, len(self.mag), BLOCK):
             rows = slice(start, start + BLOCK)
-            part = self.mag.only(rows)
+            part = self.mag.only(rows).copied()
             time = _clock(part)
             field = _triple(part, "Mag") if as_logged else self._raw(part, self.version[rows])
             more: dict[str, Any] = {}
@@ -201,20 +218,50 @@ class _Others:
 
     def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
         """(N,) or (N, 3) of each column at these times, as `Beside` tells it; readings are at `where`."""
-        first, last = np.searchsorted(self.table.where, [where[0], where[-1]])
-        near = self.table.only(slice(max(int(first) - BESIDE, 0), int(last) + BESIDE))
-        clock = _seconds(near)
-        after = np.clip(np.searchsorted(np.maximum.accumulate(clock), time), 1, max(len(clock) - 1, 1))
-        between = np.zeros(len(clock), bool)
-        for place in (after - 1, after, after + 1):
-            between[np.minimum(place, len(clock) - 1)] = True
-        near, clock = near.only(between), clock[between]
+        near, clock = _near(self.table, where, time)
         found: dict[str, Floats] = {}
         for name, (labels, factor) in self.columns.items():
             measured = Beside.of(clock, factor * np.column_stack([near.column(label) for label in labels]))
             values = np.full((len(time), len(labels)), np.nan) if measured is None else measured.at(time)
             found[name] = values[:, 0] if len(labels) == 1 else values
+        if "throttle" in found:
+            found["throttle"] = shares(found["throttle"])
         return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Attitude:
+    """What an estimator says of the vehicle's attitude.
+
+    Attributes
+    ----------
+    table : Table
+        Of the core that is used.
+    labels : tuple of str
+        Four of a quaternion, or three of roll, pitch and yaw in degrees.
+    """
+
+    table: Table
+    labels: tuple[str, ...]
+
+    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
+        """(N, 4) attitude at these times, as `Turning` tells it; readings are at `where`."""
+        near, clock = _near(self.table, where, time)
+        told = np.column_stack([near.column(label) for label in self.labels])
+        turning = Turning.of(clock, told if len(self.labels) == 4 else of_angles(np.deg2rad(told)))
+        return {"attitude": np.full((len(time), 4), np.nan) if turning is None else turning.at(time)}
+
+
+def _near(table: Table, where: NDArray[np.int64], time: Floats) -> tuple[Table, Floats]:
+    """Messages next to these (N,) times, whose own messages are at `where`, and their (M,) times in s."""
+    first, last = np.searchsorted(table.where, [where[0], where[-1]])
+    near = table.only(slice(max(int(first) - BESIDE, 0), int(last) + BESIDE))
+    clock = _seconds(near)
+    after = np.clip(np.searchsorted(np.maximum.accumulate(clock), time), 1, max(len(clock) - 1, 1))
+    close = np.zeros(len(clock), bool)
+    for place in (after - 1, after, after + 1):
+        close[np.minimum(place, len(clock) - 1)] = True
+    return near.only(close).copied(), clock[close]
 
 
 def _messages(file: File) -> Messages:
@@ -260,7 +307,7 @@ def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
 
 
 def _instrument(
-    file: File, name: str, number: int, mag: Table, history: History, beside: tuple[_Others, ...]
+    file: File, name: str, number: int, mag: Table, history: History, beside: tuple[_Others | _Attitude, ...]
 ) -> Instrument:
     """Make an instrument of a compass."""
     mag, ill = _healthy(mag)
@@ -294,7 +341,8 @@ def _told(compass: _Compass, in_force: Parameters, values: dict[str, float], num
     """What to know about a compass."""
     yield mounting_told(in_force, values, number)
     yield "readings were logged in whole mG, cut towards zero"
-    offsets, motor = compass.offsets(compass.mag, compass.version), compass.motor_offsets(compass.mag)
+    mag = compass.mag.copied()
+    offsets, motor = compass.offsets(mag, compass.version), compass.motor_offsets(mag)
     changes = int(np.count_nonzero(np.any(np.diff(offsets, axis=0), axis=1) | (np.diff(compass.version) > 0)))
     if changes:
         yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time taken off"
@@ -330,9 +378,9 @@ def _history(parm: Table | None, source: str) -> History:
     return History.of(zip(parm.where.tolist(), parm.texts("Name"), parm.column("Value").tolist(), strict=True), source)
 
 
-def _beside(messages: Messages) -> tuple[_Others, ...]:
-    """Find what stands beside readings: the first IMU and the first battery."""
-    found: list[_Others] = []
+def _beside(messages: Messages, values: dict[str, float]) -> tuple[_Others | _Attitude, ...]:
+    """Find what stands beside readings: the first IMU, the first battery, throttle and attitude."""
+    found: list[_Others | _Attitude] = []
     if (imu := _first(messages.get("IMU"))) is not None:
         columns = {
             name: (tuple(f"{prefix}{axis}" for axis in "XYZ"), 1.0)
@@ -345,7 +393,56 @@ def _beside(messages: Messages) -> tuple[_Others, ...]:
     battery = _first(messages.get("BAT") or messages.get("CURR"))
     if battery is not None and "Curr" in battery.labels and np.nan_to_num(battery.column("Curr")).any():
         found.append(_Others(battery, {"current": (("Curr",), 0.01 if battery.is_whole("Curr") else 1.0)}))
-    return tuple(each for each in found if _clock(each.table) is not None)
+    if (throttle := _throttle(messages)) is not None:
+        found.append(throttle)
+    if (attitude := _attitude(messages, values)) is not None:
+        found.append(attitude)
+    return tuple(each for each in found if len(each.table) and _clock(each.table) is not None)
+
+
+def _throttle(messages: Messages) -> _Others | None:
+    """What the motors were asked for: copters write a share, older ones per mille, planes and rovers per cent."""
+    for name, labels in THROTTLES.items():
+        table = messages.get(name)
+        label = None if table is None else _label(table, labels)
+        if table is None or label is None:
+            continue
+        told = table.column(label)
+        told = told[np.isfinite(told)]
+        if not told.any():
+            continue
+        largest = float(told.max())
+        factor = next(factor for most, factor in MOST_THROTTLE if largest <= most)
+        return _Others(table, {"throttle": ((label,), factor)})
+    return None
+
+
+def _attitude(messages: Messages, values: dict[str, float]) -> _Attitude | None:
+    """The attitude of the estimator that is used: its quaternion where it is logged, else angles."""
+    names = sorted(QUATERNIONS, key=lambda name: (name[0] == "X") == (values.get("AHRS_EKF_TYPE", 3) == 2))
+    for name in names:
+        table = messages.get(name)
+        labels = tuple(f"Q{place}" for place in range(1, 5))
+        if table is not None and set(labels) <= set(table.labels) and _label(table, CLOCKS):
+            return _Attitude(_of_primary(table, messages.get(PRIMARY.get(name, ""))), labels)
+    for name in ANGLES:
+        table = messages.get(name)
+        labels = ("Roll", "Pitch", "Yaw")
+        if table is not None and set(labels) <= set(table.labels):
+            return _Attitude(table, labels)
+    return None
+
+
+def _of_primary(quaternions: Table, state: Table | None) -> Table:
+    """Those of the core that was used at the time, where its estimator says which; else of the first."""
+    if "C" not in quaternions.labels:
+        return quaternions
+    core = quaternions.column("C")
+    used = np.full(len(core), core.min())
+    if state is not None and "PI" in state.labels:
+        told = state.column("PI")
+        used = told[np.maximum(np.searchsorted(state.where, quaternions.where, side="right") - 1, 0)]
+    return quaternions.only(core == used) if (core == used).any() else quaternions.only(core == core.min())
 
 
 def _position(messages: Messages) -> Position | None:
@@ -388,22 +485,23 @@ def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime 
     return utc - timedelta(seconds=at - first) if abs(at - first) < WEEK_MS else utc
 
 
-def _notes(messages: Messages, size: int) -> tuple[str, ...]:
+def _notes(messages: Messages) -> Iterator[str]:
     """What to know about the file."""
-    notes = []
     told = messages.get("MSG")
     if told is not None and "Message" in told.labels:
-        notes.append(f"firmware: {told.texts('Message')[0]}")
+        yield f"firmware: {told.texts('Message')[0]}"
     if messages.get("PARM") is None:
-        notes.append("no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered")
+        yield "no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered"
+
+
+def _damage(messages: Messages, size: int) -> Iterator[str]:
+    """What of it could not be read."""
     if messages.strays:
         listed = isinstance(next(iter(messages.tables.values())), Listed)
         kind = "line" if listed else "byte"
         of = "" if listed else f" of {size:,}"
-        notes.append(
-            f"{counted(messages.strays, kind)}{of} in {counted(messages.gaps, 'place')} belong to no message: skipped"
-        )
-    return tuple(notes)
+        places = counted(messages.gaps, "place")
+        yield f"{counted(messages.strays, kind)}{of} in {places} belong to no message: skipped"
 
 
 def _first(table: Table | None) -> Table | None:

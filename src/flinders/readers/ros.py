@@ -35,12 +35,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.errors import UnreadableInput
+from flinders.errors import FlindersError, UnreadableInput, counted
 from flinders.readers._beside import Beside, along, numbered
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
 from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._salvage import BAG, KIND, MCAP, MOST_UNPACKED, SQLITE, salvaged
 from flinders.samples import BLOCK, Samples
 from flinders.units import COUNTS, Unit
 
@@ -51,13 +52,9 @@ if TYPE_CHECKING:
     from flinders.readers._source import File
 
 TESLA: Final = Unit.of("T")
-KIND: Final = "a ROS recording"
-BAG, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00"
 ZSTD: Final = b"\x28\xb5\x2f\xfd"
 METADATA: Final = "metadata.yaml"
 MOST_METADATA: Final = 16 << 20
-MOST_UNPACKED: Final = 1 << 30
-"""Bytes that one packed piece may have, unpacked: a chunk has a few million."""
 DISTRIBUTION: Final = "Humble"
 """Whose types are taken for ROS 2 messages that come without a definition."""
 
@@ -107,8 +104,15 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
     """
     needs("rosbags.highlevel", "ros", KIND)
     given = None if unit is None else Unit.of(unit)
-    with reading(file.name, KIND), _bag(file) as bag:
-        topics = _topics(file.name, bag)
+    with reading(file.name, KIND):
+        try:
+            with _bag(file) as bag:
+                topics = _topics(file.name, bag)
+        except FlindersError:
+            raise
+        except Exception as error:  # noqa: BLE001 - of rosbags, and on a broken file that is anything
+            bag = _salvaged(file, error)
+            topics = _topics(file.name, bag)
         title = "ROS 1 bag" if bag.is_first else "MCAP recording" if bag.is_mcap else "ROS 2 recording"
     begun = min((int(topic.stamps[0]) for topic in topics if topic.is_magnetometer), default=0)
     since = begun if 1e-9 * begun > LONG else 0
@@ -118,7 +122,8 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
         tuple(_instruments(file.name, topics, since, given)),
         position=_position(topics),
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
-        notes=(f"messages are read as those of ROS 2 {DISTRIBUTION}: it defines none",) if bag.is_undefined else (),
+        notes=tuple(_about(file, bag)),
+        damage=(bag.told,) if bag.told else (),
     )
 
 
@@ -135,6 +140,8 @@ class _Bag:
     is_first: bool
     is_mcap: bool
     is_undefined: bool
+    told: str = ""
+    """What is broken about it; its messages then may be, too."""
 
 
 @contextmanager
@@ -163,6 +170,55 @@ def _bag(file: File) -> Iterator[_Bag]:
         wanted = [one for one in reader.connections if _is_wanted(one)]
         decode, is_undefined = _decoder(wanted, is_first=head.startswith(BAG))
         yield _Bag(reader, wanted, decode, head.startswith(BAG), head.startswith(MCAP), is_undefined)
+
+
+def _salvaged(file: File, error: Exception) -> _Bag:
+    """Take what comes before the damage in a recording that rosbags refuses; the refusal where that is nothing."""
+    if file.path.is_dir():
+        raise error
+    head = file.head()
+    found = salvaged(file.name, file.path, head)
+    wanted = [one for one in found.connections if _is_wanted(one) and _is_described(one)] if found else []
+    if found is None or not any(one.msgtype in (FIELD, VECTOR) for one in wanted):
+        if head.startswith(SQLITE) and isinstance(error.__cause__, needs("apsw", "ros", KIND).Error):
+            name = shown(file.path.name)
+            advice = _unfinished(file.path) or f"copy it again, or try sqlite3 {name} .recover | sqlite3 whole.db3"
+            raise UnreadableInput(f"{file.name} is a broken database, out of which no reading can be taken: {advice}")
+        raise error
+    decode, is_undefined = _decoder(wanted, is_first=head.startswith(BAG))
+    return _Bag(found, wanted, decode, head.startswith(BAG), head.startswith(MCAP), is_undefined, found.told)
+
+
+def _is_described(connection: Any) -> bool:  # noqa: ANN401
+    """Tell whether the damage has spared the definition of a type."""
+    try:
+        with reading(connection.topic, KIND):
+            _decoder([connection], is_first=False)
+    except UnreadableInput:
+        return False
+    return True
+
+
+def _unfinished(path: Path) -> str:
+    """Tell what lies beside a database that was not closed, and what to do; empty where nothing does."""
+    beside = path.with_name(f"{path.name}-wal")
+    if not beside.is_file() or not beside.stat().st_size:
+        return ""
+    return (
+        f"{beside.name} holds messages that are not yet in it: copy both, and run "
+        f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
+    )
+
+
+def _about(file: File, bag: _Bag) -> Iterator[str]:
+    """What to know about the recording."""
+    if bag.told:
+        yield bag.told
+    for path in file.path.glob("*.db3") if file.path.is_dir() else [file.path]:
+        if unfinished := _unfinished(path):
+            yield unfinished
+    if bag.is_undefined:
+        yield f"messages are read as those of ROS 2 {DISTRIBUTION}: it defines none"
 
 
 def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
@@ -236,9 +292,11 @@ def _unpacked(unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
 def _bounded(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of bz2, lz4 or zstd
     """Unpack a piece, and refuse one that is not whole or unpacks to more than any has."""
     content: bytes = unpacker.decompress(packed, max_length=MOST_UNPACKED)
-    if not unpacker.eof:
-        raise ValueError(f"a packed piece is not whole, or has more than {MOST_UNPACKED >> 20} MB")
-    return content
+    if unpacker.eof:
+        return content
+    if len(content) < MOST_UNPACKED:
+        raise ValueError("a packed piece is not whole")
+    raise UnreadableInput(f"a packed piece of the recording has more than {MOST_UNPACKED >> 20} MB: no ROS wrote it")
 
 
 def _bound_mcap() -> None:
@@ -264,7 +322,7 @@ def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> I
     for connection, stamp, packed in messages(*asked):
         length = _zstd().get_frame_info(packed).decompressed_size
         if length is None or length > MOST_UNPACKED:
-            raise ValueError("a packed message does not say how long it is, or is too long")
+            raise UnreadableInput("a packed message of the recording does not say how long it is, or is too long")
         yield connection, stamp, packed
 
 
@@ -284,6 +342,8 @@ class _Topic:
     values : (N, k) float, flat
     unstamped : int
         Messages whose header has no time.
+    broken : int
+        Messages that cannot be decoded.
     """
 
     name: str
@@ -292,6 +352,7 @@ class _Topic:
     stamps: array[int] = field(default_factory=lambda: array("q"))
     values: array[float] = field(default_factory=lambda: array("d"))
     unstamped: int = 0
+    broken: int = 0
 
     @property
     def is_magnetometer(self) -> bool:
@@ -301,12 +362,13 @@ class _Topic:
     def add(self, recorded: int, message: Any) -> None:  # noqa: ANN401
         """Take a message in; `recorded` is when it was written, in ns."""
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        numbers, frame = _NUMBERS[self.kind](message), str(message.header.frame_id).strip("/")
+        self.stamps.append(stamp or recorded)
+        self.values.extend(numbers)
         if not stamp:
             self.unstamped += 1
-        if not self.stamps:
-            self.frame = str(message.header.frame_id).strip("/")
-        self.stamps.append(stamp or recorded)
-        self.values.extend(_NUMBERS[self.kind](message))
+        if len(self.stamps) == 1:
+            self.frame = frame
 
     def seconds(self, since: int) -> Floats:
         """(N,) s from a stamp on."""
@@ -352,9 +414,17 @@ def _topics(name: str, bag: _Bag) -> list[_Topic]:
                 )
             key = connection.topic, connection.msgtype
             topic = found.setdefault(key, _Topic(*key))
-            topic.add(recorded, bag.decode(packed, connection.msgtype))
+            if not bag.told:
+                topic.add(recorded, bag.decode(packed, connection.msgtype))
+                continue
+            try:
+                with reading(name, KIND):
+                    topic.add(recorded, bag.decode(packed, connection.msgtype))
+            except UnreadableInput:
+                topic.broken += 1
     order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE)
-    return sorted(found.values(), key=lambda topic: (order.index(topic.kind), topic.name))
+    read = (topic for topic in found.values() if topic.stamps)
+    return sorted(read, key=lambda topic: (order.index(topic.kind), topic.name))
 
 
 # the magnetometers
@@ -455,6 +525,8 @@ def _notes(topic: _Topic, unit: Unit, motion: _Topic | None, topics: Sequence[_T
     others = sorted({shown(other.frame) for other in topics if other.kind == IMU})
     if motion is None and others:
         yield f"acceleration and rate are left out: they are in another frame ({', '.join(others)})"
+    if topic.broken:
+        yield f"{counted(topic.broken, 'message')} of it cannot be decoded: left out"
     if topic.unstamped:
         yield f"{topic.unstamped:,} messages have no time of their own: the time of recording is used for those"
 

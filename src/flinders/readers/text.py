@@ -26,13 +26,17 @@ from flinders.readers._columns import wanted_acceleration
 from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
+from flinders.readers._log import FIRST, Choice
+from flinders.readers._magcc import is_magcc, table_of_datagrams
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._paparazzi import is_paparazzi, table_of_messages
-from flinders.readers._replay import is_replay, table_of_replay
+from flinders.readers._replay import FRAME, is_replay, table_of_replay
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
 from flinders.readers._sniff import COMMENTS, Layout, sniff
+from flinders.readers._source import File
 from flinders.readers._span import Span
+from flinders.samples import BLOCK
 from flinders.units import COUNTS, Unit
 
 if TYPE_CHECKING:
@@ -64,6 +68,8 @@ class TextRecording:
         What the magnetometer's columns are written in.
     axes : Axes
         How the recorded axes are turned.
+    frame : str
+        What they are: ``sensor``, or ``vehicle``.
     progress : callable, optional
         Called once a block with the bytes read so far and those there are.
     span : Span
@@ -76,6 +82,7 @@ class TextRecording:
     layout: Layout
     unit: Unit
     axes: Axes = field(default_factory=Axes)
+    frame: str = "sensor"
     progress: Progress | None = None
     span: Span = field(default_factory=Span)
     skipped: tuple[Skipped, ...] = field(default=(), init=False)
@@ -86,9 +93,24 @@ class TextRecording:
         return self.file.name
 
     @property
+    def name(self) -> str:
+        """What the magnetometer is called, where it is one of several."""
+        return self.layout.columns.name
+
+    @property
     def states_unit(self) -> bool:
         """The unit stands in the header."""
         return self.layout.columns.stated
+
+    def each(self, unit: str | None, scale: float | None) -> tuple[TextRecording, ...]:
+        """Each of several magnetometers, in the unit that its names or the user say; none where there is one."""
+        found = []
+        for columns in self.layout.columns.magnetometers:
+            settled = unit_of(columns, self.source, unit, scale)
+            grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
+            layout = replace(self.layout, columns=columns.with_strength_in(settled), grid=grid)
+            found.append(replace(self, layout=layout, unit=settled))
+        return tuple(found)
 
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
@@ -114,8 +136,7 @@ class TextRecording:
         clock = self.span.clock(self.source)
         for stretch in self._pass(self.layout.columns):
             pending = added(pending, stretch.left_out)
-            if stretch.usable.any():
-                lines, samples = stretch.rows.numbers[stretch.usable], self._samples(stretch)
+            for lines, samples in self._samples(stretch):
                 within = clock.within(samples)
                 if within.any():
                     yield lines[within], replace(clock.kept(samples, within), skipped=pending)
@@ -190,11 +211,9 @@ class TextRecording:
         """Say in one line what was recognised and is used."""
         columns = self.layout.columns
         unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
-        time = f", time in {columns.time.names[0]}" if columns.time else ""
-        mapped = "" if self.axes.is_identity else f"; axes {self.axes}"
-        missing = f"; left out {', '.join(columns.left_out)}" if columns.left_out else ""
-        names = ", ".join(columns.field.names)
-        return f"{self.source}: columns {names} in {unit}{time}; {self.layout}{mapped}{missing}"
+        told = [f"{self.source}: {columns.told(unit)}", str(self.layout)]
+        told += [f"axes {self.axes}"] * (not self.axes.is_identity)
+        return "; ".join(told + columns.told_besides())
 
     def __str__(self) -> str:
         return self.describe()
@@ -204,10 +223,7 @@ class TextRecording:
         tally = Tally()
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
-        parse = _arrow.parser_of(grid) if (self.file.size or 0) >= _arrow.LEAST else None
-        for lines in self.file.lines(self.layout.encoding):
-            rows = self._rows(lines, grid, parse)
-            usable = self._usable(rows, columns)
+        for lines, rows, usable in self._read(grid, columns):
             left_out = left_out_of(lines, rows, usable)
             tally.add(rows, usable)
             self.skipped = added(self.skipped, left_out)
@@ -216,11 +232,30 @@ class TextRecording:
             yield _Stretch(lines, rows, usable, left_out)
         tally.judge(self.source, self.skipped)
 
-    def _rows(self, lines: Lines, grid: Grid, parse: _arrow.Parse | None) -> Rows:
+    def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, Rows, NDArray[np.bool_]]]:
+        """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
+        file, encoding = self.file, self.layout.encoding
+        if not isinstance(file, File) or file.size < _arrow.LEAST or (parse := _arrow.parser_of(grid)) is None:
+            for lines in file.lines(encoding):
+                rows = self._rows(lines, grid)
+                yield lines, rows, self._usable(rows, columns)
+            return
+        for stretch in file.lines(encoding, blocks=_arrow.BLOCKS):
+            if (whole := self._parsed(stretch, parse)) and (usable := self._usable(whole, columns)).all():
+                yield stretch, whole, usable
+                continue
+            for lines in stretch.blocks():
+                rows = self._parsed(lines, parse) or self._rows(lines, grid)
+                yield lines, rows, self._usable(rows, columns)
+
+    def _parsed(self, lines: Lines, parse: _arrow.Parse) -> Rows | None:
+        """Read a stretch by pyarrow, where it holds nothing but readings."""
+        values = parse(lines) if self._is_all_readings(lines) else None
+        return None if values is None else Rows(values, lines.numbers, [])
+
+    def _rows(self, lines: Lines, grid: Grid) -> Rows:
         """Read a stretch: whole where it holds nothing but readings, else what `Layout.select` picks."""
         if self._is_all_readings(lines):
-            if parse and (values := parse(lines)) is not None:
-                return Rows(values, lines.numbers, [])
             texts = lines.texts
             if all(map(str.strip, texts)):
                 return rows_of(texts, lines.numbers, grid)
@@ -240,10 +275,18 @@ class TextRecording:
             usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
         return np.asarray(usable.all(axis=1), dtype=np.bool_)
 
-    def _samples(self, stretch: _Stretch) -> Samples:
-        """Make samples of the rows that can be used."""
+    def _samples(self, stretch: _Stretch) -> Iterator[tuple[Floats, Samples]]:
+        """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
         values = stretch.rows.values if stretch.usable.all() else stretch.rows.values[stretch.usable]
-        return self.layout.columns.samples(values, unit=self.unit, axes=self.axes, source=self.source)
+        lines = stretch.rows.numbers[stretch.usable]
+        for start in range(0, len(lines), BLOCK):
+            rows = slice(start, start + BLOCK)
+            yield (
+                lines[rows],
+                self.layout.columns.samples(
+                    values[rows], unit=self.unit, axes=self.axes, source=self.source, frame=self.frame
+                ),
+            )
 
 
 class _Stretch(NamedTuple):
@@ -263,6 +306,7 @@ def open_text(
     scale: float | None = None,
     axes: str | Axes = "x,y,z",
     flat: str | None = None,
+    choice: Choice = FIRST,
     progress: Progress | None = None,
 ) -> TextRecording:
     """Recognise a text recording from its first lines.
@@ -281,6 +325,8 @@ def open_text(
         Where each new axis comes from, such as ``"x,-y,-z"``.
     flat : str, optional
         Two columns will do, those of this plane: ``"xy"``; the third axis reads 0.
+    choice : Choice, optional
+        Which of several magnetometers.
     progress : callable, optional
         Called once a block with the bytes read so far and those there are.
 
@@ -291,16 +337,20 @@ def open_text(
     NoMagnetometer
         Where it is not clear which columns are the magnetometer.
     UsageError
-        For columns that there are not; its `UnitError` for a unit that contradicts the header.
+        For columns or a magnetometer that there are not; its `UnitError` for a unit that contradicts the header.
     """
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
     if kind := foreign_kind(head):
         raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
     encoding, newline = encoding_of(head), newline_of(head)
-    table, names = file, tuple[str, ...]()
-    if is_json(head.decode(encoding, "replace").removeprefix("\ufeff")):
+    table, names, frame = file, tuple[str, ...](), "sensor"
+    beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
+    if is_json(beginning):
         table, names = table_of(file, encoding)
+        encoding, newline = "utf-8", "\n"
+    elif is_magcc(beginning):
+        table, names = table_of_datagrams(file, encoding)
         encoding, newline = "utf-8", "\n"
     opening, is_all = table.opening(encoding)
     if not names and is_paparazzi(opening):
@@ -308,14 +358,14 @@ def open_text(
         encoding, newline = "utf-8", "\n"
         opening, is_all = table.opening(encoding)
     elif not names and is_replay(opening):
-        table, names = table_of_replay(file, encoding)
+        (table, names), frame = table_of_replay(file, encoding), FRAME
         encoding, newline = "utf-8", "\n"
         opening, is_all = table.opening(encoding)
-    layout = replace(sniff(file.name, opening, columns, names, flat), encoding=encoding, newline=newline)
+    layout = replace(sniff(file.name, opening, columns, names, flat, choice), encoding=encoding, newline=newline)
     settled = unit_of(layout.columns, file.name, unit, scale)
     layout = replace(layout, columns=layout.columns.with_strength_in(settled))
-    recording = TextRecording(table, layout, settled, axes)
-    if is_all:
+    recording = TextRecording(table, layout, settled, axes, frame)
+    if is_all and not layout.columns.magnetometers:  # one of several may be dead
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
             pass
     recording.progress = progress

@@ -1,15 +1,22 @@
 """MAVLink telemetry logs (``.tlog``): what a ground station heard, each packet after the time it came.
 
 RAW_IMU and SCALED_IMU hold the first compass of a vehicle, SCALED_IMU2 and SCALED_IMU3 the second and the third, in
-whole mG. **ArduPilot puts corrected readings into all of them**, whatever RAW_IMU is called: its ``send_raw_imu`` and
-``send_scaled_imu`` take ``compass.get_field``. They are un-applied with the parameters that the log holds, where the
-ground station fetched them (PARAM_VALUE) while it was logging. Of other autopilots it is not known here, and readings
-are as they were sent.
+whole mG; HIGHRES_IMU that by which the vehicle steers, in gauss. **ArduPilot puts corrected readings into all of
+them**, whatever RAW_IMU is called: its ``send_raw_imu`` and ``send_scaled_imu`` take ``compass.get_field``. They are
+un-applied with the parameters that the log holds, where the ground station fetched them (PARAM_VALUE) while it was
+logging, motor compensation with the current or the throttle that was sent. **PX4 puts vehicle_magnetometer into
+HIGHRES_IMU**, which is corrected with CAL_MAG, less what its estimator learned in flight: of which compass is not
+said, and readings are as they were sent. Of other autopilots it is not known here, and they are as well.
+
+Beside a reading stand acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, where readings are in the axes
+of the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
 
 The packets are found here and unpacked by pymavlink, which also checks their sums. Its times are those of the
 vehicle; the date is that of the ground station's clock.
 
-Sources: https://mavlink.io/en/messages/common.html for messages and units; https://mavlink.io/en/guide/serialization.html
+Sources: https://mavlink.io/en/messages/common.html for messages and units; PX4's
+``src/modules/mavlink/streams/HIGHRES_IMU.hpp``; that ArduPilot's ``send_highres_imu`` takes the same field as the
+others was not seen; https://mavlink.io/en/guide/serialization.html
 for packets; that a time of eight bytes, microseconds since 1970 with the highest byte first, stands before each packet
 was seen in what pymavlink and QGroundControl write.
 """
@@ -21,16 +28,17 @@ import re
 import struct
 from array import array
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.conventions.ardupilot import Parameters, compasses
+from flinders.conventions.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, Parameters, compasses
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
+from flinders.quaternions import of_angles
 from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, device_id, mounting_told, stored, unused
-from flinders.readers._beside import Beside
+from flinders.readers._beside import Beside, Turning, numbered, shares
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._source import refusal
@@ -56,16 +64,21 @@ MAY_BEGIN: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 """A time between those, and the first byte of a packet."""
 
 HEARTBEAT, SYS_STATUS, PARAM_VALUE, RAW_IMU, GPS_RAW_INT, GLOBAL_POSITION_INT = 0, 1, 22, 27, 24, 33
+ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, HIGHRES_IMU = 30, 31, 74, 105
 COMPASS_MESSAGES: Final = {
     RAW_IMU: ("RAW_IMU", 1),
     26: ("SCALED_IMU", 1),
     116: ("SCALED_IMU2", 2),
     129: ("SCALED_IMU3", 3),
+    HIGHRES_IMU: ("HIGHRES_IMU", 1),
 }
 """Number of a message: its name, and which compass it holds."""
-WANTED: Final = frozenset({HEARTBEAT, SYS_STATUS, PARAM_VALUE, GPS_RAW_INT, GLOBAL_POSITION_INT, *COMPASS_MESSAGES})
-ARDUPILOT: Final = 3
-"""HEARTBEAT.autopilot of ArduPilot."""
+WANTED: Final = frozenset({HEARTBEAT, SYS_STATUS, PARAM_VALUE, GPS_RAW_INT, GLOBAL_POSITION_INT, ATTITUDE,
+                           ATTITUDE_QUATERNION, VFR_HUD, *COMPASS_MESSAGES})  # fmt: skip
+MAG_UPDATED: Final = 0b1_1100_0000
+"""Bits of HIGHRES_IMU.fields_updated that say that its compass was read anew."""
+ARDUPILOT, PX4 = 3, 12
+"""HEARTBEAT.autopilot."""
 GROUND_STATION: Final = 6
 """HEARTBEAT.type of a ground station."""
 FIX: Final = 3
@@ -73,6 +86,33 @@ FIELDS: Final = ("xmag", "ymag", "zmag", "xacc", "yacc", "zacc", "xgyro", "ygyro
 PLACE, CLOCK, SINCE, MAG, ACC, GYRO, TEMPERATURE = 0, 1, 2, slice(3, 6), slice(6, 9), slice(9, 12), 12
 WIDTH: Final = 3 + len(FIELDS)
 """Numbers kept of a reading: its place in the log, s of the vehicle, s of the ground station since 1970, and fields."""
+ATTITUDE_FIELDS: Final = {ATTITUDE_QUATERNION: ("q1", "q2", "q3", "q4"), ATTITUDE: ("roll", "pitch", "yaw")}
+"""What is kept of an attitude, after s of the vehicle and s of the ground station since 1970: w, x, y, z, or rad."""
+SAME_CLOCK: Final = 1.0
+"""Seconds by which the clocks of two messages may differ, seen from the ground station, and be the same."""
+
+
+class Units(NamedTuple):
+    """What the numbers of a message are in.
+
+    Attributes
+    ----------
+    field : Unit
+    rate, temperature : float
+        rad/s, and °C, of one.
+    in_mg : float
+        mG, in which ArduPilot's parameters are, of one of the field.
+    """
+
+    field: Unit
+    rate: float
+    temperature: float
+    in_mg: float
+
+
+WHOLE: Final = Units(Unit.of("mG"), 1e-3, 0.01, 1.0)
+IN_SI: Final = Units(Unit.of("G"), 1.0, 1.0, 1000.0)
+"""Those of HIGHRES_IMU; all others have whole numbers."""
 
 
 def sniff_tlog(head: bytes) -> bool:
@@ -106,13 +146,15 @@ def open_tlog(file: File) -> Log:
         )
     order = list(COMPASS_MESSAGES)
     found.sort(key=lambda each: (each[0], order.index(each[1])))
+    damage = tuple(_damage(heard, file.size))
     return Log(
         file.name,
         FORMAT,
         tuple(_instrument(file, heard, each, several=len({system for system, _ in found}) > 1) for each in found),
         position=heard.position or heard.fix,
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=min(heard.table(each)[0, SINCE] for each in found)),
-        notes=_notes(heard, file.size),
+        notes=damage,
+        damage=damage,
     )
 
 
@@ -149,8 +191,10 @@ class _Heard:
         By system: place, name and value of each parameter that was told.
     autopilots : dict of int
         By system.
-    currents : dict of array
-        By system: s since 1970, and A, in turn.
+    currents, throttles : dict of array
+        By system: s since 1970, and A or a share, in turn.
+    attitudes : dict of array
+        By system and number of the message: two clocks, and `ATTITUDE_FIELDS`.
     position, fix : Position, optional
         First of the vehicle's own, and of its GPS.
     packets, broken, strays, gaps : int
@@ -162,6 +206,8 @@ class _Heard:
     told: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
     autopilots: dict[int, int] = field(default_factory=dict)
     currents: dict[int, array[float]] = field(default_factory=dict)
+    throttles: dict[int, array[float]] = field(default_factory=dict)
+    attitudes: dict[tuple[int, int], array[float]] = field(default_factory=dict)
     position: Position | None = None
     fix: Position | None = None
     packets: int = 0
@@ -193,8 +239,11 @@ class _Heard:
     def take(self, packet: Packet, message: Any) -> None:  # noqa: ANN401 - of a generated class
         """Keep what is needed of a message."""
         system, number = message.get_srcSystem(), packet.message
+        if number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED:
+            return  # the reading before, once more
         if number in COMPASS_MESSAGES:
-            clock = 1e-6 * message.time_usec if number == RAW_IMU else 1e-3 * message.time_boot_ms
+            in_micros = number in (RAW_IMU, HIGHRES_IMU)
+            clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
             fields = (getattr(message, name, 0) for name in FIELDS)
             self.readings.setdefault((system, number), array("d")).extend((packet.start, clock, packet.since, *fields))
         elif number == HEARTBEAT and message.type != GROUND_STATION:
@@ -203,6 +252,12 @@ class _Heard:
             self.told.setdefault(system, []).append((packet.start, message.param_id, message.param_value))
         elif number == SYS_STATUS and message.current_battery >= 0:
             self.currents.setdefault(system, array("d")).extend((packet.since, 0.01 * message.current_battery))
+        elif number == VFR_HUD:
+            self.throttles.setdefault(system, array("d")).extend((packet.since, 0.01 * message.throttle))
+        elif number in (ATTITUDE, ATTITUDE_QUATERNION):
+            fields = (getattr(message, name) for name in ATTITUDE_FIELDS[number])
+            told = self.attitudes.setdefault((system, number), array("d"))
+            told.extend((1e-3 * message.time_boot_ms, packet.since, *fields))
         elif number == GPS_RAW_INT and message.fix_type >= FIX:
             self.fix = self.fix or _position(message)
         elif number == GLOBAL_POSITION_INT:
@@ -217,6 +272,25 @@ class _Heard:
         told = np.frombuffer(self.currents.get(system, array("d"))).reshape(-1, 2)
         return Beside.of(told[:, 0], told[:, 1:]) if told[:, 1].any() else None
 
+    def throttle(self, system: int) -> Beside | None:
+        """Throttle of a system, where it is sent."""
+        told = np.frombuffer(self.throttles.get(system, array("d"))).reshape(-1, 2)
+        return Beside.of(told[:, 0], shares(told[:, 1:]))
+
+    def attitude(self, system: int, table: Floats) -> tuple[Turning | None, int]:
+        """Attitude of a system, and which column of a table of readings its times are to be compared with."""
+        tables = [
+            np.frombuffer(self.attitudes.get((system, number), array("d"))).reshape(-1, 2 + len(names))
+            for number, names in ATTITUDE_FIELDS.items()
+        ]
+        told = max(tables, key=len)
+        if not len(told):
+            return None, SINCE
+        attitude = told[:, 2:] if told.shape[1] == 6 else of_angles(told[:, 2:])
+        ahead = np.median(told[:, 0] - told[:, 1]) - np.median(table[:, CLOCK] - table[:, SINCE])
+        is_same = bool(abs(ahead) < SAME_CLOCK)
+        return Turning.of(told[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Compass:
@@ -230,8 +304,12 @@ class _Compass:
         How many changes of parameters came before each.
     parameters : dict of Parameters
         By number of changes; empty where they are not known.
-    current : Beside, optional
+    current, throttle : Beside, optional
         By the clock of the ground station.
+    attitude : Turning, optional
+    attitude_by : int
+        Column of the table with the clock that the attitude goes by.
+    units : Units
     """
 
     source: str
@@ -239,34 +317,59 @@ class _Compass:
     version: NDArray[np.intp]
     parameters: dict[int, Parameters]
     current: Beside | None
+    throttle: Beside | None
+    attitude: Turning | None
+    attitude_by: int
+    units: Units
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""
         warm = self.table[:, TEMPERATURE].any()
         for start in range(0, len(self.table), BLOCK):
             rows = self.table[start : start + BLOCK]
-            field = rows[:, MAG] if as_logged else self._raw(rows[:, MAG], self.version[start : start + BLOCK])
-            yield Samples.of(
-                field,
-                unit="mG",
+            samples = Samples.of(
+                rows[:, MAG] if as_logged else self._raw(rows, self.version[start : start + BLOCK]),
+                unit=self.units.field,
                 time=rows[:, CLOCK],
                 acceleration=rows[:, ACC],
-                rate=1e-3 * rows[:, GYRO],
-                temperature=0.01 * rows[:, TEMPERATURE] if warm else None,
-                current=None if self.current is None else self.current.at(rows[:, SINCE])[:, 0],
+                rate=self.units.rate * rows[:, GYRO],
+                temperature=self.units.temperature * rows[:, TEMPERATURE] if warm else None,
+                current=_alone(self.current, rows),
+                throttle=_alone(self.throttle, rows),
+                attitude=None if self.attitude is None else self.attitude.at(rows[:, self.attitude_by]),
                 source=self.source,
             )
+            yield numbered(samples, start)
 
-    def _raw(self, field: Floats, version: NDArray[np.intp]) -> Floats:
-        """(N, 3) what the compass read, in mG and in the axes of the vehicle."""
-        raw = field.copy()
+    def drive(self, parameters: Parameters) -> Beside | None:
+        """What a compass's motor compensation goes by, where it is on and that was sent."""
+        if not parameters.is_driven:
+            return None
+        return {BY_CURRENT: self.current, BY_THROTTLE: self.throttle}.get(parameters.motor_by)
+
+    def taken_off(self, parameters: Parameters) -> Parameters:
+        """What is un-applied of them: all but a motor compensation that goes by what was not sent."""
+        stays = parameters.is_driven and self.drive(parameters) is None
+        return replace(parameters, motor_by=OFF) if stays else parameters
+
+    def _raw(self, table: Floats, version: NDArray[np.intp]) -> Floats:
+        """(N, 3) what the compass read, in the axes of the vehicle; NaN where its motor compensation is not known."""
+        raw = table[:, MAG].copy()
         for each in set(version.tolist()) if self.parameters else ():
-            rows = version == each
+            rows, parameters = version == each, self.parameters[each]
+            drive = _alone(self.drive(parameters), table[rows])
+            motor = np.zeros(3) if drive is None else drive[:, np.newaxis] * parameters.motor
             try:
-                raw[rows] = self.parameters[each].unapply(field[rows], motor_offset=np.zeros(3))
+                corrected = raw[rows] * self.units.in_mg
+                raw[rows] = parameters.unapply(corrected, motor_offset=motor) / self.units.in_mg
             except ArrayError as error:
                 raise ArrayError(f"{self.source}: {error}; take the readings --as-logged") from None
         return raw
+
+
+def _alone(beside: Beside | None, rows: Floats) -> Floats | None:
+    """(N,) of what was sent by itself, at the readings of a table."""
+    return None if beside is None else beside.at(rows[:, SINCE])[:, 0]
 
 
 def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bool) -> Instrument:
@@ -276,34 +379,35 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     version = history.change(table[:, PLACE])
     known = number in compasses(history.last)
     parameters = {one: Parameters.read(history.at(one), number) for one in set(version.tolist())} if known else {}
-    compass = _Compass(file.name, table, version, parameters, heard.current(system))
+    autopilot = heard.autopilots.get(system)
+    is_ardupilot = known or autopilot == ARDUPILOT
+    is_turned = is_ardupilot or (autopilot == PX4 and each[1] == HIGHRES_IMU)
+    units = IN_SI if each[1] == HIGHRES_IMU else WHOLE
+    beside = heard.current(system), heard.throttle(system)
+    attitude = heard.attitude(system, table) if is_turned else (None, SINCE)
+    compass = _Compass(file.name, table, version, parameters, *beside, *attitude, units)
     in_force = parameters[int(version[-1])] if parameters else None
-    is_ardupilot = known or heard.autopilots.get(system) == ARDUPILOT
-    told = (
-        _told(in_force, history.last, each[1], len(parameters) - 1)
-        if in_force
-        else _unknown(heard.autopilots.get(system))
-    )
+    told = _told(compass, in_force, history.last, each[1]) if in_force else _unknown(autopilot, each[1])
     return Instrument(
         file.name,
         f"{name} (system {system})" if several else name,
-        Unit.of("mG"),
+        units.field,
         compass.columns,
-        stored=None if in_force is None else stored(in_force),
-        frames=IN_VEHICLE_AXES if is_ardupilot else ("sensor", "sensor"),
+        stored=None if in_force is None else stored(compass.taken_off(in_force)),
+        frames=IN_VEHICLE_AXES if is_turned else ("sensor", "sensor"),
         autopilot="ardupilot" if is_ardupilot else None,
         compass=number if is_ardupilot else None,
         device_id=device_id(history.last, number) if is_ardupilot else None,
         beginning=float(table[0, CLOCK]),
         readings=len(table),
-        notes=(*told, "readings were sent in whole mG, cut towards zero"),
+        notes=(*told, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),
         file=file,
     )
 
 
-def _told(in_force: Parameters, values: dict[str, float], message: int, changes: int) -> Iterator[str]:
+def _told(compass: _Compass, in_force: Parameters, values: dict[str, float], message: int) -> Iterator[str]:
     """What to know about a compass whose parameters are in the log."""
-    number = COMPASS_MESSAGES[message][1]
+    number, changes = COMPASS_MESSAGES[message][1], len(compass.parameters) - 1
     yield mounting_told(in_force, values, number)
     if message == RAW_IMU:
         yield "ArduPilot sends corrected readings in RAW_IMU, too"
@@ -311,32 +415,43 @@ def _told(in_force: Parameters, values: dict[str, float], message: int, changes:
         yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time taken off"
     elif in_force.is_identity:
         yield "no calibration was in force: readings are as they were measured"
-    if in_force.motor.any() and in_force.motor_by:
-        yield "its motor compensation (COMPASS_MOT) stays on the readings: what it depends on is not in the log"
+    if in_force.is_driven:
+        by = "current" if in_force.motor_by == BY_CURRENT else "throttle"
+        if compass.drive(in_force) is None:
+            yield f"its motor compensation (COMPASS_MOT) stays on the readings: the {by} it goes by is not in the log"
+        else:
+            yield (
+                f"its motor compensation (COMPASS_MOT) is taken off by the {by} that was sent, which is told less "
+                "often than it acts: read the vehicle's own log (.bin) where the motors ran"
+            )
     if off := unused(values, number):
         yield off
 
 
-def _unknown(autopilot: int | None) -> Iterator[str]:
+def _unknown(autopilot: int | None, message: int) -> Iterator[str]:
     """What to know about a compass whose parameters are not there."""
     if autopilot == ARDUPILOT:
         yield (
             "readings are corrected ones, and the log does not hold the parameters (COMPASS_OFS) to take that off: "
             "fetch them in the ground station while it is logging, or read the vehicle's own log (.bin)"
         )
+    elif autopilot == PX4 and message == HIGHRES_IMU:
+        yield (
+            "readings are in the axes of the vehicle, corrected with CAL_MAG of a compass that is not named, less what "
+            "the estimator learned in flight: they are as they were sent, and a calibration of them comes on top; for "
+            "parameters read the vehicle's own log (.ulg)"
+        )
     else:
         yield "whether readings are raw or corrected is not known for this autopilot: they are as they were sent"
 
 
-def _notes(heard: _Heard, size: int) -> tuple[str, ...]:
-    """What to know about the file."""
-    notes = []
+def _damage(heard: _Heard, size: int) -> Iterator[str]:
+    """What of the file could not be read."""
     if heard.broken:
-        notes.append(f"{counted(heard.broken, 'packet')} with a wrong check sum left out")
+        yield f"{counted(heard.broken, 'packet')} with a wrong check sum left out"
     if heard.strays:
         places = counted(heard.gaps, "place")
-        notes.append(f"{counted(heard.strays, 'byte')} of {size:,} in {places} belong to no packet: skipped")
-    return tuple(notes)
+        yield f"{counted(heard.strays, 'byte')} of {size:,} in {places} belong to no packet: skipped"
 
 
 def _position(message: Any) -> Position | None:  # noqa: ANN401 - of a generated class

@@ -10,10 +10,12 @@ Four topics may hold a magnetometer, and each is offered where it holds more tha
 - ``sensor_combined.magnetometer_ga`` of logs up to 2018: as ``vehicle_magnetometer``, repeated at the rate of the gyro.
 - ``mag_worker_data``: the points of a calibration on board, one instance a compass (field order not verified on a log).
 
-Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the current of the first
-battery that knows one, all at the time of the reading, and the compass's own temperature. Acceleration is specific
-force in axes forward, right, down, as `Samples` wants it; where the sensor is turned against the vehicle both are
-turned into its axes, and left out where nothing says how it sits.
+Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the attitude
+(``vehicle_attitude``), the current of the first battery that knows one and the throttle (length of
+``vehicle_thrust_setpoint.xyz``, in older logs ``actuator_controls_0.control[3]``), all at the time of the reading, and
+the compass's own temperature. Acceleration is specific force in axes forward, right, down, as `Samples` wants it;
+where the sensor is turned against the vehicle it, rate and attitude are turned into its axes, and left out where
+nothing says how it sits.
 
 Times are seconds since the autopilot started.
 
@@ -36,7 +38,8 @@ import numpy as np
 
 from flinders.conventions import px4
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
-from flinders.readers._beside import Beside, along, numbered
+from flinders.quaternions import of_matrix, product
+from flinders.readers._beside import Beside, Turning, along, numbered, shares
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.samples import BLOCK, Samples
@@ -59,7 +62,8 @@ GAUSS: Final = Unit.of("G")
 
 TOPICS: Final = (
     "sensor_mag", "vehicle_magnetometer", "sensor_combined", "mag_worker_data", "sensor_selection", "vehicle_imu",
-    "battery_status", "vehicle_gps_position", "sensor_gps",
+    "battery_status", "vehicle_gps_position", "sensor_gps", "vehicle_attitude", "vehicle_thrust_setpoint",
+    "actuator_controls_0",
 )  # fmt: skip
 """All that is read of a log: the rest never comes into memory."""
 
@@ -112,13 +116,15 @@ def open_ulog(file: File) -> Log:
             most = max((one.readings or 0 for one in instruments), default=0)
             if max((one.readings or 0 for one in found), default=0) > MUCH_MORE * most:
                 instruments = [*found, *instruments]
+        damage = tuple(_damage(file, flight))
         return Log(
             file.name,
             "PX4 ULog",
             tuple(instruments),
             position=_position(flight),
             begun=_begun(flight),
-            notes=_notes(file, flight),
+            notes=(*_notes(flight), *damage),
+            damage=damage,
         )
 
 
@@ -214,6 +220,8 @@ class _Flight:
     acceleration: Beside | None = None
     rate: Beside | None = None
     current: Beside | None = None
+    throttle: Beside | None = None
+    attitude: Turning | None = None
     notes: tuple[str, ...] = field(default=())
 
     @classmethod
@@ -221,7 +229,8 @@ class _Flight:
         """Take what pyulog read."""
         topics = {(one.name, one.multi_id): one.data for one in log.data_list}
         acceleration, rate = _imu(topics)
-        return cls(log, topics, _stages(log), acceleration, rate, _current(topics))
+        beside = acceleration, rate, _current(topics), _throttle(topics), _attitude(topics)
+        return cls(log, topics, _stages(log), *beside)
 
     def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         """Go through the instances of a topic, in order."""
@@ -315,6 +324,22 @@ def _current(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | No
     return None
 
 
+def _throttle(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+    """Length of the thrust that is asked for, 0 to 1; of a plane that also flies as a copter, of all its motors."""
+    thrust, controls = topics.get(("vehicle_thrust_setpoint", 0)), topics.get(("actuator_controls_0", 0))
+    if thrust is not None:
+        return Beside.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
+    return None if controls is None else Beside.of(_seconds(controls), shares(_stack(controls, "control[3]")))
+
+
+def _attitude(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Turning | None:
+    """From the axes of the vehicle to north, east, down, as the estimator that is used has it."""
+    columns = topics.get(("vehicle_attitude", 0))
+    if columns is None:
+        return None
+    return Turning.of(_seconds(columns), _stack(columns, *(f"q[{place}]" for place in range(4))))
+
+
 # the magnetometers
 
 
@@ -353,7 +378,7 @@ class _Readings:
             rows = slice(start, start + BLOCK)
             time = self.time[rows]
             known = turn is not None
-            current = along(self.flight.current, time)
+            current, throttle = along(self.flight.current, time), along(self.flight.throttle, time)
             samples = Samples.of(
                 self.field[rows] if as_logged else self.unapplied(time, self.field[rows]),
                 unit=GAUSS,
@@ -361,10 +386,17 @@ class _Readings:
                 acceleration=along(self.flight.acceleration, time, back) if known else None,
                 rate=along(self.flight.rate, time, back) if known else None,
                 current=None if current is None else current[:, 0],
+                throttle=None if throttle is None else throttle[:, 0],
+                attitude=None if turn is None else self.attitude(time, turn),
                 temperature=None if self.temperature is None else self.temperature[rows],
                 source=self.source,
             )
             yield numbered(samples, start)
+
+    def attitude(self, time: Floats, turn: Floats) -> Floats | None:
+        """(N, 4) at these times, of the axes that a (3, 3) rotation turns into those of the vehicle."""
+        known = self.flight.attitude
+        return None if known is None else product(known.at(time), of_matrix(turn))
 
     def unapplied(self, time: Floats, field: Floats) -> Floats:
         """(N, 3) G, each with the parameters that were in force."""
@@ -447,10 +479,11 @@ def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
 def _instrument(name: str, readings: _Readings, parameters: px4.Parameters | None, device: int = 0) -> Instrument:
     """Say what is known of one magnetometer; device 0 is one that is not known."""
     notes = []
-    if readings.mounting is None and (readings.flight.acceleration or readings.flight.rate):
+    flight = readings.flight
+    if readings.mounting is None and (flight.acceleration or flight.rate or flight.attitude):
         notes.append(
-            "no parameters say how this compass is mounted: acceleration and rate are left out, as they are in "
-            "the axes of the vehicle"
+            "no parameters say how this compass is mounted: acceleration, rate and attitude are left out, as they are "
+            "in the axes of the vehicle"
         )
     if len(readings.settings) > 1:
         at = ", ".join(f"{since:.0f} s" for since, _ in readings.settings[1:4])
@@ -546,16 +579,18 @@ def _begun(flight: _Flight) -> datetime | None:
     return begun if EARLIEST < begun < LATEST else None
 
 
-def _notes(file: File, flight: _Flight) -> tuple[str, ...]:
+def _notes(flight: _Flight) -> Iterator[str]:
     """What to know about the file."""
-    notes = []
     if flight.version is not None:
-        notes.append(f"PX4 {flight.version[0]}.{flight.version[1]}")
+        yield f"PX4 {flight.version[0]}.{flight.version[1]}"
+
+
+def _damage(file: File, flight: _Flight) -> Iterator[str]:
+    """What of it is not there."""
     if flight.log.file_corruption:
-        notes.append("parts of it are broken and were left out: copy it again if you can")
+        yield "parts of it are broken and were left out: copy it again if you can"
     elif not flight.log.has_data_appended and _is_cut(file):
-        notes.append("it ends within a message, as after a loss of power: what comes before was read")
+        yield "it ends within a message, as after a loss of power: what comes before was read"
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)
-        notes.append(f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}")
-    return tuple(notes)
+        yield f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}"

@@ -188,26 +188,15 @@ def tumble(
     stray, strays = stray_fields(of_strays, course.n, outliers)
     time = np.arange(course.n) / course.rate_hz
     effects = [one.on(time, rng) for one, rng in zip(disturbances, of_disturbances, strict=True)]
-    shift = sum((effect.shift for effect in effects[1:]), effects[0].shift) if effects else None
+    shift = _total([effect.shift for effect in effects])
     true = positive(field_strength, "field_strength") * (path.directions * _gain(effects, course.n) + stray)
-    samples = Samples.of(
-        sensor.read(true, of_noise, shift=shift),
-        unit="uT",
-        time=time,
-        acceleration=_felt(path, imu, of_noise),
-        rate=_turned(path, imu, of_noise),
-        temperature=_last(effects, "temperature"),
-        current=_total([effect.current for effect in effects]),
-        source=f"simulated {motion}",
-    )
-    for effect in effects:
-        strays = strays if effect.strays is None else strays | effect.strays
+    raw = sensor.read(true, of_noise, shift=shift)
     return Simulated(
-        samples,
+        _recorded(raw, time, path, imu, effects, of_noise, source=f"simulated {motion}"),
         sensor,
         path.directions,
         field_strength,
-        strays,
+        _astray(strays, effects),
         path.attitudes,
         dip_deg=float(dip_deg),
         motion=motion,
@@ -277,6 +266,29 @@ def _paused(
     )
 
 
+def _recorded(
+    raw: Floats, time: Floats, path: Path, imu: Imu, effects: Sequence[Effect], rng: Generator, *, source: str
+) -> Samples:
+    """The readings, and what other instruments say beside them."""
+    return Samples.of(
+        raw,
+        unit="uT",
+        time=time,
+        acceleration=_felt(path, imu, rng),
+        rate=_turned(path, imu, rng),
+        temperature=_last(effects, "temperature"),
+        current=_total([effect.current for effect in effects]),
+        source=source,
+    )
+
+
+def _astray(strays: NDArray[np.bool_], effects: Sequence[Effect]) -> NDArray[np.bool_]:
+    """(N,) readings of no use: those in a stray field, and those that an effect spoils."""
+    for effect in effects:
+        strays = strays if effect.strays is None else strays | effect.strays
+    return strays
+
+
 def _felt(path: Path, imu: Imu, rng: Generator) -> Floats | None:
     """(N, 3) what the accelerometer reads, where there are attitudes."""
     if path.attitudes is None:
@@ -305,7 +317,7 @@ def _last(effects: Sequence[Effect], name: str) -> Floats | None:
 
 
 def _total(columns: Sequence[Floats | None]) -> Floats | None:
-    """The sum of the columns that there are: one meter for all motors."""
+    """The sum of those that there are: shifts of the readings, and currents, as there is one meter for all motors."""
     there = [column for column in columns if column is not None]
     total: Floats | None = np.sum(there, axis=0) if there else None
     return total

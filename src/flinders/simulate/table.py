@@ -76,6 +76,10 @@ def _columns(samples: Samples) -> Mapping[str, Floats]:
         columns["temperature_degC"] = samples.temperature
     if samples.current is not None:
         columns["current_A"] = samples.current
+    if samples.throttle is not None:
+        columns["throttle_share"] = samples.throttle
+    if samples.attitude is not None:
+        columns |= {f"attitude_{axis}": samples.attitude[:, place] for place, axis in enumerate("wxyz")}
     if samples.strength is not None:
         columns[f"reference_strength_{samples.unit.inside}"] = samples.strength
     return columns

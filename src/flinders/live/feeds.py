@@ -1,0 +1,275 @@
+"""Feeds: readings of a running sensor, whatever it is; here what all have in common, and a recording played back.
+
+>>> from flinders import simulate
+>>> feed = Replay(simulate.tumble(seed=1).samples, speed=None)     # as fast as it is asked
+>>> feed.next(0.1).words
+'simulated hand, played back as fast as possible'
+>>> [len(feed.next(0.1)) for _ in range(6)], feed.next(0.1).kind
+([500, 500, 500, 500, 500, 500], 'ended')
+
+A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Recorder` is
+one, for what arrives as lines; so are `Telemetry` and `Simulated`. `Kept` records those that are no lines.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+
+from flinders.errors import OutputError, UsageError
+from flinders.live.readings import Event, Reading, readings_of
+from flinders.live.sinks import title
+from flinders.units import MICROTESLA
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.arrays import Floats
+    from flinders.live.sinks import Resumed, Sink
+    from flinders.samples import Recording, Samples
+
+AT_ONCE: Final = 500
+"""Readings handed on together at most."""
+ASSUMED_HZ: Final = 50.0
+"""Readings a second of a recording without times."""
+LONGEST_GAP_S: Final = 2.0
+"""Seconds that a pause of a recording takes when it is played back, at most."""
+SYNC_S: Final = 1.0
+"""Seconds after which what was received is forced to the disk."""
+SHORTEST_S: Final = 1e-4
+"""Least wait."""
+
+
+class Feed(Protocol):
+    """A source of readings.
+
+    Attributes
+    ----------
+    name : str
+        For messages: ``/dev/ttyACM0``, ``tumble.csv``.
+    """
+
+    @property
+    def name(self) -> str:
+        """For messages."""
+
+    def next(self, timeout: float) -> list[Reading] | Event:
+        """Return what has come: readings, in order, or one event; nothing where nothing came in `timeout` seconds.
+
+        After an event ``ended`` nothing comes, and each question is answered with nothing.
+
+        Raises
+        ------
+        FlindersError
+            For what cannot be waited out; a source that is gone for a while is an event.
+        """
+
+    def close(self) -> None:
+        """Let go of the source; closing twice does no harm."""
+
+
+class Replay:
+    """Plays a recording back, in the time that it took or faster.
+
+    Parameters
+    ----------
+    recording : Recording
+        Anything that `flinders.open_recording` opens, or samples.
+    speed : float, optional
+        So many times as fast as it was recorded; None for as fast as it is asked. Pauses of more than two seconds are
+        shortened to two. A recording without times is taken to have 50 readings a second.
+    clock, sleep : callable
+        Seconds, ascending; and wait.
+
+    Raises
+    ------
+    UsageError
+        For a speed that is not positive.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        *,
+        speed: float | None = 1.0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        if speed is not None and not 0 < speed < np.inf:
+            raise UsageError(f"speed is {speed:g}: need a number above 0, or none for as fast as possible")
+        self.name = recording.source
+        self._speed, self._clock, self._sleep = speed, clock, sleep
+        self._blocks: Iterator[Samples] = recording.blocks()
+        self._readings: list[Reading] = []
+        self._due: Floats = np.zeros(0)
+        self._played, self._last, self._count = 0.0, np.nan, 0
+        self._start = clock()
+        self._is_told = self._is_over = False
+
+    def next(self, timeout: float) -> list[Reading] | Event:
+        """As `Feed.next`.
+
+        Raises
+        ------
+        InputError
+            Where the recording cannot be read to its end.
+        """
+        if not self._is_told:
+            self._is_told, self._start = True, self._clock()
+            how = "as fast as possible" if self._speed is None else f"at {self._speed:g} times its speed"
+            return Event("connected", 0.0, f"{self.name}, played back {how}")
+        if not self._readings and not self._is_over:
+            self._load()
+        if self._is_over:
+            return self._ended(timeout)
+        ready = AT_ONCE if self._speed is None else self._ready(timeout)
+        taken, self._readings, self._due = self._readings[:ready], self._readings[ready:], self._due[ready:]
+        return taken
+
+    def close(self) -> None:
+        """As `Feed.close`."""
+        self._readings, self._is_over = [], True
+
+    def _load(self) -> None:
+        """Take the next block, and say when each of its readings is due."""
+        block = next(self._blocks, None)
+        if block is None:
+            self._is_over = True
+            return
+        counted = (self._count + np.arange(len(block))) / ASSUMED_HZ
+        times = counted if block.time is None else block.time
+        self._count += len(block)
+        steps = np.diff(times, prepend=self._last if np.isfinite(self._last) else times[0])
+        steps = np.clip(np.nan_to_num(steps), 0.0, LONGEST_GAP_S)
+        self._due = self._played + np.cumsum(steps) / (self._speed or 1.0)
+        self._played, self._last = float(self._due[-1]), float(times[-1])
+        self._readings = [
+            reading._replace(time=at) for reading, at in zip(readings_of(block), times.tolist(), strict=True)
+        ]
+
+    def _ready(self, timeout: float) -> int:
+        """Count the readings that are due, after waiting for the first of them."""
+        wait = float(self._due[0]) - (self._clock() - self._start)
+        if wait > 0:
+            self._sleep(max(min(wait, timeout), SHORTEST_S))
+        ready = int(np.searchsorted(self._due, self._clock() - self._start, side="right"))
+        return min(ready, AT_ONCE)
+
+    def _ended(self, timeout: float) -> list[Reading] | Event:
+        if self._blocks is not _NOTHING:
+            self._blocks = _NOTHING
+            return Event("ended", self._clock() - self._start, f"{self.name} has been played to its end")
+        self._sleep(timeout)
+        return []
+
+
+_NOTHING: Final[Iterator[Samples]] = iter(())
+
+
+class Kept:
+    """A feed that is recorded on its way, as a table that `flinders.read` reads; events become comments.
+
+    Parameters
+    ----------
+    feed : Feed
+    sink : Sink
+    resumed : Resumed, optional
+        The recording that is continued, of which `sink` is the file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from flinders import read, simulate
+    >>> from flinders.live.sinks import ToFile
+    >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
+    >>> tumble = simulate.tumble(seed=1, n=400).samples
+    >>> with ToFile(file) as sink:
+    ...     feed = Kept(Replay(tumble, speed=None), sink)
+    ...     while not (isinstance(got := feed.next(0.1), Event) and got.kind == "ended"):
+    ...         pass
+    >>> np.abs(read(file).field - tumble.field).max() < 1e-6
+    np.True_
+    """
+
+    def __init__(self, feed: Feed, sink: Sink, *, resumed: Resumed | None = None) -> None:
+        self._feed, self._sink = feed, sink
+        self._header = resumed.header if resumed else None
+        self._is_checked = self._header is None
+        self._title = title(feed.name, is_new=resumed is None)
+        self._synced = time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """That of the feed."""
+        return self._feed.name
+
+    def next(self, timeout: float) -> list[Reading] | Event:
+        """As `Feed.next`.
+
+        Raises
+        ------
+        OutputError
+            Where it cannot be written, or has other columns than the recording that is continued.
+        """
+        found = self._feed.next(timeout)
+        text = (
+            "".join(f"# {line}\n" for line in str(found).splitlines())
+            if isinstance(found, Event)
+            else self._rows(found)
+        )
+        if text:
+            self._sink.write(self._title + text)
+            self._title = ""
+        if time.monotonic() - self._synced >= SYNC_S:
+            self._synced = time.monotonic()
+            self._sink.sync()
+        return found
+
+    def close(self) -> None:
+        """As `Feed.close`."""
+        self._sink.sync()
+        self._feed.close()
+
+    def _rows(self, readings: list[Reading]) -> str:
+        if not readings:
+            return ""
+        header = _header(readings[0])
+        if not self._is_checked and header != self._header:
+            raise OutputError(
+                f"{self.name} gives {header}, and the recording that is continued has {self._header or 'no header'}: "
+                "begin another recording"
+            )
+        is_new, self._is_checked = self._header is None, True
+        header = self._header = self._header or header  # a column that comes and goes stays as it was at first
+        rows = "".join(f"{_row(reading, header)}\n" for reading in readings)
+        return f"{header}\n{rows}" if is_new else rows
+
+
+COLUMNS: Final = {
+    "acceleration": "accel_x,accel_y,accel_z",
+    "rate": "gyro_x_radps,gyro_y_radps,gyro_z_radps",
+    "temperature": "temp_C",
+}
+"""Names of what stands beside the field, in the order of the columns."""
+
+
+def _header(reading: Reading) -> str:
+    """Names of the columns that a reading has."""
+    unit = "uT" if reading.unit == MICROTESLA else "counts"
+    field = [f"mag_{axis}_{unit}" for axis in "xyz"]
+    beside = [names for what, names in COLUMNS.items() if getattr(reading, what) is not None]
+    return ",".join(["t_s", *field, *beside])
+
+
+def _row(reading: Reading, header: str) -> str:
+    """The numbers of a reading, so many digits as no sensor has."""
+    cells = [f"{reading.time:.6f}", *(f"{value:.9g}" for value in reading.field)]
+    for what, names in COLUMNS.items():
+        if names in header:
+            found = getattr(reading, what)
+            values = (found,) if isinstance(found, float) else found or (np.nan,) * (1 + names.count(","))
+            cells += [f"{value:.9g}" for value in values]
+    return ",".join(cells)

@@ -1,0 +1,423 @@
+r"""What arrives from a sensor as lines, turned into the text of a recording, into readings, and into what to tell.
+
+A transcript knows neither port, file nor clock: bytes go in with the second at which they came.
+
+>>> transcript = Transcript("the board")
+>>> first = transcript.take(b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", at=0.0)
+>>> first.text, first.readings                                     # held back until the layout is settled
+('', [])
+>>> later = transcript.take(b"86\r\n", at=1.0)
+>>> print(later.text)
+# booting
+t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_y_uT,mag_z_uT
+1.0000,0,0,1,0,0,0,21.7,0.4,-58.6
+<BLANKLINE>
+>>> later.readings[0].field, [event.kind for event in later.events]
+((21.7, 0.4, -58.6), ['settled'])
+
+The readings are those that `flinders.read` makes of the text.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from flinders.axes import Axes
+from flinders.errors import FlindersError, OutputError, counted, figures
+from flinders.live.lines import is_marked, settle
+from flinders.live.readings import Event, readings_of
+from flinders.readers._lines import shown
+from flinders.readers._numbers import rows_of
+from flinders.readers._sniff import COMMENTS, Layout, sniff
+from flinders.readers.text import unit_of
+
+if TYPE_CHECKING:
+    from flinders.live.lines import Form
+    from flinders.live.readings import Kind, Reading
+    from flinders.units import Unit
+
+SETTLE_S: Final = 0.9
+"""Seconds that the first lines are held back until their layout is settled; less than a second, which a crash may
+cost."""
+ENOUGH: Final = 20
+"""Lines that settle it at once."""
+LONGEST: Final = 4096
+"""Bytes in a line; a longer one is none."""
+SILENT_S: Final = 3.0
+"""Seconds without a reading after which advice is given."""
+UNLIKE: Final = 50
+"""Lines in a row that are not like the first ones, after which advice is given."""
+STEP_S: Final = 1e-4
+"""Lines that arrive together are told apart by so much, the last digit of a time."""
+BESIDE: Final = re.compile(r"\s*(Raw|Uni|Cal[12])\s*[: ]", re.IGNORECASE)
+"""Lines that sketches print beside the readings: the same in other units, the calibration they hold."""
+ENDS: Final = re.compile(rb"[\r\n]+")
+
+
+@dataclass(slots=True)
+class Recorded:
+    """What has been recorded so far.
+
+    Attributes
+    ----------
+    form : Form, optional
+        How the lines are written; None where that is not known.
+    readings, unknown, lines, received : int
+        Rows, lines that were not understood, all lines, and bytes.
+    seconds : float
+        Since the start.
+    strength_sum, weakest, strongest : float
+        Of the length of the field, in the unit of `form`.
+    losses : int
+        How often the other end went away.
+    first_unknown : str
+        The first line that was not understood.
+    """
+
+    form: Form | None = None
+    readings: int = 0
+    unknown: int = 0
+    lines: int = 0
+    received: int = 0
+    seconds: float = 0.0
+    strengths: int = 0
+    strength_sum: float = 0.0
+    weakest: float = math.inf
+    strongest: float = 0.0
+    losses: int = 0
+    first_unknown: str = ""
+    first_at: float = 0.0
+    last_at: float = 0.0
+
+    def add(self, field: tuple[float, ...], at: float) -> None:
+        """Count one reading."""
+        self.first_at = self.first_at if self.readings else at
+        self.readings, self.last_at = self.readings + 1, at
+        strength = math.hypot(*field)
+        if field and math.isfinite(strength):
+            self.strengths += 1
+            self.strength_sum += strength
+            self.weakest, self.strongest = min(self.weakest, strength), max(self.strongest, strength)
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings a second, gaps included; 0 before there are two."""
+        span = self.last_at - self.first_at
+        return (self.readings - 1) / span if self.readings > 1 and span > 0 else 0.0
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-ready."""
+        known = self.strengths > 0
+        return {
+            "format": str(self.form) if self.form else None,
+            "readings": self.readings,
+            "seconds": self.seconds,
+            "rate_hz": self.rate_hz or None,
+            "strength": {
+                "unit": self.form.unit if self.form else None,
+                "mean": self.strength_sum / self.strengths if known else None,
+                "min": self.weakest if known else None,
+                "max": self.strongest if known else None,
+            },
+            "not_understood": self.unknown,
+            "first_not_understood": self.first_unknown or None,
+            "bytes": self.received,
+            "losses": self.losses,
+        }
+
+    def __str__(self) -> str:
+        told = [f"{counted(self.readings, 'reading')}{f' ({self.form})' if self.form else ''} in {self.seconds:.1f} s"]
+        told += [f"{figures(self.rate_hz)} Hz"] * (self.rate_hz > 0)
+        if self.strengths and self.form is not None:
+            mean = self.strength_sum / self.strengths
+            ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
+            told.append(f"strength {figures(mean, 3)} {self.form.unit} {ends}".replace("  ", " "))
+        told += [f"lost {self.losses} time{'s' * (self.losses != 1)}"] * (self.losses > 0)
+        return ", ".join(told)
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """What was made of some bytes.
+
+    Attributes
+    ----------
+    text : str
+        Whole lines for the recording.
+    readings : list of Reading
+        Those of its rows whose field is finite.
+    events : list of Event
+    """
+
+    text: str = ""
+    readings: list[Reading] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+
+
+class _Held(NamedTuple):
+    """A line that waits to be written: when it came, its bytes, and whether it is a piece of one that is too long."""
+
+    at: float
+    line: bytes
+    piece: int = 0
+
+
+class Transcript:
+    """Makes lines of bytes, and rows and readings of lines.
+
+    Parameters
+    ----------
+    name : str
+        Of the source, for messages.
+    is_framed : bool
+        Bytes that come together begin and end with a line; else the first line may be cut.
+    columns, unit, scale : optional
+        Which columns are the magnetometer's, and what they are in, as `flinders.open_recording` takes them; for the
+        readings, where the lines do not tell.
+    most : int, optional
+        Rows after which nothing more is taken.
+    header, rows : str, optional, and sequence of str
+        Of a recording that is continued: what stands above its rows, and the first of them.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        is_framed: bool = False,
+        columns: str | None = None,
+        unit: str | None = None,
+        scale: float | None = None,
+        most: int | None = None,
+        header: str | None = None,
+        rows: tuple[str, ...] = (),
+    ) -> None:
+        self.told = Recorded()
+        self._name, self._is_framed, self._most = name, is_framed, most
+        self._columns, self._unit, self._scale = columns, unit, scale
+        self._header, self._rows = header, rows
+        self._read: tuple[Layout, Unit] | None = None
+        self._rest = b""
+        self._held: list[_Held] = []
+        self._before: deque[str] = deque(maxlen=ENOUGH)
+        self._pieces = 0
+        self._last: float | None = None
+        self._is_cut = not is_framed
+        self._is_advised = False
+        self._unlike = 0
+        self._events: list[Event] = []
+
+    @property
+    def is_full(self) -> bool:
+        """It has as many rows as were asked for."""
+        return self._most is not None and self.told.readings >= self._most
+
+    def take(self, content: bytes, at: float) -> Taken:
+        """Take what came at this second; call it with nothing, too, so that lines that are held are let go in time.
+
+        Raises
+        ------
+        OutputError
+            Where the lines are not like those of the recording that is continued.
+        """
+        self.told.seconds = at
+        self.told.received += len(content)
+        if content:
+            self._cut(content, at)
+        rows: list[str] = []
+        text = ""
+        if self._held and (self.told.form or self._is_enough(at)):
+            self._settle()
+            text = self._flush(rows)
+        if not self._is_advised and not self.told.readings and at >= SILENT_S:
+            self._is_advised = True
+            self._tell("nothing", self.nothing())
+        return self._taken(text, rows)
+
+    def lost(self, at: float) -> Taken:
+        """Note that the other end went away; what came before is let go."""
+        ended = self.end(at)
+        self.told.losses += 1
+        self._is_cut = not self._is_framed
+        return Taken(f"{ended.text}# lost at {at:.4f} s\n", ended.readings, ended.events)
+
+    def back(self, at: float) -> Taken:
+        """Note that it is there again."""
+        self.told.seconds = at
+        return Taken(f"# back at {at:.4f} s\n")
+
+    def end(self, at: float) -> Taken:
+        """Let go of what is held, and of the start of a line that will have no end."""
+        self.told.seconds = at
+        rows: list[str] = []
+        text = ""
+        if self._held and not self.is_full:
+            self._settle()
+            text = self._flush(rows)
+        if self._rest.strip() and not self.is_full:
+            text += f"# cut off: {escaped(self._rest)}\n"
+            self.told.first_unknown = self.told.first_unknown or shown(_text(self._rest))
+        self._rest, self._pieces = b"", 0
+        return self._taken(text, rows)
+
+    def nothing(self) -> str:
+        """Say why there is no reading, and what to do."""
+        if not self.told.received:
+            return (
+                f"nothing arrives from {self._name}: see that the sensor is on and prints its readings, and "
+                "that port, cable and baud rate are right"
+            )
+        arrived = f"{counted(self.told.received, 'byte')} arrived from {self._name} and no line"
+        if not self.told.lines and not self._held:
+            return f"{arrived} end: check --baud, and that the sketch prints each reading on a line (println)"
+        example = self.told.first_unknown or shown(_text(self._rest))
+        return f"{arrived} of three numbers ({example!r}): check --baud, and what the sketch prints"
+
+    def _cut(self, content: bytes, at: float) -> None:
+        """Cut what came in into lines; one that is too long into pieces, none of which counts as a line."""
+        *whole, self._rest = ENDS.split(self._rest + content + b"\n" * self._is_framed)
+        for line in whole:
+            if self._pieces or len(line) > LONGEST:
+                self._pieces += 1
+                self._held.append(_Held(at, line, self._pieces))
+                self._pieces = 0
+            elif line.strip():
+                self._held.append(_Held(at, line))
+        if len(self._rest) > LONGEST:
+            self._pieces += 1
+            self._held.append(_Held(at, self._rest, self._pieces))
+            self._rest = b""
+
+    def _is_enough(self, at: float) -> bool:
+        wanted = ENOUGH if self._most is None else min(ENOUGH, self._most)
+        return len(self._held) >= ENOUGH or at - self._held[0].at >= SETTLE_S or self._would_be() >= wanted
+
+    def _would_be(self) -> int:
+        """Count the held lines that would be rows."""
+        texts = self._texts()
+        form = settle(texts)
+        return sum(form.row(text, 0.0) is not None for text in texts) if form else 0
+
+    def _texts(self) -> list[str]:
+        """What is held, without a first line that may be cut."""
+        texts = [_text(held.line) for held in self._held if not held.piece]
+        return texts[1:] if self._is_cut and texts and not is_marked(texts[0]) else texts
+
+    def _settle(self) -> None:
+        """Tell how the lines are written, where that is not known yet; a header may have come long before.
+
+        Raises
+        ------
+        OutputError
+            Where it is not as in the recording that is continued.
+        """
+        if self.told.form is not None:
+            return
+        texts = self._texts()
+        form = settle([*self._before, *texts])
+        rows = [row.text for text in texts if form and (row := form.row(text, 0.0)) is not None]
+        if form is None or not rows:
+            return
+        if self._header not in (None, form.header):
+            raise OutputError(
+                f"{self._name} sends {form} ({form.header or 'no header'}), and the recording that is continued has "
+                f"{self._header or 'no header'}: begin another recording"
+            )
+        self.told.form = form
+        self._tell("settled", str(form))
+        self._read = self._recognised([form.header, *self._rows, *rows])
+
+    def _recognised(self, lines: list[str]) -> tuple[Layout, Unit] | None:
+        """How `flinders.read` will read the text; None where it will need to be told more."""
+        try:
+            layout = sniff(self._name, lines, self._columns)
+            return layout, unit_of(layout.columns, self._name, self._unit, self._scale)
+        except FlindersError:
+            return None
+
+    def _flush(self, rows: list[str]) -> str:
+        """Turn the lines that are held into text, and add its rows to `rows`."""
+        out: list[str] = []
+        while self._held and not self.is_full:
+            out.append(self._written(self._held.pop(0), rows))
+        return "".join(out)
+
+    def _written(self, held: _Held, rows: list[str]) -> str:
+        """One line as it goes into the recording."""
+        if held.piece:
+            return self._too_long(held)
+        form, text = self.told.form, _text(held.line)
+        self.told.lines += 1
+        cut, self._is_cut = self._is_cut and not is_marked(text), False
+        at = held.at if self._last is None else max(held.at, self._last + STEP_S)
+        row = None if cut or form is None else form.row(text, at)
+        if form is None or row is None:
+            self._note(text, form, cut=cut)
+            return f"# {'cut off: ' * cut}{escaped(held.line)}\n"
+        self._last, self._unlike = at, 0
+        self.told.add(row.field, at)
+        rows.append(row.text)
+        header = f"{form.header}\n" if form.header and self._header is None else ""
+        self._header = form.header
+        return f"{header}{row.text}\n"
+
+    def _too_long(self, held: _Held) -> str:
+        """A piece of a line that is too long; the first counts for all."""
+        self._is_cut = False
+        if held.piece == 1:
+            self.told.lines += 1
+            self._count_unknown(_text(held.line), self.told.form)
+        return f"# too long: {escaped(held.line)}\n"
+
+    def _note(self, text: str, form: Form | None, *, cut: bool) -> None:
+        """Count what is not understood, but no comment of the sensor's own, header, or line that stands beside."""
+        if form is None and not cut:
+            self._before.append(text)
+        if cut or text.lstrip().startswith(COMMENTS) or (form and text.strip() in form.header):
+            return
+        sign = BESIDE.match(text)
+        if sign and form and sign[1] != form.words.partition(":")[0]:
+            return
+        self._count_unknown(text, form)
+
+    def _count_unknown(self, text: str, form: Form | None) -> None:
+        self.told.unknown += 1
+        self.told.first_unknown = self.told.first_unknown or shown(text)
+        self._unlike += form is not None
+        if self._unlike == UNLIKE:
+            self._tell(
+                "garbage",
+                f"the last {UNLIKE} lines are not like the first ones ({form}) and are kept as comments: the "
+                f"latest is {shown(text)!r}; stop, and record again",
+            )
+
+    def _tell(self, kind: Kind, words: str) -> None:
+        self._events.append(Event(kind, self.told.seconds, words))
+
+    def _taken(self, text: str, rows: list[str]) -> Taken:
+        events, self._events = self._events, []
+        return Taken(text, self._readings(rows), events)
+
+    def _readings(self, rows: list[str]) -> list[Reading]:
+        if not rows or self._read is None:
+            return []
+        layout, unit = self._read
+        values = rows_of(rows, range(len(rows)), layout.grid).values
+        return readings_of(layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name))
+
+
+def escaped(line: bytes) -> str:
+    r"""Write bytes as printable ASCII from which they can be had back.
+
+    >>> escaped(b"\xff\x00 42 \\"), escaped(b"\xff\x00 42 \\").encode().decode("unicode_escape").encode("latin-1")
+    ('\\xff\\x00 42 \\\\', b'\xff\x00 42 \\')
+    """
+    return line.decode("latin-1").encode("unicode_escape").decode("ascii")
+
+
+def _text(line: bytes) -> str:
+    return line.decode("utf-8", "replace").strip("\ufeff\0")

@@ -1,0 +1,168 @@
+"""Attitudes as unit quaternions (w, x, y, z), which turn vectors of one set of axes into another: v' = q v q*.
+
+An attitude turns the axes of a body, forward, right, down, into north, east, down. Hamilton's product: of two
+attitudes ``product(a, b)`` acts like b first and then a. A quaternion and its negative are the same attitude.
+
+>>> east = of_angles([0.0, 0.0, np.pi / 2])                    # roll, pitch, yaw: level, its nose points east
+>>> rotated(east, [1.0, 0.0, 0.0]).round(9)
+array([0., 1., 0.])
+>>> nose_up = of_angles([0.0, np.pi / 6, 0.0])
+>>> rotated(product(east, nose_up), [1.0, 0.0, 0.0]).round(3)
+array([ 0.   ,  0.866, -0.5  ])
+
+Source: J. Kuipers, *Quaternions and Rotation Sequences*, 1999, for the formulas; K. Shoemake, *Animating Rotation with
+Quaternion Curves*, 1985, for the way between two attitudes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.arrays import floats, vectors
+from flinders.errors import ArrayError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+NEAR_ONE: Final = 0.01
+"""By how much the length of a quaternion may differ from 1 and still be rounding."""
+STRAIGHT: Final = 1e-6
+"""Half a turn, in rad, below which the way between two attitudes is a straight line to the last bit but a few."""
+
+
+def attitudes(values: ArrayLike, name: str = "attitude") -> Floats:
+    """Let through (..., 4) quaternions, brought to length 1; NaN where a number is missing.
+
+    Raises
+    ------
+    ArrayError
+        For a wrong shape, or a length that is not 1 to within a hundredth.
+
+    Examples
+    --------
+    >>> attitudes([[1.0, 0.0, 0.0, 0.0], [np.nan, 0.0, 0.0, 1.0]])
+    array([[ 1.,  0.,  0.,  0.],
+           [nan, nan, nan, nan]])
+    """
+    array = floats(values, name)
+    if array.ndim == 0 or array.shape[-1] != 4:
+        raise ArrayError(f"{name} has shape {array.shape}: need (..., 4), one quaternion w, x, y, z a reading")
+    length = np.linalg.norm(array, axis=-1, keepdims=True)
+    off = np.argwhere(np.abs(length[..., 0] - 1) > NEAR_ONE)
+    if len(off):
+        row = tuple(int(index) for index in off[0])
+        raise ArrayError(
+            f"{name} at index {row} is {length[row][0]:.3g} long ({len(off):,} such): need unit quaternions w, x, y, z"
+        )
+    unit: Floats = array / length
+    return unit
+
+
+def known(values: Floats) -> Floats:
+    """(N, 4) quaternions of a log: those whose length is not 1 are none, and NaN.
+
+    >>> known(np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
+    array([[ 1.,  0.,  0.,  0.],
+           [nan, nan, nan, nan]])
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(values, axis=1, keepdims=True)
+        return np.where(np.abs(length - 1) <= NEAR_ONE, values / np.where(length > 0, length, 1.0), np.nan)
+
+
+def product(left: Floats, right: Floats) -> Floats:
+    """(..., 4) Hamilton's product: as an attitude, `right` first and then `left`."""
+    a, b = np.asarray(left), np.asarray(right)
+    w = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
+    rest = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([w, rest], axis=-1)
+
+
+def inverse(attitude: Floats) -> Floats:
+    """(..., 4) the way back.
+
+    >>> product(inverse(of_angles([0.1, 0.2, 0.3])), of_angles([0.1, 0.2, 0.3])).round(12) + 0.0
+    array([1., 0., 0., 0.])
+    """
+    back: Floats = attitude * np.array([1.0, -1.0, -1.0, -1.0])
+    return back
+
+
+def rotated(attitude: Floats, vector: ArrayLike) -> Floats:
+    """(..., 3) vectors turned by (..., 4) unit quaternions: v + 2 w (u × v) + 2 u × (u × v), u = (x, y, z)."""
+    v, u = vectors(vector, "vector", finite=False), attitude[..., 1:]
+    twice = 2.0 * np.cross(u, v)
+    turned: Floats = v + attitude[..., :1] * twice + np.cross(u, twice)
+    return turned
+
+
+def of_angles(angles: ArrayLike) -> Floats:
+    """(..., 4) attitudes of (..., 3) roll, pitch and yaw in rad: R_z(yaw) R_y(pitch) R_x(roll)."""
+    half = vectors(angles, "angles", finite=False) / 2.0
+    with np.errstate(invalid="ignore"):
+        (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def of_matrix(matrix: Floats) -> Floats:
+    """(4,) the quaternion of a (3, 3) rotation, with w positive or 0.
+
+    The largest of w, x, y, z is found first, so that none is divided by a small one (Shepperd 1978).
+
+    >>> of_matrix(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
+    array([0.7071, 0.    , 0.    , 0.7071])
+    """
+    m = matrix
+    trace = np.trace(m)
+    rows = np.array(
+        [
+            [1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], 1 - trace + 2 * m[0, 0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - trace + 2 * m[1, 1], m[1, 2] + m[2, 1]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - trace + 2 * m[2, 2]],
+        ]
+    )  # 4 q qᵀ: each row is q times one of its numbers
+    best = rows[int(np.argmax(np.diag(rows)))]
+    found: Floats = best / np.linalg.norm(best)
+    return -found if found[0] < 0 else found
+
+
+def between(first: Floats, second: Floats, share: Floats) -> Floats:
+    """(N, 4) attitudes on the shortest way from one to another, as a body has them that turns at a constant rate.
+
+    (sin((1 − s)θ) q₀ + sin(sθ) q₁) / sin θ, θ half of the angle between them.
+
+    Parameters
+    ----------
+    first, second : (N, 4) float
+    share : (N,) float
+        s: 0 at the first, 1 at the second.
+
+    Examples
+    --------
+    >>> level, over = of_angles([[0.0, 0.0, 0.0]]), of_angles([[1.0, 0.0, 0.0]])
+    >>> np.allclose(between(level, -over, np.array([0.3])), of_angles([[0.3, 0.0, 0.0]]))
+    True
+    """
+    cosine = np.sum(first * second, axis=1)
+    second = np.where(cosine[:, np.newaxis] < 0, -second, second)
+    half = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    straight = half < STRAIGHT
+    sine = np.where(straight, 1.0, np.sin(half))
+    start = np.where(straight, 1.0 - share, np.sin((1.0 - share) * half) / sine)
+    end = np.where(straight, share, np.sin(share * half) / sine)
+    mixed = start[:, np.newaxis] * first + end[:, np.newaxis] * second
+    found: Floats = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+    return found

@@ -1,0 +1,459 @@
+"""Feeds that are no wires: recordings played back, a simulated sensor, a vehicle's telemetry; and their recording."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from flinders import fit, simulate
+from flinders.conventions.ardupilot import Parameters
+from flinders.errors import ArrayError, OutputError, UsageError
+from flinders.live.feeds import AT_ONCE, Feed, Kept, Replay
+from flinders.live.mavlink import ARDUPILOT, PX4, Vehicle
+from flinders.live.readings import Event, Reading, samples_of
+from flinders.live.simulated import Simulated
+from flinders.live.sinks import Resumed, ToFile
+from flinders.live.sources import Udp
+from flinders.live.telemetry import Telemetry
+from flinders.readers import open_recording, read
+from flinders.samples import Samples
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+
+TUMBLE = simulate.tumble(seed=1, n=1200).samples
+
+
+class Clock:
+    """Time that passes only where it is waited for."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+def asked(feed: Feed, until: Callable[[list[Reading], list[Event]], bool]) -> tuple[list[Reading], list[Event]]:
+    """Ask until there is enough."""
+    readings: list[Reading] = []
+    events: list[Event] = []
+    give_up = time.monotonic() + 20
+    while not until(readings, events) and time.monotonic() < give_up:
+        found = feed.next(0.1)
+        if isinstance(found, Event):
+            events.append(found)
+        else:
+            readings += found
+    return readings, events
+
+
+def at_the_end(_: list[Reading], events: list[Event]) -> bool:
+    return bool(events) and events[-1].kind == "ended"
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+# recordings played back
+
+
+def test_a_recording_played_back_is_what_was_recorded() -> None:
+    feed = Replay(TUMBLE, speed=None)
+    readings, events = asked(feed, at_the_end)
+    played = samples_of(readings)
+    for column in ("field", "time", "acceleration", "rate"):
+        np.testing.assert_array_equal(getattr(played, column), getattr(TUMBLE, column))
+    assert [event.kind for event in events] == ["connected", "ended"]
+    assert feed.next(0.0) == []
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0, 0.5])
+def test_it_takes_the_time_that_it_took_over_the_speed(speed: float) -> None:
+    clock = Clock()
+    feed = Replay(TUMBLE, speed=speed, clock=clock, sleep=clock.sleep)
+    start, late = clock.now, 0.0
+    assert isinstance(feed.next(0.1), Event)
+    while not isinstance(found := feed.next(0.1), Event):
+        if found:
+            late = max(late, clock.now - start - found[0].time / speed)
+    assert clock.now - start == pytest.approx((1199 / 50) / speed, abs=0.01)
+    assert late < 0.03
+
+
+def test_pauses_and_clocks_that_jump_back_hold_nothing_up() -> None:
+    times = [0.0, 0.1, 3600.0, 3600.1, 5.0, np.nan, 5.2]
+    clock = Clock()
+    feed = Replay(Samples.of(np.ones((7, 3)), unit="uT", time=times), clock=clock, sleep=clock.sleep)
+    readings, _ = asked(feed, at_the_end)
+    np.testing.assert_array_equal([reading.time for reading in readings], times)
+    assert clock.now - 100.0 < 3.0
+
+
+def test_a_recording_without_times_has_fifty_readings_a_second() -> None:
+    clock = Clock()
+    feed = Replay(Samples.of(np.ones((100, 3))), clock=clock, sleep=clock.sleep)
+    readings, _ = asked(feed, at_the_end)
+    np.testing.assert_allclose(np.diff([reading.time for reading in readings]), 0.02)
+    assert readings[0].unit == "counts"
+    assert clock.now - 100.0 == pytest.approx(1.98, abs=0.15)
+
+
+def test_readings_are_handed_on_in_blocks_and_none_twice() -> None:
+    clock = Clock()
+    feed = Replay(TUMBLE, clock=clock, sleep=clock.sleep)
+    assert isinstance(feed.next(0.1), Event)
+    clock.now += 1e6  # nobody asked for a long time
+    blocks = [feed.next(0.1) for _ in range(3)]
+    assert [len(block) for block in blocks if isinstance(block, list)] == [AT_ONCE, AT_ONCE, 200]
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
+def test_a_speed_is_positive(speed: float) -> None:
+    with pytest.raises(UsageError, match="need a number above 0"):
+        Replay(TUMBLE, speed=speed)
+
+
+def test_a_real_recording_is_played_back(recordings: Callable[[str], Path]) -> None:
+    path = recordings("michaelwro_fxos8700/mag-readings.txt")
+    readings, _ = asked(Replay(open_recording(path, unit="uT"), speed=None), at_the_end)
+    np.testing.assert_array_equal(samples_of(readings).field, read(path, unit="uT").field)
+
+
+# a simulated sensor
+
+
+def test_the_simulated_sensor_is_calibrated_to_its_truth() -> None:
+    feed = Simulated(seed=2, speed=None)
+    readings, _ = asked(feed, lambda readings, _: len(readings) >= 3000)
+    found = fit(samples_of(readings)).calibration
+    matrix, offset = feed.truth.sensor.correction
+    np.testing.assert_allclose(found.offset, offset, atol=0.3)
+    np.testing.assert_allclose(found.matrix / np.cbrt(np.linalg.det(found.matrix)),
+                               matrix / np.cbrt(np.linalg.det(matrix)), atol=0.01)  # fmt: skip
+    again, _ = asked(Simulated(seed=2, speed=None), lambda readings, _: len(readings) >= 3000)
+    assert again == readings
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        np.eye(3),
+        np.diag([1.0, -1.0, -1.0]),
+        simulate.posed([2.0], [0.5], [-1.0])[0],
+        simulate.posed([0.0], [1.5], [3.1])[0],
+    ],
+)
+def test_it_turns_to_where_it_is_told_at_its_rate_and_stays(wanted: Floats) -> None:
+    feed = Simulated(seed=3, speed=None, imu=simulate.Imu(gyro_noise=0.0), turn_deg_s=90.0)
+    assert isinstance(feed.next(0.1), Event)
+    feed.turn_to(wanted)
+    turned = [feed.next(0.1) for _ in range(4)]  # 4 s: more than half a turn
+    np.testing.assert_allclose(feed.attitude, wanted, atol=1e-6)
+    rates = [np.linalg.norm(reading.rate or ()) for block in turned if isinstance(block, list) for reading in block]
+    assert max(rates) == pytest.approx(np.pi / 2, rel=0.02)
+    assert rates[-1] == pytest.approx(0.0, abs=1e-6)
+    feed.turn_to(None)
+    feed.next(0.1)
+    assert not np.allclose(feed.attitude, wanted, atol=1e-3)
+
+
+def test_half_a_turn_is_turned() -> None:
+    feed = Simulated(seed=3, speed=None)
+    feed.next(0.1)
+    feed.turn_to(np.eye(3))
+    for _ in range(4):
+        feed.next(0.1)
+    feed.turn_to(np.diag([-1.0, -1.0, 1.0]))
+    for _ in range(4):
+        feed.next(0.1)
+    np.testing.assert_allclose(feed.attitude, np.diag([-1.0, -1.0, 1.0]), atol=1e-6)
+
+
+def test_rate_and_attitude_agree_while_it_tumbles() -> None:
+    feed = Simulated(seed=4, speed=None, imu=simulate.Imu(gyro_noise=0.0, acceleration_noise=0.0))
+    feed.next(0.1)
+    before = feed.attitude
+    for _ in range(140):  # twice through what is drawn: forwards, backwards and on
+        readings = feed.next(0.1)
+        assert isinstance(readings, list)
+        steps = simulate.turns(np.array([reading.rate for reading in readings]) / 50)
+        for reading, step in zip(readings, steps, strict=True):
+            np.testing.assert_allclose(reading.acceleration or (), before.T @ [0, 0, -9.80665], atol=1e-2)
+            before = before @ step
+        np.testing.assert_allclose(feed.attitude, before, atol=1e-6)
+        before = feed.attitude
+
+
+def test_it_keeps_time_and_stands_still_while_nobody_asks() -> None:
+    clock = Clock()
+    feed = Simulated(seed=1, rate_hz=100.0, clock=clock, sleep=clock.sleep)
+    count = 0
+    assert isinstance(feed.next(0.1), Event)
+    while clock.now < 110.0:
+        found = feed.next(0.05)
+        count += len(found) if isinstance(found, list) else 0
+    assert count == pytest.approx(1000, abs=2)
+    clock.now += 3600.0
+    late = feed.next(0.05)
+    assert isinstance(late, list)
+    assert len(late) <= 100
+    feed.close()
+    assert feed.next(0.0) == []
+
+
+@pytest.mark.parametrize(
+    "attitude", [2 * np.eye(3), np.diag([1.0, 1.0, -1.0]), np.full((3, 3), np.nan), np.eye(2), [[1, 2], [3]]]
+)
+def test_what_is_no_attitude_is_refused(attitude: ArrayLike) -> None:
+    with pytest.raises((UsageError, ArrayError)):
+        Simulated().turn_to(attitude)
+
+
+@pytest.mark.parametrize("more", [{"rate_hz": 0.0}, {"speed": -1.0}, {"turn_deg_s": np.nan}])
+def test_a_simulation_needs_sound_numbers(more: dict[str, float]) -> None:
+    with pytest.raises(UsageError, match="need a number above 0"):
+        Simulated(**more)  # type: ignore[arg-type]
+
+
+# their recording
+
+
+def test_what_is_kept_reads_back() -> None:
+    with ToFile("out.csv") as sink:
+        feed = Kept(Replay(TUMBLE, speed=None), sink)
+        readings, _ = asked(feed, at_the_end)
+        feed.close()
+    kept = read("out.csv")
+    assert feed.name == "simulated hand"
+    assert kept.unit.name == "uT"
+    for column in ("field", "time", "acceleration", "rate"):
+        np.testing.assert_allclose(getattr(kept, column), getattr(samples_of(readings), column), rtol=1e-8, atol=1e-6)
+    text = Path("out.csv").read_text(encoding="utf-8")
+    assert text.startswith("# flinders ")
+    assert "# 0.0 s: simulated hand, played back as fast as possible\n" in text
+
+
+def test_what_is_kept_is_continued() -> None:
+    whole = Samples.of([[1, 2, 3]] * 10, unit="counts", time=np.arange(10.0), temperature=[20.0] * 9 + [np.nan])
+    for rows in (slice(0, 5), slice(5, 10)):
+        more = {"resumed": Resumed.of("out.csv")} if rows.start else {}
+        with ToFile("out.csv", resume=bool(rows.start)) as sink:
+            asked(Kept(Replay(whole[rows], speed=None), sink, **more), at_the_end)
+    kept = read("out.csv")
+    assert kept.time is not None
+    np.testing.assert_array_equal(kept.time, np.arange(10.0))
+    assert kept.unit.inside == "counts"
+    with ToFile("out.csv", resume=True) as sink:
+        feed = Kept(Replay(TUMBLE, speed=None), sink, resumed=Resumed.of("out.csv"))
+        with pytest.raises(OutputError, match="begin another recording"):
+            asked(feed, at_the_end)
+
+
+# telemetry
+
+dialect = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
+
+
+class Sky:
+    """A vehicle that sends heartbeats, and compass readings once it is asked for them."""
+
+    def __init__(
+        self,
+        port: int,
+        *,
+        autopilot: int = ARDUPILOT,
+        held: dict[str, float] | None = None,
+        is_fine: bool = False,
+        is_raw: bool = False,
+    ) -> None:
+        self.autopilot, self.held, self.is_fine, self.is_raw = autopilot, held or {}, is_fine, is_raw
+        self.asked: set[int] = set()
+        self.is_away = False
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(("127.0.0.1", port))
+        self._socket.settimeout(0.01)
+        self._link = dialect.MAVLink(self, srcSystem=1, srcComponent=1)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._live, daemon=True)
+        self._thread.start()
+
+    def write(self, content: bytes) -> None:
+        with suppress(ConnectionError):
+            self._socket.send(content)
+
+    def _live(self) -> None:
+        tick = 0
+        while not self._ended.is_set():
+            if self.is_away:
+                time.sleep(0.01)
+                continue
+            tick += 1
+            if tick % 5 == 1:
+                self._link.heartbeat_send(2, self.autopilot, 81, 0, 3, 3)
+            self._measure(tick)
+            with suppress(TimeoutError, ConnectionError):
+                for message in self._link.parse_buffer(self._socket.recv(65535)) or []:
+                    self._answer(message)
+
+    def _measure(self, tick: int) -> None:
+        if not self.asked:
+            return
+        force, rate, mag = (10, 20, -1000), (100, 0, -200), (200 + tick % 50, -30, 450)
+        self._link.raw_imu_send(1000 * tick, *force, *rate, *mag, 0, 2150)
+        if self.is_raw:
+            return
+        if self.is_fine:
+            values = [(0.1, 0.2, -9.8), (0.1, 0.0, -0.2), (0.2, -0.03, 0.45)]
+            flat = [number for triple in values for number in triple]
+            self._link.highres_imu_send(1000 * tick, *flat, 0, 0, 0, 21.5, 0x1FF if tick % 2 else 0x3F)
+        self._link.scaled_imu_send(tick, *force, *rate, *mag)
+        self._link.scaled_imu2_send(tick, *force, *rate, 1, 2, 3)
+        self._link.scaled_imu3_send(tick, *force, *rate, 0, 0, 0)
+
+    def _answer(self, message: Any) -> None:  # noqa: ANN401 - pymavlink has no types
+        if message.get_type() == "COMMAND_LONG" and message.command == 511:
+            self.asked.add(int(message.param1))
+        if message.get_type() == "PARAM_REQUEST_READ" and message.param_id in self.held:
+            value = self.held[message.param_id]
+            self._link.param_value_send(message.param_id.encode(), value, 9, 1, 0)
+
+    def stop(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._socket.close()
+
+
+@contextmanager
+def sky(**more: Any) -> Iterator[tuple[Sky, Udp, Vehicle]]:
+    source = Udp(0, "127.0.0.1")
+    one = Sky(source.port, **more)
+    try:
+        yield one, source, Vehicle.find(source, listen=0.1, answer=0.1, silent=0.4)
+    finally:
+        one.stop()
+        source.close()
+
+
+HELD = {
+    **{f"COMPASS_OFS_{axis}": value for axis, value in zip("XYZ", (-20.5, 118.0, -43.0), strict=True)},
+    **{f"COMPASS_DIA_{axis}": value for axis, value in zip("XYZ", (1.1, 1.0, 0.9), strict=True)},
+    **{f"COMPASS_ODI_{axis}": value for axis, value in zip("XYZ", (0.1, 0.0, 0.0), strict=True)},
+    "COMPASS_SCALE": 1.05,
+}
+
+
+def enough(readings: list[Reading], _: list[Event]) -> bool:
+    return len(readings) >= 20
+
+
+def test_ardupilots_readings_come_without_its_correction() -> None:
+    with sky(held=HELD) as (one, source, vehicle):
+        feed = Telemetry(source, vehicle=vehicle)
+        readings, events = asked(feed, enough)
+        assert one.asked == {27, 26}
+    assert events[0].kind == "connected"
+    assert "its correction is taken off: COMPASS_OFS" in events[0].words
+    corrected = Parameters.read(HELD).apply(10 * samples_of(readings).field)  # what it sent, in mG
+    np.testing.assert_allclose(corrected, np.round(corrected), atol=1e-3)
+    np.testing.assert_allclose(corrected[:, 1:], [[-30, 450]] * len(readings), atol=1e-3)
+    assert readings[0].unit == "uT"
+    np.testing.assert_allclose(readings[0].acceleration or (), np.array([0.01, 0.02, -1.0]) * 9.80665)
+    np.testing.assert_allclose(readings[0].rate or (), [0.1, 0.0, -0.2])
+    assert (np.diff([reading.time for reading in readings]) > 0).all()  # of two messages one is taken
+
+
+@pytest.mark.parametrize(
+    ("more", "options", "words"),
+    [
+        ({}, {}, "does not tell its COMPASS_OFS_X"),
+        ({"held": HELD}, {"as_logged": True}, "corrected readings, as they are sent"),
+        ({"autopilot": PX4}, {}, "not known for this autopilot"),
+        ({"autopilot": PX4, "is_fine": True}, {}, "not known for this autopilot"),
+    ],
+)
+def test_what_is_not_known_is_left_as_it_is_sent_and_said(
+    more: dict[str, Any], options: dict[str, Any], words: str
+) -> None:
+    with sky(**more) as (_, source, vehicle):
+        readings, events = asked(Telemetry(source, vehicle=vehicle, **options), enough)
+    assert words in events[0].words
+    assert readings[0].unit == "uT"
+    np.testing.assert_allclose(samples_of(readings).field[:, 1:], [[-3.0, 45.0]] * len(readings), rtol=1e-6)
+    np.testing.assert_allclose(
+        [reading.rate or () for reading in readings], [[0.1, 0.0, -0.2]] * len(readings), rtol=1e-6
+    )
+
+
+def test_counts_of_other_autopilots_are_counts() -> None:
+    with sky(autopilot=PX4, is_raw=True) as (_, source, vehicle):
+        readings, _ = asked(Telemetry(source, vehicle=vehicle), enough)
+    assert readings[0].unit == "counts"
+    assert readings[0].rate is None
+    np.testing.assert_array_equal(samples_of(readings).field[:, 1:], [[-30, 450]] * len(readings))
+
+
+def test_each_compass_has_messages_of_its_own() -> None:
+    with sky() as (one, source, vehicle):
+        readings, _ = asked(Telemetry(source, vehicle=vehicle, compass=2), enough)
+        assert one.asked == {116}
+    np.testing.assert_allclose(readings[0].field, [0.1, 0.2, 0.3])
+    with pytest.raises(UsageError, match="compass 4: MAVLink has messages for compass 1, 2 and 3"):
+        Telemetry(source, vehicle=vehicle, compass=4)
+
+
+def test_a_compass_that_is_not_there_is_told() -> None:
+    with sky() as (_, source, vehicle):
+        feed = Telemetry(source, vehicle=vehicle, compass=3)
+        readings, events = asked(feed, lambda _, events: len(events) > 1)
+    assert readings == []
+    assert events[1].kind == "nothing"
+    assert "sends no SCALED_IMU3 though it was asked" in events[1].words
+
+
+def test_a_vehicle_that_falls_silent_is_gone_and_comes_back() -> None:
+    with sky(held=HELD) as (one, source, vehicle):
+        feed = Telemetry(source, vehicle=vehicle)
+        asked(feed, enough)
+        one.is_away = True
+        _, events = asked(feed, lambda _, events: bool(events))
+        assert events[-1].kind == "gone"
+        assert "has been silent for 0.4 s" in events[-1].words
+        one.is_away = False
+        _, events = asked(feed, lambda _, events: bool(events))
+        assert events[-1].kind == "back"
+        readings, _ = asked(feed, enough)
+    assert len(readings) >= 20
+
+
+def test_telemetry_is_kept() -> None:
+    with sky(held=HELD) as (_, source, vehicle), ToFile("out.csv") as sink:
+        readings, _ = asked(Kept(Telemetry(source, vehicle=vehicle), sink), enough)
+    np.testing.assert_allclose(read("out.csv").field, samples_of(readings).field, rtol=1e-8)
+    assert "# 0.0 s: compass 1 of ArduPilot, system 1: its correction is taken off" in Path("out.csv").read_text()
+
+
+def test_bytes_that_are_no_packets_do_no_harm() -> None:
+    with sky(held=HELD) as (one, source, vehicle):
+        feed = Telemetry(source, vehicle=vehicle)
+        for content in (b"\xfd" * 400, bytes(range(256)) * 8, struct.pack("<B", 0xFE), b""):
+            one.write(content)
+        readings, _ = asked(feed, enough)
+    assert len(readings) >= 20

@@ -1,0 +1,386 @@
+"""Tables of several magnetometers: each is found, chosen and calibrated; no more are found than there are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+import flinders
+from flinders import simulate
+from flinders.cli import main
+from flinders.errors import UsageError
+from flinders.readers._columns import by_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+
+ROWS: Final = 1500
+OFFSETS: Final = ((12.0, -7.0, 30.0), (-40.0, 25.0, 3.0))
+"""Of the two magnetometers of the tables that are written here, µT."""
+
+
+def field_of(number: int) -> Floats:
+    """Turned through all directions, noise of 0.3 µT, by one magnetometer or the other."""
+    noise = np.random.default_rng(number)
+    directions = noise.normal(size=(ROWS, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    found: Floats = 48.0 * directions + OFFSETS[number] + 0.3 * noise.normal(size=(ROWS, 3))
+    return found
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty one to work in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def write(name: str, header: str, *columns: Floats) -> Path:
+    path = Path(name)
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.6f")
+    return path
+
+
+def xyz(*sensors: str) -> list[str]:
+    """The columns ``mag1_x``, ``mag1_y``, … of these sensors."""
+    return [f"{sensor}_{axis}" for sensor in sensors for axis in "xyz"]
+
+
+@pytest.fixture
+def two() -> Path:
+    """Two magnetometers and their accelerometers, which read 1 and 2 on z."""
+    beside = [np.tile([0.0, 0.0, number], (ROWS, 1)) for number in (1.0, 2.0)]
+    header = ",".join(["t_s", *xyz("mag1", "acc1", "mag2", "acc2")])
+    return write("two.csv", header, np.arange(ROWS) / 50, field_of(0), beside[0], field_of(1), beside[1])
+
+
+def run(line: str, code: int = 0, stdin: bytes | None = None) -> Result:
+    ended = CliRunner().invoke(main, line.split(), input=stdin)
+    assert ended.exit_code == code, ended.output
+    return ended
+
+
+# what is a magnetometer of its own
+
+
+@pytest.mark.parametrize(
+    ("names", "sensors"),
+    [
+        (xyz("mag1", "mag2"), ["mag1", "mag2"]),
+        (["mx0", "my0", "mz0", "mx1", "my1", "mz1"], ["m0", "m1"]),
+        (["magX_imu1", "magY_imu1", "magZ_imu1", "magX_imu2", "magY_imu2", "magZ_imu2"], ["mag_imu1", "mag_imu2"]),
+        ([f"imu{n}.mag.{axis}" for n in (1, 2, 3) for axis in "xyz"], ["imu1.mag", "imu2.mag", "imu3.mag"]),
+        (xyz("mag_a", "mag_b"), ["mag_a", "mag_b"]),
+        (xyz("mag_left", "mag_right"), ["mag_left", "mag_right"]),
+        (xyz("mag_rm3100", "mag_lis3mdl"), ["mag_rm3100", "mag_lis3mdl"]),
+        (xyz("mag", "mag2"), ["mag", "mag2"]),
+        (xyz("mag", "mag"), ["mag", "mag 2"]),
+        ([f"mag{n}[{axis}]" for n in (1, 2) for axis in range(3)], ["mag1", "mag2"]),
+        ([f"B{n}{axis} (nT)" for n in (1, 2) for axis in "xyz"], ["B1", "B2"]),
+        ([f"mag_{axis}_{n} [uT]" for n in (1, 2) for axis in "xyz"], ["mag_1", "mag_2"]),
+        ([f"{axis}{n}" for n in (1, 2) for axis in "xyz"], ["xyz1", "xyz2"]),
+        (xyz("mag1_raw", "mag1_cal", "mag2_raw", "mag2_cal"), ["mag1", "mag2"]),
+        (xyz("mag1", "mag2", "mag_ned"), ["mag1", "mag2"]),
+    ],
+)
+def test_magnetometers_are_told_apart_by_number_place_letter_and_type(names: list[str], sensors: list[str]) -> None:
+    found = by_name(names, np.zeros((2, len(names))))
+    assert found is not None
+    assert [each.name for each in found.magnetometers] == sensors
+    assert found.field.cells == found.magnetometers[0].field.cells
+
+
+@pytest.mark.parametrize(
+    ("names", "taken"),
+    [
+        (xyz("mag", "mag_raw"), "mag_raw_x"),
+        (xyz("mag", "mag_cal"), "mag_x"),
+        (["mag_x", "mag_y", "mag_z", "mag_x_filtered", "mag_y_filtered", "mag_z_filtered"], "mag_x"),
+        (xyz("mag", "mag_filtered_5"), "mag_x"),
+        (xyz("mag", "mag_lp10"), "mag_x"),
+        (xyz("mag", "mag_cov", "mag_std", "mag_bias"), "mag_x"),
+        (xyz("mag_ned", "mag_body"), "mag_ned_x"),
+        (xyz("mag_r", "mag_c"), "mag_r_x"),
+        (xyz("mag", "mag_a", "mag_b"), "mag_x"),
+        (["x", "y", "z", *xyz("mag1")], "mag1_x"),
+        ([*xyz("magnetometer"), *xyz("magnetometer_uncalibrated")], "magnetometer_uncalibrated_x"),
+        ([*xyz("acc1", "acc2"), "mx", "my", "mz"], "mx"),
+        (["time", "mag_x", "mag_y", "mag_z", "mag_x"], "mag_x"),
+        ([f"magnetic_field_covariance_{n}" for n in range(9)] + [f"magnetic_field.{axis}" for axis in "xyz"],
+         "magnetic_field.x"),
+    ],
+)  # fmt: skip
+def test_one_magnetometer_twice_is_no_second_one(names: list[str], taken: str) -> None:
+    found = by_name(names, np.zeros((2, len(names))))
+    assert found is not None
+    assert (found.name, found.magnetometers, found.field.names[0]) == ("", (), taken)
+
+
+@pytest.mark.parametrize(
+    ("beside", "expected"),
+    [
+        (("acc1", "acc2"), ["acc1_x", "acc2_x"]),
+        (("acc",), ["acc_x", "acc_x"]),
+        (("acc2",), [None, "acc2_x"]),
+        (("acc", "acc2"), ["acc_x", "acc2_x"]),
+        (("imu1_acc", "imu2_acc"), ["imu1_acc_x", "imu2_acc_x"]),
+        (("linear_acc", "acc"), ["acc_x", "acc_x"]),
+    ],
+)
+def test_an_accelerometer_goes_with_the_magnetometer_of_its_number(
+    beside: tuple[str, ...], expected: list[str | None]
+) -> None:
+    names = xyz("mag1", "mag2", *beside)
+    found = by_name(names, np.zeros((2, len(names))))
+    assert found is not None
+    stand_beside = [each.of_kind("acceleration") for each in found.magnetometers]
+    assert [column and column.names[0] for column in stand_beside] == expected
+
+
+# reading and choosing
+
+
+def test_the_first_is_read_and_names_the_others(two: Path) -> None:
+    first = flinders.open_recording(two)
+    assert str(first) == (
+        "two.csv: mag1, columns mag1_x, mag1_y, mag1_z in counts, time in t_s; comma-separated; "
+        "also there: 2 mag2 (choose with --sensor)"
+    )
+    assert str(flinders.open_recording(two, sensor="MAG2")).startswith("two.csv: mag2, columns mag2_x")
+    np.testing.assert_allclose(flinders.read(two).field, field_of(0), atol=1e-6)
+    for number in (1, 2):
+        found = flinders.read(two, sensor=str(number))
+        np.testing.assert_allclose(found.field, field_of(number - 1), atol=1e-6)
+        assert found.acceleration is not None
+        assert set(found.acceleration[:, 2]) == {float(number)}
+
+
+def test_columns_say_it_without_a_choice(two: Path) -> None:
+    found = flinders.open_recording(two, columns="mag2_x,mag2_y,mag2_z")
+    assert str(found) == "two.csv: columns mag2_x, mag2_y, mag2_z in counts, time in t_s; comma-separated"
+    samples = flinders.read(two, columns="mag2_x,mag2_y,mag2_z")
+    assert samples.acceleration is not None
+    assert set(samples.acceleration[:, 2]) == {2.0}
+    with pytest.raises(UsageError, match="--columns and --sensor both say which magnetometer it is"):
+        flinders.open_recording(two, columns="mag2_x,mag2_y,mag2_z", sensor="2")
+
+
+def test_one_that_there_is_not_is_refused_and_so_is_a_choice_of_one(two: Path) -> None:
+    with pytest.raises(UsageError, match=r"two.csv has no magnetometer 3: there are 1 \(mag1\), 2 \(mag2\)"):
+        flinders.open_recording(two, sensor="3")
+    one = write("one.csv", "mx,my,mz", field_of(0))
+    with pytest.raises(UsageError, match=r"one\.csv has one magnetometer: leave --sensor out"):
+        flinders.open_recording(one, sensor="1")
+
+
+def test_an_array_of_dozens_names_a_few() -> None:
+    many = write("many.csv", ",".join(xyz(*(f"mag{n}" for n in range(1, 13)))), *[field_of(0)] * 12)
+    assert "2 mag2, 3 mag3," in str(flinders.open_recording(many))
+    assert "9 mag9 and 3 more (choose with --sensor)" in str(flinders.open_recording(many))
+    assert str(flinders.open_recording(many, sensor="mag12")).startswith("many.csv: mag12, ")
+
+
+def write_json(path: Path, arrays: dict[str, Any]) -> None:
+    rows = zip(*(value.tolist() for value in arrays.values()), strict=True)
+    path.write_text(json.dumps([dict(zip(arrays, row, strict=True)) for row in rows]))
+
+
+def write_npz(path: Path, arrays: dict[str, Any]) -> None:
+    np.savez(path, **arrays)
+
+
+def write_mat(path: Path, arrays: dict[str, Any]) -> None:
+    pytest.importorskip("scipy.io").savemat(path, arrays)
+
+
+def write_parquet(path: Path, arrays: dict[str, Any]) -> None:
+    arrow = pytest.importorskip("pyarrow")
+    columns = {"t": arrays["t"]} | {
+        f"{name}_{axis}": arrays[name][:, place] for name in ("mag1", "mag2") for place, axis in enumerate("xyz")
+    }
+    pytest.importorskip("pyarrow.parquet").write_table(arrow.table(columns), path)
+
+
+@pytest.mark.parametrize("written", [write_json, write_npz, write_mat, write_parquet])
+def test_every_kind_of_table_may_hold_several(written: Callable[[Path, dict[str, Any]], None]) -> None:
+    path = Path(f"two.{written.__name__.removeprefix('write_')}")
+    written(path, {"t": np.arange(ROWS) / 50, "mag1": field_of(0), "mag2": field_of(1)})
+    log = flinders.open_log(path, unit="uT")
+    assert [instrument.name for instrument in log.instruments] == ["mag1", "mag2"]
+    for number, instrument in enumerate(log.instruments):
+        np.testing.assert_allclose(np.concatenate([block.field for block in instrument.blocks()]), field_of(number))
+    assert "also there: 2 mag2 (choose with --sensor)" in str(flinders.open_recording(path))
+    np.testing.assert_allclose(flinders.read(path, sensor="mag2").field, field_of(1))
+
+
+def test_each_has_the_unit_of_its_own_names() -> None:
+    path = write("units.csv", ",".join(xyz("mag_left_uT", "mag_right_mG")), field_of(0), 10.0 * field_of(1))
+    assert [one.unit.name for one in flinders.open_log(path).instruments] == ["uT", "mG"]
+    np.testing.assert_allclose(flinders.read(path, sensor="mag_right").field, field_of(1), atol=1e-6)
+
+
+# the program
+
+
+def test_all_of_a_table_are_calibrated_as_they_are_alone(two: Path) -> None:
+    """Their offsets come out within four times the claimed uncertainty, each in its own file."""
+    ended = run(f"calibrate {two} --unit uT --sensor all -o c-{{sensor}}.json --json")
+    rows = json.loads(ended.stdout)["sensors"]
+    assert [row["sensor"] for row in rows] == ["mag1", "mag2"]
+    for number, row in enumerate(rows):
+        saved = flinders.Calibration.load(f"c-{number + 1}.json")
+        assert saved.sensor == row["sensor"]
+        sigma = np.sqrt(np.diag(np.array(row["covariance"])))[:3]
+        assert np.all(np.abs(saved.offset - OFFSETS[number]) < 4 * sigma)
+    alone = run(f"calibrate {two} --unit uT --sensor 2 -o alone.json")
+    assert "two.csv: mag2, columns" in alone.stderr
+    np.testing.assert_array_equal(flinders.Calibration.load("alone.json").offset, saved.offset)
+    assert flinders.Calibration.load("alone.json").sensor == "mag2"
+
+
+def test_a_dead_one_does_not_keep_the_others_from_their_calibration() -> None:
+    write("dead.csv", ",".join(xyz("mag1", "mag2")), field_of(0) * np.nan, field_of(1))
+    ended = run("calibrate dead.csv --unit uT --sensor all -o d-{sensor}.json", code=5)
+    assert "no usable reading in dead.csv" in " ".join(ended.stdout.split())
+    assert not Path("d-1.json").exists()
+    np.testing.assert_allclose(flinders.Calibration.load("d-2.json").offset, OFFSETS[1], atol=0.1)
+    told = run("info dead.csv --unit uT").stdout
+    assert "1  mag1  in uT" in told
+    assert "2  mag2  in uT" in told
+    Path("both.csv").write_text(",".join(xyz("mag1", "mag2")) + "\n" + "nan,nan,nan,nan,nan,nan\n" * 20)
+    assert "no usable reading in both.csv" in run("calibrate both.csv --sensor all", code=5).stderr
+
+
+def test_info_counts_each_of_them(two: Path) -> None:
+    told = json.loads(run(f"info {two} --json").stdout)
+    counted = [(one["number"], one["name"], one["readings"], round(one["rate_hz"])) for one in told["sensors"]]
+    assert counted == [(1, "mag1", ROWS, 50), (2, "mag2", ROWS, 50)]
+    assert any("--sensor all" in command for command in told["commands"])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("two.csv --sensor mag3", "two.csv has no magnetometer mag3: there are 1 (mag1), 2 (mag2)"),
+        ("one.csv --sensor all", "one.csv has one magnetometer: leave --sensor all out"),
+        ("two.csv one.csv --sensor all", "--sensor all goes with one file of several magnetometers"),
+        ("two.csv one.csv --sensor 2", "one.csv has just one: calibrate them one by one"),
+        ("two.csv --sensor all --columns 2,3,4", "--columns says which one it is: leave one of them out"),
+        ("two.csv --sensor all --topic mag", "two.csv has no topics and no members: leave --topic out"),
+        ("two.csv --sensor all --as-logged", "leave --as-logged out"),
+    ],
+)
+def test_what_cannot_be_chosen_is_said(words: str, says: str, two: Path) -> None:
+    assert two.exists()
+    write("one.csv", "mag_x,mag_y,mag_z", field_of(0))
+    assert says in run(f"calibrate {words}", code=2).stderr
+
+
+def test_a_topic_and_all_sensors_of_a_bag_contradict_each_other(recordings: Callable[[str], Path]) -> None:
+    pytest.importorskip("rosbags")
+    bag = recordings("ros1_imu_tools_bags/phidgets_imu_upside_down.bag")
+    ended = run(f"calibrate {bag} --sensor all --topic /imu/mag", code=2)
+    assert "--topic says which one it is: leave one of them out" in ended.stderr
+
+
+def test_the_name_of_the_only_one_is_the_users() -> None:
+    write("one.csv", "mag_x,mag_y,mag_z", field_of(0))
+    run("calibrate one.csv --unit uT --sensor bow -o bow.json")
+    assert flinders.Calibration.load("bow.json").sensor == "bow"
+
+
+# a calibration chooses its own
+
+
+@pytest.fixture
+def second(two: Path) -> Path:
+    """A calibration of the second magnetometer."""
+    run(f"calibrate {two} --unit uT --sensor 2 -o second.json")
+    return Path("second.json")
+
+
+def test_a_calibration_is_applied_to_the_magnetometer_it_is_for(second: Path, two: Path) -> None:
+    ended = run(f"apply {second} {two} -o out.csv")
+    assert "two.csv: mag2 is the sensor that second.json is for" in ended.stderr
+    piped = run(f"apply {second} -", stdin=two.read_bytes())
+    for text in (Path("out.csv").read_text(), piped.stdout):
+        rows = np.array([line.split(",") for line in text.splitlines()[1:]], float)
+        np.testing.assert_allclose(rows[:, 1:4], field_of(0), atol=1e-6)
+        np.testing.assert_allclose(np.linalg.norm(rows[:, 7:10], axis=1).mean(), 48.0, atol=0.05)
+    assert "two.csv: mag2, columns mag2_x" in run(f"check {second} {two}", code=3).stderr
+    assert "two.csv: mag2, columns mag2_x" in run(f"heading {second} {two} --level -o h.csv").stderr
+
+
+def test_another_one_is_read_where_it_is_asked_for_and_that_is_said(second: Path, two: Path) -> None:
+    ended = run(f"check {second} {two} --sensor mag1", code=4)
+    assert "! second.json is for sensor 'mag2', and what is read of two.csv is 'mag1'" in ended.stderr
+
+
+@pytest.mark.parametrize("command", ["apply", "heading", "check"])
+def test_a_table_without_it_is_refused_and_says_what_there_is(command: str, second: Path) -> None:
+    write("other.csv", ",".join(xyz("mag_left", "mag_right")), field_of(0), field_of(1))
+    ended = run(f"{command} {second} other.csv", code=2)
+    assert (
+        "other.csv has no magnetometer mag2, which the calibration is for: there are 1 (mag_left), 2 (mag_right); "
+        "say with --sensor which one it is for"
+    ) in ended.stderr
+
+
+def test_a_table_of_one_is_taken_as_it_is(second: Path) -> None:
+    write("one.csv", "mag_x,mag_y,mag_z", field_of(1))
+    assert "1.000 of the calibration's field" in run(f"apply {second} one.csv -o out.csv").stderr
+
+
+# datagrams
+
+
+def datagrams(field: Floats) -> list[str]:
+    return [f"|{n / 50:.2f},0,0,9.8,0,0,0.1,{x:.4f},{y:.4f},{z:.4f},0,0,1.57*" for n, (x, y, z) in enumerate(field)]
+
+
+@pytest.mark.parametrize("between", ["\n", "\r\n", ""])
+def test_datagrams_of_magcc_are_read_without_options(between: str) -> None:
+    """Also where they were caught one after the other, without line ends."""
+    Path("caught.txt").write_text(between.join(datagrams(field_of(0))), newline="")
+    found = flinders.read("caught.txt", unit="uT")
+    np.testing.assert_allclose(found.field, field_of(0), atol=1e-4)
+    assert found.time is not None
+    assert found.acceleration is not None
+    assert found.rate is not None
+    np.testing.assert_allclose(np.diff(found.time), 0.02)
+    assert (found.acceleration[0, 2], found.rate[0, 2]) == (9.8, 0.1)
+
+
+def test_a_datagram_that_is_cut_short_is_counted_and_what_is_none_is_let_pass() -> None:
+    lines = datagrams(field_of(0)[:20])
+    lines[4], lines[0] = lines[4][:20], "listening on 50100"
+    Path("caught.txt").write_text("\n".join(lines))
+    recording = flinders.open_recording("caught.txt")
+    assert sum(len(block) for block in recording.blocks()) == 18
+    skipped = [entry for block in recording.blocks() for entry in block.skipped]
+    assert [(entry.reason, entry.rows) for entry in skipped] == [("unreadable", 1)]
+
+
+def test_a_table_with_bars_is_no_datagram() -> None:
+    Path("table.txt").write_text("|1,2,3*\n" + "1,2,3\n" * 20)
+    assert len(flinders.read("table.txt")) == 20
+
+
+# axes
+
+
+def test_a_replay_of_px4_is_in_the_axes_of_the_vehicle() -> None:
+    field = simulate.tumble(seed=1).samples.field[:50] / 100
+    Path("replay.csv").write_text("".join(f"{4000 * n},mag,{x},{y},{z}\n" for n, (x, y, z) in enumerate(field)))
+    assert flinders.read("replay.csv").frame == "vehicle"
+    (instrument,) = flinders.open_log("replay.csv").instruments
+    assert instrument.frame == "vehicle"
+    write("one.csv", "mag_x,mag_y,mag_z", field_of(0))
+    assert flinders.read("one.csv").frame == "sensor"
