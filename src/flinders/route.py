@@ -1,0 +1,409 @@
+"""The way to turn a sensor, planned several turns ahead, so that the target is reached with little turning.
+
+`flinders.guidance` says which readings are worth most. Whoever turns a sensor takes readings all along the way, so
+what matters is the way: the field's direction, seen from the body, walks over the sphere, each stretch of it adds
+information that is known before it is walked, and the best of many walks is the advice. Walks lead over 42 waypoints,
+some 35° apart; a beam search keeps those that promise the smallest worst error, and the first that reaches the target
+wins. After a quarter of a second's walk everything is looked at anew.
+
+The first seconds need more care, since directions need a centre and no fit has one yet. A few readings on an arc say
+where its centre is in their own plane, and nothing of what lies across: `rough` puts a sphere there and says so in its
+covariance, which sends the walk out of the plane.
+
+>>> from flinders import fitting, simulate
+>>> recording = simulate.tumble(seed=1, motion="tilted")           # never beyond 35° of tilt
+>>> fit = fitting.fit(recording.samples)
+>>> way = plan(Belief.of_fit(fit), [0.5, 0.0, 0.87], target_deg=0.5, goal="attitude")
+>>> way
+Route(4 waypoints, worst 1.78°, at its end 0.44°)
+>>> way.words("vehicle")
+'lower its nose, then roll it to its right'
+
+A circle that is not even closed tells which way is out of its plane:
+
+>>> angle = np.linspace(0.0, 2.0, 40)[:, np.newaxis]
+>>> arc = 50.0 * (np.cos(angle) * [1.0, 0.0, 0.0] + np.sin(angle) * [0.0, 1.0, 0.0]) + [10.0, 0.0, 0.0]
+>>> belief = rough(arc)
+>>> belief.ellipsoid.centre.round(6), bool(abs(plan(belief, [-0.42, 0.91, 0.0]).waypoints[0][2]) > 0.3)
+(array([10.,  0.,  0.]), True)
+
+Sources: sequential designs as in `flinders.guidance`; beam search: P. S. Ow, T. E. Morton, "Filtered beam search in
+scheduling", Int. J. Production Research 26 (1988) 35–62. What it saves: `python -m benchmarks.guidance`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import groupby, pairwise
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
+
+import numpy as np
+
+from flinders.arrays import floats, table
+from flinders.coverage import CELLS, fibonacci
+from flinders.errors import ArrayError
+from flinders.guidance import SHARPNESS, reading_variance
+from flinders.heading import direction_gradients, level_gradients
+from flinders.quadric import Ellipsoid
+from flinders.terms import magnitude
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+    from flinders.guidance import Frame, Goal
+    from flinders.result import Fit
+
+STEPS: Final = 6
+"""Waypoints that are planned ahead, some 210°; farther ones change nothing (`python -m benchmarks.guidance`)."""
+BEAM: Final = 24
+"""Walks that are kept after each step."""
+READINGS_PER_DEG: Final = 50.0 / 90.0
+"""What a sensor of 50 Hz gives that is turned by 90° a second."""
+NEAREST_DEG, FARTHEST_DEG = 15.0, 60.0
+"""How far off the first waypoint may be."""
+
+DEPARTURE: Final = 0.3
+"""Standard deviation of what soft iron does to a sphere, as a fraction of its radius, before anything is known."""
+ARC_DEG: Final = 60.0
+"""An arc shorter than this does not tell where its centre is."""
+FLAT: Final = 0.12
+"""An axis along which readings spread by less than this share of the widest spread tells nothing of the centre."""
+ROUGHEST: Final = 0.01
+"""Of the radius: no arc is trusted to be rounder than this."""
+THINNED: Final = 400
+"""Readings that `rough` looks at."""
+
+_EVERYWHERE: Final = fibonacci(50)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """What is known before the next reading, and what a reading is worth.
+
+    Attributes
+    ----------
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        Of (b, S), in unit².
+    variance : float
+        Of the distance of a further reading from the surface, in unit².
+    """
+
+    ellipsoid: Ellipsoid
+    covariance: Floats
+    variance: float
+
+    @classmethod
+    def of_fit(cls, fit: Fit) -> Self:
+        """What a fit claims. A refused one may claim nothing that makes sense: see `rough`."""
+        jacobian = magnitude.information(CELLS, fit.ellipsoid)
+        variance = reading_variance(jacobian, fit.covariance, fit.noise, fit.coverage.counts)
+        return cls(fit.ellipsoid, fit.covariance, variance)
+
+    def direction(self, reading: ArrayLike) -> Floats:
+        """(3,) where the corrected field of a raw reading points.
+
+        Raises
+        ------
+        ArrayError
+            For another shape, or what is not finite.
+        """
+        departure = np.linalg.solve(self.ellipsoid.shape, _triple(reading, "reading") - self.ellipsoid.centre)
+        direction: Floats = departure / max(float(np.linalg.norm(departure)), np.finfo(float).tiny)
+        return direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """Where the field should walk, as seen from the body.
+
+    Attributes
+    ----------
+    start : (3,) float
+        Unit vector, corrected sensor axes: where it points now.
+    waypoints : (K, 3) float
+        Unit vectors, on great circles one after the other.
+    worst_deg, after_deg : float
+        The error that matters, now and at the end of the walk, as far as can be told before it is walked.
+    """
+
+    start: Floats
+    waypoints: Floats
+    worst_deg: float
+    after_deg: float
+
+    def words(self, frame: Frame = "vehicle") -> str:
+        """Say how to turn the body, in at most two turns.
+
+        The field stays where it is, so to let its direction walk from u to v in the body's axes, the body turns
+        about v × u.
+
+        Parameters
+        ----------
+        frame : str
+            ``vehicle`` where the axes are forward, right, down: nose and sides. ``sensor`` for a bare sensor: the
+            sides that its axes point out of.
+        """
+        legs = pairwise([self.start, *self.waypoints])
+        turns = [turn for turn, _ in groupby(_turn(np.cross(there, here), frame) for here, there in legs)]
+        return ", then ".join(turns[:2])
+
+    def __repr__(self) -> str:
+        ways = f"{len(self.waypoints)} waypoint{'s' * (len(self.waypoints) != 1)}"
+        return f"Route({ways}, worst {self.worst_deg:.2f}°, at its end {self.after_deg:.2f}°)"
+
+
+def plan(
+    belief: Belief,
+    at: ArrayLike,
+    *,
+    target_deg: float = 1.0,
+    goal: Goal = "heading",
+    dip_deg: float = 60.0,
+    down: Floats | None = None,
+    readings_per_deg: float = READINGS_PER_DEG,
+) -> Route:
+    """Find the way that brings the worst error below the target soonest, or as low as it gets in `STEPS` steps.
+
+    Parameters
+    ----------
+    belief : Belief
+    at : (3,) array-like
+        Where the field points now, in corrected sensor axes.
+    target_deg : float
+        The worst error that is good enough, 1 σ.
+    goal : str
+        ``heading``: of a level vehicle; ``attitude``: the field's direction, whichever way the sensor is turned.
+    dip_deg : float
+        Inclination of the field at the site, positive in the north.
+    down : (3,) float, optional
+        Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
+    readings_per_deg : float
+        Readings that are taken for each degree of turning.
+
+    Raises
+    ------
+    ArrayError
+        For a direction of another shape or without length.
+    UsageError
+        Within a degree of the magnetic poles, for the goal ``heading``.
+    """
+    start = _unit(at)
+    wanted = direction_gradients(belief.ellipsoid, _EVERYWHERE)
+    if goal == "heading":
+        wanted = level_gradients(belief.ellipsoid, dip_deg=dip_deg, down=down)[:, np.newaxis]
+    weight = readings_per_deg / belief.variance
+    now = _information(belief.covariance)
+    target = math.radians(target_deg) ** 2
+    walks = _begun(now, start, belief.ellipsoid, weight)
+    stretches = _stretches(belief.ellipsoid, weight)
+    for step in range(STEPS):
+        variances = _variances(wanted, walks.information)
+        worst = variances.max(axis=1)
+        if step == STEPS - 1 or (worst <= target).any():
+            break
+        walks = _extended(walks.best(_blunt_worst(variances), BEAM), stretches)
+    best = int(np.argmin(worst if (worst <= target).any() else _blunt_worst(variances)))
+    before = float(_variances(wanted, now[np.newaxis]).max())
+    return Route(start, _graph().nodes[walks.nodes[best]], _in_degrees(before), _in_degrees(float(worst[best])))
+
+
+def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:
+    """Put a sphere through readings that no fit can do anything with yet.
+
+    A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, in which the readings are spread; along
+    an axis without spread its centre is their mean. Where nothing was seen, the covariance is that of what hard and
+    soft iron commonly do: a radius each way, and `DEPARTURE` of it in shape.
+
+    Parameters
+    ----------
+    readings : (N, 3) array-like
+        Raw, in their unit.
+    arc_deg : float
+        The arc that it takes.
+
+    Returns
+    -------
+    Belief, or None where even that is too much to ask.
+
+    Raises
+    ------
+    ArrayError
+        For another shape, or what is not finite.
+    """
+    points = table(readings)
+    points = points[:: -(-len(points) // THINNED)] if len(points) else points
+    if len(points) < 4:
+        return None
+    mean = points.mean(axis=0)
+    _, spreads, axes = np.linalg.svd(points - mean, full_matrices=False)
+    plane = axes[spreads > FLAT * spreads[0]]
+    if len(plane) < 2:
+        return None
+    flat = (points - mean) @ plane.T
+    found, *_ = np.linalg.lstsq(np.c_[2.0 * flat, np.ones(len(flat))], np.sum(flat**2, axis=1))
+    centre, radius = mean + found[:-1] @ plane, math.sqrt(max(found[-1] + found[:-1] @ found[:-1], 0.0))
+    lengths = np.linalg.norm(points - centre, axis=1)
+    if radius == 0.0 or not lengths.all():
+        return None
+    directions = (points - centre) / lengths[:, np.newaxis]
+    if float((directions @ directions.T).min()) > math.cos(math.radians(arc_deg)):
+        return None
+    ellipsoid = Ellipsoid(centre, radius * np.eye(3))
+    variance = max(float(np.mean((lengths - radius) ** 2)), (ROUGHEST * radius) ** 2)
+    jacobian = magnitude.information(directions, ellipsoid)
+    prior = 1.0 / np.repeat([radius, DEPARTURE * radius], [3, 6]) ** 2
+    return Belief(ellipsoid, np.linalg.inv(np.diag(prior) + jacobian.T @ jacobian / variance), variance)
+
+
+class _Graph(NamedTuple):
+    """The waypoints: (42, 3) nodes, (42, 6) neighbours (−1 for none), and (42, 6, 4, 3) directions between them."""
+
+    nodes: Floats
+    neighbours: NDArray[np.intp]
+    between: Floats
+    lengths_deg: Floats
+
+
+class _Walks(NamedTuple):
+    """Walks side by side: (B, 9, 9) information at their ends, and (B, K) the nodes that they passed."""
+
+    information: Floats
+    nodes: NDArray[np.intp]
+
+    def best(self, scores: Floats, count: int) -> _Walks:
+        """Keep those with the smallest scores."""
+        order = np.argsort(scores, kind="stable")[:count]
+        return _Walks(self.information[order], self.nodes[order])
+
+
+@lru_cache(maxsize=1)
+def _graph() -> _Graph:
+    """The corners of an icosahedron and the middles of its edges."""
+    golden = (1.0 + math.sqrt(5.0)) / 2.0
+    rectangle = np.array([[0.0, a, b * golden] for a in (1.0, -1.0) for b in (1.0, -1.0)])
+    corners = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)]) / math.hypot(1.0, golden)
+    one, two = np.nonzero(np.triu(corners @ corners.T > 0.4, k=1))
+    middles = corners[one] + corners[two]
+    nodes = np.concatenate([corners, middles / np.linalg.norm(middles, axis=1, keepdims=True)])
+    neighbours = np.full((len(nodes), 6), -1)
+    between, lengths = np.empty((len(nodes), 6, 4, 3)), np.empty((len(nodes), 6))
+    for node, near in enumerate(nodes @ nodes.T > math.cos(math.radians(40.0))):
+        others = np.flatnonzero(near)[np.flatnonzero(near) != node]
+        neighbours[node, : len(others)] = others
+        for slot, other in enumerate(neighbours[node]):
+            between[node, slot], lengths[node, slot] = _arc(nodes[node], nodes[other], 4)
+    return _Graph(nodes, neighbours, between, lengths)
+
+
+def _arc(a: Floats, b: Floats, count: int) -> tuple[Floats, float]:
+    """(count, 3) directions evenly on the great circle from `a` to `b`, and its length in degrees."""
+    angle = math.acos(min(max(float(a @ b), -1.0), 1.0))
+    share = ((np.arange(count) + 0.5) / count)[:, np.newaxis]
+    points = (np.sin((1.0 - share) * angle) * a + np.sin(share * angle) * b) / math.sin(angle)
+    return points, math.degrees(angle)
+
+
+def _begun(now: Floats, start: Floats, ellipsoid: Ellipsoid, weight: float) -> _Walks:
+    """Walks from where the field points to each waypoint in reach."""
+    angles = np.degrees(np.arccos(np.clip(_graph().nodes @ start, -1.0, 1.0)))
+    reached = np.flatnonzero((angles > NEAREST_DEG) & (angles < FARTHEST_DEG))
+    arcs = np.array([_arc(start, _graph().nodes[node], 4)[0] for node in reached])
+    return _Walks(now + _told(arcs, angles[reached], ellipsoid, weight), reached[:, np.newaxis])
+
+
+def _stretches(ellipsoid: Ellipsoid, weight: float) -> Floats:
+    """(42, 6, 9, 9) information of the way from each node to each of its neighbours."""
+    graph = _graph()
+    return _told(graph.between, graph.lengths_deg, ellipsoid, weight)
+
+
+def _told(arcs: Floats, lengths_deg: Floats, ellipsoid: Ellipsoid, weight: float) -> Floats:
+    """(..., 9, 9) information of readings along (..., K, 3) directions, (...) degrees in all."""
+    jacobian = magnitude.information(arcs.reshape(-1, 3), ellipsoid).reshape(*arcs.shape[:-1], 9)
+    each = weight * lengths_deg / arcs.shape[-2]
+    told: Floats = np.swapaxes(jacobian, -1, -2) @ jacobian * each[..., np.newaxis, np.newaxis]
+    return told
+
+
+def _extended(walks: _Walks, stretches: Floats) -> _Walks:
+    """Go on from the end of each walk to each neighbour, but not straight back."""
+    here = walks.nodes[:, -1]
+    there = _graph().neighbours[here]
+    before = walks.nodes[:, -2] if walks.nodes.shape[1] > 1 else np.full(len(here), -1)
+    walk, slot = np.nonzero((there >= 0) & (there != before[:, np.newaxis]))
+    nodes = np.concatenate([walks.nodes[walk], there[walk, slot][:, np.newaxis]], axis=1)
+    return _Walks(walks.information[walk] + stretches[here[walk], slot], nodes)
+
+
+def _information(covariance: Floats) -> Floats:
+    """(9, 9) inverse of a covariance; what a method holds counts as known very well."""
+    values, vectors = np.linalg.eigh(covariance)
+    held = values.clip(min=1e-12 * values[-1])
+    information: Floats = (vectors / held) @ vectors.T
+    return information
+
+
+def _variances(wanted: Floats, information: Floats) -> Floats:
+    """(B, M) variances of M things with (M, R, 9) gradients, summed over their R components, for each of B walks."""
+    root = np.linalg.inv(np.linalg.cholesky(information))
+    spread = root @ wanted.reshape(-1, 9).T
+    variances: Floats = np.sum((spread**2).reshape(len(root), 9, *wanted.shape[:2]), axis=(1, 3))
+    return variances
+
+
+def _blunt_worst(variances: Floats) -> Floats:
+    """(B,) nearly the largest of (B, M) variances, yet not blind to the next ones, as in `flinders.guidance`."""
+    largest = variances.max()
+    blunt: Floats = largest * np.mean((variances / largest) ** SHARPNESS, axis=1) ** (1.0 / SHARPNESS)
+    return blunt
+
+
+def _turn(axis: Floats, frame: Frame) -> str:
+    """Words for a turn about an axis of the body: the one of its own axes that it is mostly about.
+
+    >>> _turn(np.array([1.0, 0.0, 0.4]), "vehicle"), _turn(np.array([0.0, -1.0, 0.4]), "sensor")
+    ('roll it to its right', 'turn it about y, from x towards z')
+    """
+    main = int(np.argmax(np.abs(axis)))
+    return _TURNS[frame][main][int(axis[main] < 0.0)]
+
+
+_TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
+    "vehicle": (
+        ("roll it to its right", "roll it to its left"),
+        ("raise its nose", "lower its nose"),
+        ("turn it to its right", "turn it to its left"),
+    ),
+    "sensor": (
+        ("turn it about x, from y towards z", "turn it about x, from z towards y"),
+        ("turn it about y, from z towards x", "turn it about y, from x towards z"),
+        ("turn it about z, from x towards y", "turn it about z, from y towards x"),
+    ),
+}
+"""Turns about each axis, right-handed and left-handed."""
+
+
+def _unit(values: ArrayLike) -> Floats:
+    """(3,) of length one."""
+    vector = _triple(values, "direction")
+    length = float(np.linalg.norm(vector))
+    if length == 0.0:
+        raise ArrayError("direction has no length: need three numbers, not all zero")
+    unit: Floats = vector / length
+    return unit
+
+
+def _triple(values: ArrayLike, name: str) -> Floats:
+    """(3,) finite numbers."""
+    array = floats(values, name)
+    if array.shape != (3,):
+        raise ArrayError(f"{name} has shape {array.shape}: need (3,)")
+    return array
+
+
+def _in_degrees(variance: float) -> float:
+    return math.degrees(math.sqrt(variance))
