@@ -118,8 +118,7 @@ class Follower:
 
     def _advised(self, field: Floats, fit: Fit | None) -> Floats:
         if self._ahead:
-            knows = fit is not None and fit.verdict != "refused"
-            belief = route.Belief.of_fit(fit) if fit is not None and knows else route.rough(field)
+            belief = route.believe(fit, field)
             if belief is None:
                 return self._axis
             here = belief.direction(field[-1])

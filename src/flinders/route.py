@@ -75,6 +75,8 @@ ROUGHEST: Final = 0.01
 """Of the radius: no arc is trusted to be rounder than this."""
 THINNED: Final = 400
 """Readings that `rough` looks at."""
+KNOWN_DEG: Final = 10.0
+"""A fit that is farther off than this in some direction is asked for none."""
 
 _EVERYWHERE: Final = fibonacci(50)
 
@@ -90,15 +92,18 @@ class Belief:
         Of (b, S), in unit².
     variance : float
         Of the distance of a further reading from the surface, in unit².
+    is_rough : bool
+        It comes from `rough` and no fit.
     """
 
     ellipsoid: Ellipsoid
     covariance: Floats
     variance: float
+    is_rough: bool = False
 
     @classmethod
     def of_fit(cls, fit: Fit) -> Self:
-        """What a fit claims. A refused one may claim nothing that makes sense: see `rough`."""
+        """What a fit claims. A refused one may claim nothing that makes sense: see `believe`."""
         jacobian = magnitude.information(CELLS, fit.ellipsoid)
         variance = reading_variance(jacobian, fit.covariance, fit.noise, fit.coverage.counts)
         return cls(fit.ellipsoid, fit.covariance, variance)
@@ -149,7 +154,7 @@ class Route:
         """
         legs = pairwise([self.start, *self.waypoints])
         turns = [turn for turn, _ in groupby(_turn(np.cross(there, here), frame) for here, there in legs)]
-        return ", then ".join(turns[:2])
+        return ("turn it " if frame == "sensor" else "") + ", then ".join(turns[:2])
 
     def __repr__(self) -> str:
         ways = f"{len(self.waypoints)} waypoint{'s' * (len(self.waypoints) != 1)}"
@@ -211,6 +216,20 @@ def plan(
     return Route(start, _graph().nodes[walks.nodes[best]], _in_degrees(before), _in_degrees(float(worst[best])))
 
 
+def believe(fit: Fit | None, readings: ArrayLike) -> Belief | None:
+    """What is known after a fit, also a refused one: what it claims where that makes sense, else what is `rough`.
+
+    Parameters
+    ----------
+    fit : Fit, optional
+    readings : (N, 3) array-like
+        Those that it was made of.
+    """
+    if fit is None or fit.is_flat or fit.direction_error_deg.worst > KNOWN_DEG:
+        return rough(readings)
+    return Belief.of_fit(fit)
+
+
 def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:
     """Put a sphere through readings that no fit can do anything with yet.
 
@@ -256,7 +275,7 @@ def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:
     variance = max(float(np.mean((lengths - radius) ** 2)), (ROUGHEST * radius) ** 2)
     jacobian = magnitude.information(directions, ellipsoid)
     prior = 1.0 / np.repeat([radius, DEPARTURE * radius], [3, 6]) ** 2
-    return Belief(ellipsoid, np.linalg.inv(np.diag(prior) + jacobian.T @ jacobian / variance), variance)
+    return Belief(ellipsoid, np.linalg.inv(np.diag(prior) + jacobian.T @ jacobian / variance), variance, is_rough=True)
 
 
 class _Graph(NamedTuple):
@@ -366,7 +385,7 @@ def _turn(axis: Floats, frame: Frame) -> str:
     """Words for a turn about an axis of the body: the one of its own axes that it is mostly about.
 
     >>> _turn(np.array([1.0, 0.0, 0.4]), "vehicle"), _turn(np.array([0.0, -1.0, 0.4]), "sensor")
-    ('roll it to its right', 'turn it about y, from x towards z')
+    ('roll it to its right', 'about y (x towards z)')
     """
     main = int(np.argmax(np.abs(axis)))
     return _TURNS[frame][main][int(axis[main] < 0.0)]
@@ -379,9 +398,9 @@ _TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
         ("turn it to its right", "turn it to its left"),
     ),
     "sensor": (
-        ("turn it about x, from y towards z", "turn it about x, from z towards y"),
-        ("turn it about y, from z towards x", "turn it about y, from x towards z"),
-        ("turn it about z, from x towards y", "turn it about z, from y towards x"),
+        ("about x (y towards z)", "about x (z towards y)"),
+        ("about y (z towards x)", "about y (x towards z)"),
+        ("about z (x towards y)", "about z (y towards x)"),
     ),
 }
 """Turns about each axis, right-handed and left-handed."""

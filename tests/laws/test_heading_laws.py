@@ -12,6 +12,8 @@ from flinders.angles import folded, shown_heading, wrapped
 from flinders.attitude import dip_deg, magnetic_heading_deg
 from flinders.deviation import design, fit
 from flinders.frames import EVERY, Frames
+from flinders.heading import _worst_anywhere_deg, attitude_limit_deg, tilted_error
+from flinders.quadric import Ellipsoid
 
 angles = st.floats(-1e6, 1e6)
 headings = st.floats(0.0, 359.999)
@@ -81,3 +83,19 @@ def test_the_scatter_of_the_dip_is_that_of_the_readings(field: np.ndarray, force
     for axes in EVERY[::7]:
         sines = np.sin(np.deg2rad(dip_deg(field, axes.apply(force))))
         npt.assert_allclose(frames.dip(axes), (sines.mean(), sines.std()), atol=1e-7)
+
+
+@given(st.integers(0, 100_000), st.floats(-80.0, 80.0), st.booleans())
+def test_no_tilt_is_worse_than_the_bound_for_all_of_them(seed: int, dip: float, is_turned: bool) -> None:
+    rng = np.random.default_rng(seed)
+    bent = 0.1 * rng.standard_normal((3, 3))
+    ellipsoid = Ellipsoid(rng.normal(size=3), 50.0 * (np.eye(3) + bent + bent.T))
+    root = rng.standard_normal((9, 9)) * np.sqrt(10.0 ** rng.uniform(-6.0, 0.0, 9))
+    covariance, down = root @ root.T, rng.standard_normal(3) if is_turned else None
+    worst = max(
+        tilted_error(ellipsoid, covariance, dip_deg=dip, tilt_deg=tilt, down=down).worst
+        for tilt in (0.0, 20.0, 45.0, 90.0, 120.0, 180.0)
+    )
+    bound = _worst_anywhere_deg(ellipsoid, covariance, dip_deg=dip, down=down)
+    assert worst <= bound
+    assert attitude_limit_deg(ellipsoid, covariance, dip_deg=dip, limit_deg=bound, down=down) == 180.0

@@ -78,7 +78,7 @@ def test_the_words_turn_the_field_the_way_that_is_meant(axis: list[float]) -> No
 
 def test_words_of_a_bare_sensor_name_its_sides() -> None:
     way = route.Route(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.5, 0.87], [0.5, 0.5, 0.7]]), 2.0, 1.0)
-    assert way.words("sensor") == "turn it about x, from y towards z, then turn it about y, from x towards z"
+    assert way.words("sensor") == "turn it about x (y towards z), then about y (x towards z)"
 
 
 def test_legs_that_turn_alike_are_one() -> None:

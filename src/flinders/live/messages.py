@@ -1,0 +1,362 @@
+"""The wire of the live page: every message as a dataclass, binary points, and the page's types made from them.
+
+>>> parse('{"type": "target", "deg": 0.5}')
+Target(deg=0.5)
+>>> parse('{"type": "exclude", "start_s": 3, "end_s": 2}')
+Traceback (most recent call last):
+flinders.errors.UsageError: exclude: from 3 to 2 s: need a start before the end
+>>> encode(Notice(severity="info", words="the port is back"))
+'{"type":"notice","severity":"info","words":"the port is back"}'
+
+What is not known, and what is not finite, is null. ``static/messages.d.ts`` is `typescript()`, and a test sees that it
+stays so.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import types
+import typing
+from typing import TYPE_CHECKING, Any, Final, Literal, Union
+
+import msgspec
+import numpy as np
+from msgspec import Struct
+
+from flinders.document import in_words
+from flinders.errors import UsageError
+from flinders.report.view import TilesView, View
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "file"]
+Link = Literal["connected", "waiting", "gone", "ended"]
+Phase = Literal["collecting", "good", "limited", "wrong"]
+Goal = Literal["heading", "attitude"]
+Span = tuple[float, float]
+
+LONGEST: Final = 65_536
+"""Bytes of a message from a page."""
+MAGIC: Final = 0x464C4E44
+HEADER: Final = struct.Struct("<8I")
+HAS_ACCELERATION: Final = 1
+
+
+class SourceState(Struct, frozen=True):
+    """Where readings come from, and whether they do."""
+
+    name: str
+    kind: Kind
+    link: Link
+    words: str
+
+
+class Reason(Struct, frozen=True):
+    """Something that is wrong, or worth knowing, and what to do about it."""
+
+    code: str
+    advice: str
+    severity: Literal["info", "warning"] = "warning"
+
+
+class PreviousState(Struct, frozen=True):
+    """A calibration from before, and how far the present one is off it, at the worst level heading."""
+
+    name: str
+    change_deg: float | None
+    words: str
+
+
+class State(Struct, frozen=True, tag_field="type", tag="state"):
+    """All that a page shows beside the fit and the points.
+
+    Attributes
+    ----------
+    revision : int
+        Grows with each change.
+    source : SourceState
+    unit : str
+        ``µT`` or ``counts``.
+    readings, used, rejected, excluded_readings : int
+        Received; of those fitted used and left out as strays; taken out by hand.
+    rate_hz : float or None
+        Over the last two seconds.
+    seconds : float
+        Time of the newest reading since the session began.
+    phase : str
+    words : str
+        The phase in a sentence.
+    reasons : list of Reason
+        Gravest first.
+    target_deg, dip_deg : float
+    goal : str
+    excluded : list of (start, end), s
+        Ascending, apart from each other.
+    can_undo, can_redo : bool
+    stride : int
+        Every so many readings one is shown.
+    has_acceleration, paused : bool
+    recording : str or None
+        File that the server writes to.
+    previous : PreviousState or None
+    opened : str or None
+        Name of the log that is shown in place of the sensor.
+    """
+
+    revision: int
+    source: SourceState
+    unit: str
+    readings: int
+    used: int
+    rejected: int
+    excluded_readings: int
+    rate_hz: float | None
+    seconds: float
+    phase: Phase
+    words: str
+    reasons: tuple[Reason, ...]
+    target_deg: float
+    dip_deg: float
+    goal: Goal
+    excluded: tuple[Span, ...]
+    can_undo: bool
+    can_redo: bool
+    stride: int
+    has_acceleration: bool
+    paused: bool
+    recording: str | None
+    previous: PreviousState | None
+    opened: str | None
+
+
+class FitMessage(Struct, frozen=True, tag_field="type", tag="fit"):
+    """A new fit; null where there is none."""
+
+    revision: int
+    view: View | None
+
+
+class Notice(Struct, frozen=True, tag_field="type", tag="notice"):
+    """Something to tell the person at the page, once."""
+
+    severity: Literal["info", "warning", "error"]
+    words: str
+
+
+class TargetInfo(Struct, frozen=True):
+    """A target that a calibration can be exported for."""
+
+    name: str
+    title: str
+    suffix: str
+
+
+class Limits(Struct, frozen=True):
+    """What a page may send."""
+
+    upload_bytes: int
+
+
+class Hello(Struct, frozen=True, tag_field="type", tag="hello"):
+    """The first message on a connection: all there is."""
+
+    version: str
+    session: str
+    tiles: TilesView
+    targets: tuple[TargetInfo, ...]
+    limits: Limits
+    state: State
+    view: View | None
+
+
+class Target(Struct, frozen=True, tag_field="type", tag="target", forbid_unknown_fields=True):
+    """The worst heading error that is good enough."""
+
+    deg: float
+
+
+class Dip(Struct, frozen=True, tag_field="type", tag="dip", forbid_unknown_fields=True):
+    """The inclination of the field at the site."""
+
+    deg: float
+
+
+class SetGoal(Struct, frozen=True, tag_field="type", tag="goal", forbid_unknown_fields=True):
+    """What the calibration is for."""
+
+    goal: Goal
+
+
+class Exclude(Struct, frozen=True, tag_field="type", tag="exclude", forbid_unknown_fields=True):
+    """Take a stretch of time out."""
+
+    start_s: float
+    end_s: float
+
+
+class Restore(Struct, frozen=True, tag_field="type", tag="restore", forbid_unknown_fields=True):
+    """Put a stretch of time back in."""
+
+    start_s: float
+    end_s: float
+
+
+class Undo(Struct, frozen=True, tag_field="type", tag="undo", forbid_unknown_fields=True):
+    """Take the last exclusion or restoration back."""
+
+
+class Redo(Struct, frozen=True, tag_field="type", tag="redo", forbid_unknown_fields=True):
+    """Do again what was taken back."""
+
+
+class Clear(Struct, frozen=True, tag_field="type", tag="clear", forbid_unknown_fields=True):
+    """Begin anew: what was received so far stays on the disk only."""
+
+
+class Pause(Struct, frozen=True, tag_field="type", tag="pause", forbid_unknown_fields=True):
+    """Leave out what arrives until further notice."""
+
+    paused: bool
+
+
+class PreviousClear(Struct, frozen=True, tag_field="type", tag="previous_clear", forbid_unknown_fields=True):
+    """Compare with no calibration from before."""
+
+
+class BackToLive(Struct, frozen=True, tag_field="type", tag="back_to_live", forbid_unknown_fields=True):
+    """Close the log that was opened."""
+
+
+Command = Target | Dip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive
+"""What a page may ask for."""
+
+_DECODER: Final = msgspec.json.Decoder(Command)
+_ENCODER: Final = msgspec.json.Encoder()
+
+
+def encode(message: State | FitMessage | Notice | Hello) -> str:
+    """Write a message as a text frame."""
+    return _ENCODER.encode(message).decode()
+
+
+def parse(text: str | bytes) -> Command:
+    """Understand what a page sends, and see that it can be done.
+
+    Raises
+    ------
+    UsageError
+        For what is too long, no message, or out of range.
+    """
+    if len(text) > LONGEST:
+        raise UsageError(f"a message of {len(text):,} bytes: need at most {LONGEST:,}")
+    try:
+        command: Command = _DECODER.decode(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise UsageError(f"not a message of this page: {in_words(error)}") from None
+    _refuse_out_of_range(command)
+    return command
+
+
+def _refuse_out_of_range(command: Command) -> None:
+    """Raise `UsageError` for numbers that cannot be meant."""
+    match command:
+        case Target(deg) if not 0.0 < deg <= 180.0:
+            raise UsageError(f"target {deg:g}°: need an angle above 0°, up to 180°")
+        case Dip(deg) if not -89.0 <= deg <= 89.0:
+            raise UsageError(f"dip {deg:g}°: need −89° to 89°")
+        case Exclude(start, end) | Restore(start, end) if not -math.inf < start < end < math.inf:
+            name = type(command).__name__.lower()
+            raise UsageError(f"{name}: from {start:g} to {end:g} s: need a start before the end")
+
+
+def points_frame(
+    *,
+    generation: int,
+    first: int,
+    stride: int,
+    now: Floats,
+    time: Floats,
+    field: Floats,
+    acceleration: Floats | None,
+) -> bytes:
+    """Pack shown points into a binary frame, little-endian.
+
+    Eight uint32: magic, generation, first, count, flags, stride, 0, 0; then float32: `now` (6), times (N), readings
+    (3 N) and, where flagged, accelerations (3 N).
+
+    Parameters
+    ----------
+    generation : int
+        Changes when all points are to be forgotten.
+    first : int
+        Number of the first of these among the shown points; point j is reading j · `stride`.
+    stride : int
+    now : (6,) float
+        Newest reading and acceleration, NaN where there is none.
+    time : (N,) float, s
+    field : (N, 3) float
+    acceleration : (N, 3) float, optional
+
+    Examples
+    --------
+    >>> frame = points_frame(generation=1, first=0, stride=1, now=np.zeros(6), time=np.zeros(2),
+    ...                      field=np.zeros((2, 3)), acceleration=None)
+    >>> len(frame), frame[:4]
+    (88, b'DNLF')
+    """
+    flags = HAS_ACCELERATION if acceleration is not None else 0
+    parts = [now, time, field] if acceleration is None else [now, time, field, acceleration]
+    header = HEADER.pack(MAGIC, generation & 0xFFFFFFFF, first, len(time), flags, stride, 0, 0)
+    return header + b"".join(np.ascontiguousarray(part, "<f4").tobytes() for part in parts)
+
+
+def typescript() -> str:
+    """The messages as types for the page: ``static/messages.d.ts``."""
+    found: dict[str, str] = {}
+    for kind in (Hello, State, FitMessage, Notice, *typing.get_args(Command)):
+        _declare(kind, found)
+    sent = " | ".join(kind.__name__ for kind in (Hello, State, FitMessage, Notice))
+    asked = " | ".join(kind.__name__ for kind in typing.get_args(Command))
+    head = "// Generated from flinders/live/messages.py: python -m flinders.live.messages > messages.d.ts\n"
+    unions = f"export type FromServer = {sent};\n\nexport type ToServer = {asked};\n"
+    return "\n".join([head, *found.values(), unions])
+
+
+def _declare(kind: type[Struct], found: dict[str, str]) -> None:
+    """Declare a struct, after those that it holds."""
+    if kind.__name__ in found:
+        return
+    found[kind.__name__] = ""
+    tag = kind.__struct_config__.tag
+    lines = [f'  type: "{tag}";'] if tag else []
+    hints = typing.get_type_hints(kind)
+    lines += [f"  {name}: {_type(hints[name], found)};" for name in kind.__struct_fields__]
+    comment = (kind.__doc__ or "").partition("\n")[0]
+    del found[kind.__name__]
+    found[kind.__name__] = f"/** {comment} */\nexport interface {kind.__name__} {{\n" + "\n".join(lines) + "\n}\n"
+
+
+PLAIN: Final = {bool: "boolean", int: "number", float: "number", str: "string", type(None): "null"}
+
+
+def _type(hint: Any, found: dict[str, str]) -> str:  # noqa: ANN401 - a type, whatever its kind
+    """One type as TypeScript has it; a tuple of fixed length stays one."""
+    origin, inside = typing.get_origin(hint), typing.get_args(hint)
+    if hint in PLAIN:
+        return PLAIN[hint]
+    if origin in (Union, types.UnionType):
+        return " | ".join(_type(one, found) for one in inside)
+    if origin is Literal:
+        return " | ".join(f'"{one}"' for one in inside)
+    if origin is tuple and inside[-1] is Ellipsis:
+        return f"Array<{_type(inside[0], found)}>"
+    if origin is tuple:
+        return f"[{', '.join(_type(one, found) for one in inside)}]"
+    _declare(hint, found)
+    return str(hint.__name__)
+
+
+if __name__ == "__main__":
+    print(typescript(), end="")  # noqa: T201

@@ -1,0 +1,119 @@
+"""A thread that asks a feed and puts what it says into a box, whatever the server is doing meanwhile.
+
+>>> from flinders import simulate
+>>> from flinders.live.feeds import Replay
+>>> pump = Pump(Replay(simulate.tumble(seed=1, n=100).samples, speed=None))
+>>> pump.start()
+>>> pump.join()
+>>> [type(found).__name__ for found in pump.taken()]
+['Event', 'list', 'Event']
+
+What is to be done on the feed's thread, such as a line in its recording or a packet to its board, is handed over as a
+job, and done between two questions.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import deque
+from concurrent.futures import Future
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from flinders.errors import FlindersError
+from flinders.live.readings import Event
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.live.feeds import Feed
+    from flinders.live.readings import Reading
+
+Result = TypeVar("Result")
+
+ASK_S: Final = 0.05
+"""Longest wait of one question."""
+FULL: Final = 500
+"""Answers that wait to be taken, at most: a recording played back as fast as possible waits for the server then."""
+FULL_S: Final = 0.01
+STOPPING_S: Final = 10.0
+"""Seconds that a feed has to let go: longer than any of them waits for a host."""
+
+
+class Pump(threading.Thread):
+    """Asks a feed until it has ended, or is told to stop.
+
+    Parameters
+    ----------
+    feed : Feed
+    """
+
+    def __init__(self, feed: Feed) -> None:
+        super().__init__(name="feed", daemon=True)
+        self._feed = feed
+        self._box: deque[list[Reading] | Event] = deque()
+        self._jobs: deque[Callable[[], None]] = deque()
+        self._stopping = threading.Event()
+        self._is_over = False
+
+    def run(self) -> None:
+        """Ask; a feed that fails for good is one that has gone, and its reason is told."""
+        try:
+            while not self._stopping.is_set() and not self._is_over:
+                self._do_jobs()
+                if len(self._box) >= FULL:
+                    self._stopping.wait(FULL_S)
+                else:
+                    self._ask()
+        except FlindersError as error:
+            self._box.append(Event("gone", 0.0, str(error)))
+        except Exception as error:  # noqa: BLE001 - a thread that ends without a word would look like a silent sensor
+            self._box.append(Event("gone", 0.0, f"internal error: {type(error).__name__}: {error}; please report it"))
+        finally:
+            self._is_over = True
+            self._do_jobs()
+            with contextlib.suppress(FlindersError):
+                self._feed.close()
+
+    def taken(self) -> list[list[Reading] | Event]:
+        """All that has come since this was last called, in order."""
+        found = []
+        while self._box:
+            found.append(self._box.popleft())
+        return found
+
+    def do(self, job: Callable[[], Result]) -> Future[Result]:
+        """Do something on the feed's thread, soon; where that has ended, at once."""
+        future: Future[Result] = Future()
+
+        def done() -> None:
+            try:
+                future.set_result(job())
+            except BaseException as error:  # noqa: BLE001 - belongs to whoever waits for the result
+                future.set_exception(error)
+
+        self._jobs.append(done)
+        if self._is_over:
+            self._do_jobs()
+        return future
+
+    def stop(self) -> None:
+        """Ask no more, and wait until the feed has written what it holds."""
+        self._stopping.set()
+        if self.is_alive():
+            self.join(STOPPING_S)
+
+    def _ask(self) -> None:
+        found = self._feed.next(ASK_S)
+        if found:
+            self._box.append(found)
+        if isinstance(found, Event) and found.kind == "ended":
+            self._is_over = True
+
+    def _do_jobs(self) -> None:
+        while True:
+            try:
+                job = self._jobs.popleft()
+            except IndexError:
+                return
+            job()

@@ -1,0 +1,725 @@
+"""The server of the live page: HTTP and WebSocket around a session. The only file that knows asyncio.
+
+A thread asks the sensor (`pump`), and twenty times a second this takes what came into the session (`session.step`).
+Fits run in another thread. Each page has a task of its own that sends the newest state when its connection takes it, so
+that a slow page gets fewer and larger frames, and delays nobody.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import secrets
+import signal
+import socket
+import tempfile
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import parse_qs
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import Headers
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocketDisconnect
+
+from flinders.conventions.motioncal import Packet
+from flinders.document import Provenance, dumps, loads
+from flinders.errors import DocumentError, FitError, FlindersError, LinkError, OutputError, UsageError
+from flinders.exporters import EXPORTERS, find
+from flinders.files import reason
+from flinders.judged import Judged
+from flinders.live import motioncal
+from flinders.live.access import HEADERS, Gate, Tokens, cookie_of, set_cookie, shown_name
+from flinders.live.finish import Finished, finished, load
+from flinders.live.messages import LONGEST, FitMessage, Hello, Limits, Notice, TargetInfo, encode, parse
+from flinders.live.pump import Pump
+from flinders.live.readings import Event as FeedEvent
+from flinders.live.session import (
+    Arrived,
+    Asked,
+    Cursor,
+    Event,
+    Fitted,
+    GotPrevious,
+    Linked,
+    Opened,
+    Said,
+    Session,
+    Ticked,
+    begin_fit,
+    points,
+    snapshot,
+    state,
+    step,
+    wants_fit,
+)
+from flinders.live.snapshot import evaluate
+from flinders.live.store import Edits
+from flinders.live.track import Clock
+from flinders.report.view import tiles_view
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable, Iterator
+
+    from starlette.requests import Request
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+    from starlette.websockets import WebSocket
+
+    from flinders.arrays import Floats
+    from flinders.axes import Axes
+    from flinders.live.feeds import Feed
+    from flinders.live.messages import Link
+    from flinders.live.readings import Reading
+    from flinders.live.sinks import Sink
+    from flinders.live.snapshot import Evaluated
+    from flinders.live.sources import ByteSource
+
+STATIC: Final = Path(__file__).resolve().parent.parent / "static"
+TICK_S: Final = 0.05
+"""From one look at what came to the next, and from one frame to the next."""
+STATE_S: Final = 0.2
+"""From one state to the next, unless something was asked for."""
+MOST_PAGES: Final = 20
+MOST_NOTICES: Final = 50
+"""Notices that wait for a page, at most; older ones go."""
+UPLOAD_BYTES: Final = 64 << 20
+CALIBRATION_BYTES: Final = 4 << 20
+SPOOLED: Final = 1 << 20
+LINKS: Final[dict[str, Link]] = {
+    "connected": "connected", "back": "connected", "nothing": "waiting", "gone": "gone", "ended": "ended"
+}  # fmt: skip
+"""What an event of a feed makes of the link; others leave it as it is."""
+UNCLEAR_S: Final = 3.0
+"""Seconds without a reading after which the supply is asked why."""
+STOPPING_S: Final = 1
+"""Seconds that pages have to let go, when the server stops."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Supply:
+    """Where readings come from and where they are kept.
+
+    Attributes
+    ----------
+    feed : Feed
+        Records what it gives.
+    sink : Sink, optional
+        The file of the session, for what a person does.
+    path : Path, optional
+        The same file, to be read again.
+    axes : Axes
+        What becomes of the sensor's axes.
+    board : ByteSource, optional
+        The board at the other end, where a calibration can be sent to it.
+    reading : dict
+        How `path` is read again, as `flinders.open_recording` takes it.
+    hint : callable
+        Says why no reading comes of what arrives; nothing where it does not know.
+    """
+
+    feed: Feed
+    sink: Sink | None
+    path: Path | None
+    axes: Axes
+    board: ByteSource | None = None
+    reading: dict[str, Any] = field(default_factory=dict)
+    hint: Callable[[], str] = str
+
+
+@dataclass(slots=True, eq=False)
+class Page:
+    """One connection: what it has got, and what waits for it."""
+
+    wake: asyncio.Event = field(default_factory=asyncio.Event)
+    notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
+    cursor: Cursor = field(default_factory=Cursor)
+    state_revision: int = -1
+    fit_revision: int = -1
+    stated_at: float = -1.0
+    is_urgent: bool = False
+
+
+class Hub:
+    """The session, what goes into it, and the pages that look at it.
+
+    Parameters
+    ----------
+    session : Session
+        As it begins, or goes on.
+    supply : Supply
+    clock : callable
+        Seconds, ascending.
+
+    Attributes
+    ----------
+    session : Session
+    pages : set of Page
+    failure : Exception, optional
+        What has ended it.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        supply: Supply,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        timeline: Clock | None = None,
+    ) -> None:
+        self.session, self.supply, self.pages = session, supply, set[Page]()
+        self.failure: Exception | None = None
+        self.name = secrets.token_hex(4)
+        self.fit_message = FitMessage(0, None)
+        self._clock, self._start = clock, clock()
+        self._timeline = timeline or Clock()
+        self._pump = Pump(supply.feed)
+        self._edits = Edits.of(session)
+        self._fits: set[asyncio.Task[None]] = set()
+        self._final: Finished | None = None
+        self._finishing = asyncio.Lock()
+        self._is_asked = False
+
+    @property
+    def now(self) -> float:
+        """Seconds since the server began."""
+        return self._clock() - self._start
+
+    async def run(self) -> None:
+        """Take in, fit and tell, until cancelled."""
+        self._pump.start()
+        try:
+            while True:
+                self._take()
+                self._fit_if_due()
+                self._wake_pages()
+                await asyncio.sleep(TICK_S)
+        except Exception as error:  # noqa: BLE001 - a fault of ours ends the program, which reports it
+            self.failure = error
+            signal.raise_signal(signal.SIGTERM)
+
+    async def stop(self) -> None:
+        """Let go of the feed, once what it holds is written."""
+        await asyncio.to_thread(self._pump.stop)
+
+    def take(self, event: Event) -> None:
+        """Take one event into the session, and tell all pages what follows from it."""
+        before = self.session
+        self.session, told = step(self.session, event)
+        for message in told:
+            if isinstance(message, FitMessage):
+                self.fit_message = message
+            else:
+                for page in self.pages:
+                    page.notices.append(message)
+        if isinstance(event, Arrived | Ticked):
+            return
+        if self.session is not before:
+            for page in self.pages:
+                page.is_urgent = True
+        self._keep_edits()
+
+    def hello(self) -> Hello:
+        """The first message to a page."""
+        return Hello(
+            version=version("flinders"),
+            session=self.name,
+            tiles=tiles_view(),
+            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in EXPORTERS.values()),
+            limits=Limits(UPLOAD_BYTES),
+            state=state(self.session),
+            view=self.session.view,
+        )
+
+    async def final(self) -> Finished:
+        """The calibration of all readings, made once for each state of the session."""
+        async with self._finishing:
+            session = self.session
+            kept = self._final
+            if kept is None or kept.key != session.shown.key:
+                kept = await asyncio.to_thread(finished, session, self.supply.path, self.supply.reading)
+                self._final = kept
+        return kept
+
+    async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
+        """Do something on the thread of the feed."""
+        return await asyncio.wrap_future(self._pump.do(job))
+
+    def _take(self) -> None:
+        """Take what the sensor gave: readings that came together as one event."""
+        rows: list[list[Reading]] = []
+        for found in self._pump.taken():
+            if isinstance(found, FeedEvent):
+                self._arrive(rows)
+                rows = []
+                self._note(found)
+            else:
+                rows.append(found)
+        self._arrive(rows)
+        self.take(Ticked(self.now))
+        if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.track.total:
+            self._is_asked = True
+            if words := self.supply.hint():
+                self.take(Linked(self.now, "waiting", words))
+
+    def _arrive(self, batches: list[list[Reading]]) -> None:
+        readings = [reading for batch in batches for reading in batch]
+        if readings:
+            rows, self._timeline = rows_of_readings(readings, self.supply.axes, self._timeline)
+            self.take(Arrived(self.now, rows, Unit.of(readings[-1].unit)))
+
+    def _note(self, event: FeedEvent) -> None:
+        """Say what happened to the sensor."""
+        link = LINKS.get(event.kind)
+        if link is None:
+            is_settled = event.kind == "settled"
+            words = f"understood as {event.words}" if is_settled else event.words
+            self.take(Said(self.now, "info" if is_settled else "warning", words))
+        else:
+            self.take(Linked(self.now, link, event.words))
+
+    def _keep_edits(self) -> None:
+        """Write down what a person did, between the readings."""
+        edits, sink = Edits.of(self.session), self.supply.sink
+        if edits == self._edits:
+            return
+        self._edits = edits
+        if sink is not None:
+            self._pump.do(lambda: sink.write(edits.line()))
+
+    def _fit_if_due(self) -> None:
+        """Begin a fit in a thread of its own, where one is due."""
+        if not wants_fit(self.session, self.now):
+            return
+        self.session = begin_fit(self.session)
+        task = asyncio.get_running_loop().create_task(self._fit(self.session))
+        self._fits.add(task)
+        task.add_done_callback(self._fits.discard)
+
+    async def _fit(self, session: Session) -> None:
+        found, seconds = await asyncio.to_thread(_timed, session)
+        self.take(Fitted(self.now, found, seconds))
+
+    def _wake_pages(self) -> None:
+        for page in self.pages:
+            page.wake.set()
+
+
+def _timed(session: Session) -> tuple[Evaluated, float]:
+    """Fit what a session holds, and say how long the processor took: how busy the machine is otherwise is no matter."""
+    begun = time.thread_time()
+    return evaluate(snapshot(session)), time.thread_time() - begun
+
+
+def rows_of_readings(readings: list[Reading], axes: Axes, clock: Clock) -> tuple[Floats, Clock]:
+    """(N, 7) readings as rows of a session's track, in its axes and on its timeline.
+
+    >>> from flinders.axes import Axes
+    >>> from flinders.live.readings import Reading
+    >>> rows, clock = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Clock())
+    >>> rows[0, :4]
+    array([ 0.5,  1. , -2. , -3. ])
+    """
+    import numpy as np
+
+    nothing = (np.nan, np.nan, np.nan)
+    rows = np.array([(one.time, *one.field, *(one.acceleration or nothing)) for one in readings], float)
+    rows[:, 0], clock = clock(rows[:, 0])
+    if not axes.is_identity:
+        rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
+    return rows, clock
+
+
+class Guard:
+    """Lets through what may be let through, and puts the headers on every answer; see `access`."""
+
+    def __init__(self, app: ASGIApp, gate: Gate, tokens: Tokens | None, say: Callable[[str], None]) -> None:
+        self._app, self._gate, self._tokens, self._say = app, gate, tokens, say
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """As ASGI has it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        is_socket = scope["type"] == "websocket"
+        refusal = self._gate.refusal(
+            host=headers.get("host"),
+            origin=headers.get("origin"),
+            needs_origin=is_socket or scope.get("method") not in ("GET", "HEAD"),
+        )
+        answer = None if refusal is None else _told(refusal, 403)
+        if answer is None and self._tokens is not None:
+            answer = self._without_cookie(scope, headers)
+        if answer is None:
+            await self._app(scope, receive, send if is_socket else _with_headers(send))
+        elif is_socket:
+            await _refuse_socket(receive, send)
+        else:
+            await answer(scope, receive, _with_headers(send))
+
+    def _without_cookie(self, scope: Scope, headers: Headers) -> Response | None:
+        """What a browser without a cookie gets: one for a token, or a refusal."""
+        if self._tokens is None or self._tokens.knows(cookie_of(headers.get("cookie"), self._gate.port)):
+            return None
+        shown = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+        cookie = self._tokens.redeem(shown) if shown and scope["type"] == "http" and scope["path"] == "/" else None
+        if cookie is None:
+            return _told("open the address that flinders live prints, with its token; each works once", 401)
+        self._say(f"for another browser: http://HOST:{self._gate.port}/?token={self._tokens.current}")
+        return Response(status_code=303, headers={"Location": "/", "Set-Cookie": set_cookie(self._gate.port, cookie)})
+
+
+def _with_headers(send: Send) -> Send:
+    """Put the headers of `access` on the answer; an answer may be stricter."""
+
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            given = {name.lower() for name, _ in message.get("headers", [])}
+            more = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            message["headers"] = [*message.get("headers", []), *(pair for pair in more if pair[0] not in given)]
+        await send(message)
+
+    return sending
+
+
+async def _refuse_socket(receive: Receive, send: Send) -> None:
+    """Refuse a WebSocket before it is one: the browser gets 403."""
+    await receive()
+    await send({"type": "websocket.close", "code": 1008})
+
+
+def _told(words: str, status: int) -> Response:
+    return JSONResponse({"words": words}, status_code=status)
+
+
+def _refused(error: FlindersError) -> Response:
+    """An error as an answer: what was asked for is not there, cannot be read, or cannot be done now."""
+    status = {2: 400, 5: 422}.get(error.exit_code, 409)
+    return JSONResponse({"words": str(error), "code": error.code}, status_code=status)
+
+
+def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callable[[str], None] = print) -> ASGIApp:
+    """Put routes and guard around a hub.
+
+    Parameters
+    ----------
+    hub : Hub
+    gate : Gate
+    tokens : Tokens, optional
+        Asked for by each browser, where given.
+    say : callable
+        Told the next token.
+    """
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        running = asyncio.get_running_loop().create_task(hub.run())
+        try:
+            yield
+        finally:
+            running.cancel()
+            await hub.stop()
+
+    routes = [
+        Route("/", _index),
+        WebSocketRoute("/socket", _socket),
+        Route("/calibration.json", _calibration),
+        Route("/session.csv", _recording),
+        Route("/report.html", _report),
+        Route("/export/{target}", _export),
+        Route("/open", _open, methods=["POST"]),
+        Route("/previous", _previous, methods=["POST"]),
+        Route("/send", _send, methods=["POST"]),
+        Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
+    ]
+    app = Starlette(routes=routes, lifespan=lifespan, exception_handlers={FlindersError: _on_error})
+    app.state.hub = hub
+    return Guard(app, gate, tokens, say)
+
+
+async def _on_error(_: Request, error: Exception) -> Response:
+    return _refused(error) if isinstance(error, FlindersError) else _told(str(error), 500)
+
+
+async def _index(_: Request) -> Response:
+    page = STATIC / "index.html"
+    if not page.exists():
+        return PlainTextResponse("the page is missing from this installation: install Flinders again", 500)
+    return FileResponse(page, media_type="text/html; charset=utf-8")
+
+
+async def _calibration(request: Request) -> Response:
+    """The calibration file of all readings."""
+    hub: Hub = request.app.state.hub
+    found = await hub.final()
+    return _download(dumps(found.fit.to_document(_provenance(found))).encode(), "calibration.json", "application/json")
+
+
+async def _recording(request: Request) -> Response:
+    """The file of the session, as it is."""
+    hub: Hub = request.app.state.hub
+    if hub.session.opened is not None:
+        return _told("a log is shown, which you have already: go back to live to save the session", 409)
+    if hub.supply.path is None or not hub.supply.path.exists():
+        return _told("nothing has been recorded yet", 404)
+    return FileResponse(hub.supply.path, media_type="text/csv", filename=hub.supply.path.name)
+
+
+async def _report(request: Request) -> Response:
+    """The report, as one file."""
+    from flinders.report.html import page
+
+    hub: Hub = request.app.state.hub
+    found = await hub.final()
+    if isinstance(found.outcome, FlindersError) and not isinstance(found.outcome, FitError):
+        raise found.outcome
+    text = await asyncio.to_thread(page, found.outcome, found.recording, provenance=_provenance(found))
+    return _download(text.encode(), "report.html", "text/html; charset=utf-8")
+
+
+def _provenance(found: Finished) -> Provenance:
+    """Which release made a calibration, when, of which file."""
+    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=found.files)
+
+
+async def _export(request: Request) -> Response:
+    """The calibration for a target: its text with what to know about it, or the file."""
+    hub: Hub = request.app.state.hub
+    try:
+        exporter = find(request.path_params["target"])
+    except UsageError as error:
+        return _told(str(error), 404)
+    found = await hub.final()
+    export = await asyncio.to_thread(exporter.render, found.fit.calibration, about=found.about)
+    filename = f"{exporter.name}{exporter.suffix}"
+    content = export.text.encode() if export.data is None else export.data
+    if "application/json" in request.headers.get("accept", ""):
+        binary = None if export.data is None else base64.b64encode(export.data).decode()
+        fields = {"text": export.text, "filename": filename, "warnings": [*export.warnings, *found.limits]}
+        return JSONResponse({**fields, "checked": export.checked, "binary_base64": binary})
+    kind = "text/plain; charset=utf-8" if export.data is None else "application/octet-stream"
+    return _download(content, filename, kind)
+
+
+def _download(content: bytes, filename: str, kind: str) -> Response:
+    return Response(content, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{filename}"'})
+
+
+async def _open(request: Request) -> Response:
+    """Open a log that was dropped on the page: its bytes go to a file of our own, which is read and deleted."""
+    hub: Hub = request.app.state.hub
+    name = shown_name(request.query_params.get("name", ""))
+    with tempfile.TemporaryDirectory(prefix="flinders-") as folder:
+        path = Path(folder) / f"dropped-{secrets.token_hex(4)}"
+        received = await _saved(request, path)
+        if received is None:
+            return _told(f"{name} is larger than {UPLOAD_BYTES >> 20} MB: calibrate it with flinders calibrate", 413)
+        try:
+            log, _ = await asyncio.to_thread(load, path, name)
+        except FlindersError as error:
+            words = str(error).replace(str(path), name).replace(path.name, name)
+            return JSONResponse({"words": words, "code": error.code}, status_code=422)
+    hub.take(Opened(hub.now, name, log.track, log.unit, log.axes, log.frame, log.words))
+    return JSONResponse({"words": log.words})
+
+
+async def _saved(request: Request, path: Path) -> int | None:
+    """Write a body to a file as it comes; None where it is too large.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
+    size = 0
+    try:
+        with path.open("wb") as file:
+            async for chunk in request.stream():
+                size += len(chunk)
+                if size > UPLOAD_BYTES:
+                    return None
+                file.write(chunk)
+    except OSError as error:
+        raise OutputError(f"a file for what was dropped cannot be written: {reason(error)}") from None
+    return size
+
+
+async def _previous(request: Request) -> Response:
+    """Take a calibration file to compare with."""
+    hub: Hub = request.app.state.hub
+    name = shown_name(request.query_params.get("name", ""))
+    content = b""
+    async for chunk in request.stream():
+        content += chunk
+        if len(content) > CALIBRATION_BYTES:
+            return _told(f"{name} is larger than {CALIBRATION_BYTES >> 20} MB: that is no calibration file", 413)
+    try:
+        judged = Judged.from_document(loads(content, source=name), name=name)
+    except DocumentError as error:
+        return _refused(error)
+    hub.take(GotPrevious(hub.now, judged))
+    return JSONResponse({"words": f"compared with {name}"})
+
+
+async def _send(request: Request) -> Response:
+    """Send the calibration to the board that the readings come from."""
+    hub: Hub = request.app.state.hub
+    board = hub.supply.board
+    if board is None:
+        raise LinkError(
+            "this source takes no calibration: save it and use flinders send, or paste what the export shows"
+        )
+    found = await hub.final()
+    packet = Packet.of(found.fit.calibration)
+    confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
+    return JSONResponse({"words": f"{board.name}: {confirmed}"})
+
+
+async def _socket(socket: WebSocket) -> None:
+    """One page: two tasks, one that listens and one that tells."""
+    hub: Hub = socket.app.state.hub
+    await socket.accept()
+    if len(hub.pages) >= MOST_PAGES:
+        await socket.close(1013, f"{MOST_PAGES} pages are open: close one")
+        return
+    page = Page()
+    hub.pages.add(page)
+    telling = asyncio.get_running_loop().create_task(_tell(socket, hub, page))
+    try:
+        await _listen(socket, hub, page)
+    except WebSocketDisconnect:
+        pass
+    finally:
+        hub.pages.discard(page)
+        telling.cancel()
+        with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await telling
+
+
+async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
+    """Take what a page asks for; what is no message changes nothing."""
+    while True:
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
+        text = message.get("text")
+        try:
+            if text is None:
+                raise UsageError("a page sends text, and this is not")  # noqa: TRY301 - answered like any other
+            hub.take(Asked(hub.now, parse(text)))
+        except UsageError as error:
+            page.notices.append(Notice("error", str(error)))
+        page.wake.set()
+
+
+async def _tell(socket: WebSocket, hub: Hub, page: Page) -> None:
+    """Send a page what is new: notices, fit, state and points, the newest of each."""
+    hello = hub.hello()
+    page.fit_revision, page.state_revision = hub.fit_message.revision, hello.state.revision
+    await socket.send_text(encode(hello))
+    while True:
+        while page.notices:
+            await socket.send_text(encode(page.notices.popleft()))
+        if hub.fit_message.revision != page.fit_revision:
+            page.fit_revision = hub.fit_message.revision
+            await socket.send_text(encode(hub.fit_message))
+        if _is_state_due(hub, page):
+            page.is_urgent, page.stated_at = False, hub.now
+            newest = state(hub.session)
+            page.state_revision = newest.revision
+            await socket.send_text(encode(newest))
+        frame, cursor = points(hub.session, page.cursor)
+        if frame is not None:
+            await socket.send_bytes(frame)
+            page.cursor = cursor
+        page.wake.clear()
+        await page.wake.wait()
+
+
+def _is_state_due(hub: Hub, page: Page) -> bool:
+    """Whether a page needs the state: when something was done at once, else five times a second; a silence, too."""
+    since = hub.now - page.stated_at
+    if page.is_urgent:
+        return True
+    return since >= STATE_S and (hub.session.revision != page.state_revision or since >= 1.0)
+
+
+def listening(host: str, port: int) -> socket.socket:
+    """Open the socket to listen on; port 0 takes any that is free.
+
+    Raises
+    ------
+    LinkError
+        Where it is taken, or the address is not one of this machine.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    found = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((host.strip("[]"), port))
+        found.listen()
+    except (OSError, OverflowError) as error:
+        found.close()
+        raise LinkError(_why_not(host, port, error)) from None
+    return found
+
+
+def _why_not(host: str, port: int, error: Exception) -> str:
+    import errno
+
+    number = getattr(error, "errno", None)
+    if number == errno.EADDRINUSE:
+        return f"port {port} is taken, perhaps by another flinders live: give another --port, or 0 for any"
+    if number in (errno.EACCES, errno.EPERM):
+        return f"port {port} is for the administrator: give a --port from 1024 on, or 0 for any"
+    if isinstance(error, socket.gaierror) or number == errno.EADDRNOTAVAIL:
+        return f"this machine has no address {host}: give --host 127.0.0.1, or 0.0.0.0 for all it has"
+    return f"{host} port {port} cannot be opened: {error}"
+
+
+class _Server(uvicorn.Server):
+    """Stops on a signal, cleanly, and is then done; a second one ends it at once."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+        before = {}
+        with contextlib.suppress(ValueError):  # not the main thread, which alone gets signals
+            before = {name: signal.signal(getattr(signal, name), self._stop) for name in names}
+        try:
+            yield
+        finally:
+            for name, handler in before.items():
+                signal.signal(getattr(signal, name), handler)
+
+    def _stop(self, _number: int, _frame: object) -> None:
+        self.force_exit = self.should_exit
+        self.should_exit = True
+
+
+def serve(app: ASGIApp, listener: socket.socket) -> None:
+    """Serve until Ctrl-C, or whatever else ends a program from outside."""
+    config = uvicorn.Config(
+        app,
+        ws="websockets-sansio",
+        ws_max_size=LONGEST,
+        ws_per_message_deflate=False,
+        lifespan="on",
+        log_config=None,
+        log_level="error",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=STOPPING_S,
+        h11_max_incomplete_event_size=32_768,
+    )
+    _Server(config).run(sockets=[listener])

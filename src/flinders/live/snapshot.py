@@ -1,0 +1,241 @@
+"""One fit of what a session holds: from a snapshot to all that follows from it, without a clock or a side effect.
+
+>>> from flinders import simulate
+>>> found = evaluate(Snapshot(key=7, samples=simulate.tumble(seed=1).samples))
+>>> found.key, found.view.verdict, found.used, [reason.code for reason in found.reasons]
+(7, 'good', 3000, [])
+>>> [reason.code for reason in evaluate(Snapshot(key=8, samples=Samples.of(np.ones((50, 3))))).reasons]
+['stuck-axis', 'stale']
+
+The same snapshot gives the same, in whichever thread, so that the server may run it beside the sensor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.comparison import compare
+from flinders.errors import FitError, FlindersError, counted, figures
+from flinders.fitting import fit
+from flinders.judged import Judged
+from flinders.live.messages import PreviousState, Reason
+from flinders.live.way import led
+from flinders.report.view import view
+from flinders.result import Refused
+from flinders.samples import Samples  # noqa: TC001 - the example above makes some
+from flinders.units import MICROTESLA
+from flinders.verdict import EARTH_UT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.guidance import Frame, Goal
+    from flinders.report.view import View
+    from flinders.result import Fit
+
+WRONG: Final = ("saturated", "field-changed", "noise", "strays", "axis-ratio", "structure", "recordings-differ")
+"""Findings that say that something is wrong, and not only that more turning is needed."""
+STALE_S: Final = 2.0
+"""Seconds of equal readings after which a sensor is said to have stopped."""
+STALE_ROWS: Final = 10
+STILL_S: Final = 6.0
+"""Seconds without a turn after which somebody is reminded."""
+STILL_DEG: Final = 5.0
+OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
+"""What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """What is fitted.
+
+    Attributes
+    ----------
+    key : int
+        Comes back with the result.
+    samples : Samples
+    numbers : (N,) int, optional
+        Which reading of the session each is.
+    target_deg, dip_deg : float
+    goal, frame : str
+        As in `flinders.guidance`.
+    previous : Judged, optional
+    is_followed : bool
+        Somebody turns the sensor just now, and may be led.
+    """
+
+    key: int
+    samples: Samples
+    numbers: NDArray[np.intp] | None = None
+    target_deg: float = 1.0
+    dip_deg: float = 60.0
+    goal: Goal = "heading"
+    frame: Frame = "sensor"
+    previous: Judged | None = None
+    is_followed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluated:
+    """What follows from a snapshot.
+
+    Attributes
+    ----------
+    key : int
+    fit : Fit, optional
+        Good, limited or refused; None where there is none.
+    view : View, optional
+    refusal : str
+        Why there is no fit.
+    reasons : tuple of Reason
+    used, rejected : int
+        Readings.
+    previous : PreviousState, optional
+    """
+
+    key: int
+    fit: Fit | None = None
+    view: View | None = None
+    refusal: str = ""
+    reasons: tuple[Reason, ...] = ()
+    used: int = 0
+    rejected: int = 0
+    previous: PreviousState | None = None
+
+
+def evaluate(snapshot: Snapshot) -> Evaluated:
+    """Fit a snapshot and look at what came out."""
+    samples = snapshot.samples
+    found, refusal, code = _fitted(snapshot)
+    drawn = None
+    if found is not None:
+        drawn = view(found, samples, numbers=snapshot.numbers, goal=snapshot.goal, frame=snapshot.frame)
+        if snapshot.is_followed:
+            drawn = led(drawn, found, samples, goal=snapshot.goal, frame=snapshot.frame)
+    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, found), *_of_fit(found)]
+    used = 0 if drawn is None else sum(drawn.tiles_seen) or samples.field.shape[0]
+    return Evaluated(
+        key=snapshot.key,
+        fit=found,
+        view=drawn,
+        refusal=refusal,
+        reasons=tuple(sorted(reasons, key=lambda reason: reason.severity != "warning")),
+        used=used,
+        rejected=0 if drawn is None else len(samples) - used,
+        previous=_compared(found, snapshot),
+    )
+
+
+def _fitted(snapshot: Snapshot) -> tuple[Fit | None, str, str]:
+    """The fit, or why there is none and the code of that."""
+    try:
+        return fit(snapshot.samples, target_deg=snapshot.target_deg, dip_deg=snapshot.dip_deg), "", ""
+    except Refused as refused:
+        return refused.fit, "", ""
+    except FitError as error:
+        return None, str(error), error.code
+
+
+def _of_refusal(code: str, words: str) -> Iterator[Reason]:
+    """Why there is no fit; that there are too few readings yet is no fault."""
+    if code in ("stuck-axis", "out-of-scale"):
+        yield Reason(code, words)
+    elif code:
+        yield Reason("no-rotation" if code == "unmoved" else code, words, "info")
+
+
+def _of_fit(found: Fit | None) -> Iterator[Reason]:
+    """What the findings of a fit say is wrong; of one that is only beginning, nothing yet."""
+    if found is None:
+        return
+    settled = found.heading_error_deg.worst < 5.0 * found.target_deg
+    for finding in found.findings:
+        if finding.code in WRONG and finding.severity != "note" and (settled or finding.code == "saturated"):
+            yield Reason(finding.code, finding.advice)
+        elif finding.code in ("stale-repeats", "mirrored-axes"):
+            yield Reason(finding.code, finding.advice, "info")
+    if settled and not found.is_flat:
+        yield from _of_unit(found)
+
+
+def _of_unit(found: Fit) -> Iterator[Reason]:
+    """Whether the field is none of the earth's, and which other unit would explain it."""
+    calibration, radius = found.calibration, found.ellipsoid.radius
+    low, high = EARTH_UT
+    if calibration.unit != MICROTESLA or low <= radius <= high:
+        return
+    likely = [unit for unit, factor in OTHER_UNITS.items() if low <= radius / factor <= high]
+    hint = f": as readings in {likely[0]} would be; try --unit {likely[0]}" if likely else ": check --unit and --scale"
+    yield Reason(
+        "wrong-unit",
+        f"the field is {figures(radius, 3)} µT, and the earth's {low:g} to {high:g} µT{hint}. Headings do not depend "
+        "on it",
+    )
+
+
+def _of_motion(samples: Samples, found: Fit | None) -> Iterator[Reason]:
+    """Whether the newest readings still change, and turn."""
+    time = samples.time
+    count = len(samples)
+    if time is None or not count:
+        time = np.arange(float(count))
+    same = _equal_at_the_end(samples.field)
+    if same >= STALE_ROWS and time[-1] - time[-same] >= STALE_S:
+        yield Reason(
+            "stale",
+            f"the last {counted(same, 'reading')} are all the same: the sensor has stopped measuring, or a loop prints "
+            "faster than it is read; check its wiring and its mode",
+        )
+    elif found is not None and not found.is_flat and time[-1] - time[0] > STILL_S:
+        newest = samples.field[time >= time[-1] - STILL_S]
+        if len(newest) > 3 and _widest_deg(found.calibration.apply(newest)) < STILL_DEG:
+            yield Reason("no-rotation", f"it has not been turned for {STILL_S:.0f} s", "info")
+
+
+def _equal_at_the_end(field: Floats) -> int:
+    """How many readings, counted from the end, are the same.
+
+    >>> _equal_at_the_end(np.array([[1.0, 2, 3], [4, 5, 6], [4, 5, 6]]))
+    2
+    """
+    if not len(field):
+        return 0
+    unlike = np.flatnonzero(np.any(field != field[-1], axis=1))
+    return len(field) - (int(unlike[-1]) + 1 if len(unlike) else 0)
+
+
+def _widest_deg(corrected: Floats) -> float:
+    """How far directions are from their mean, at the most."""
+    lengths = np.linalg.norm(corrected, axis=1, keepdims=True).clip(min=np.finfo(float).tiny)
+    directions = corrected / lengths
+    mean = directions.mean(axis=0)
+    mean /= max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
+    return float(np.rad2deg(np.arccos(np.clip(directions @ mean, -1.0, 1.0))).max())
+
+
+def _compared(found: Fit | None, snapshot: Snapshot) -> PreviousState | None:
+    """How far the calibration from before is off the present one."""
+    previous = snapshot.previous
+    if previous is None:
+        return None
+    if found is None or found.verdict == "refused":
+        return PreviousState(previous.name, None, "nothing to compare with yet")
+    try:
+        apart = compare(
+            previous, Judged.from_fit(found, name="this one"), dip_deg=snapshot.dip_deg, target_deg=snapshot.target_deg
+        )
+    except FlindersError as error:
+        return PreviousState(previous.name, None, str(error))
+    worst = apart.heading_difference_deg.worst
+    said = {
+        "agree": "it agrees with this one: no more apart than chance explains",
+        "differ": "it differs from this one by more than chance, but by less than the target",
+        "contradict": "it contradicts this one: something near the sensor has changed",
+    }[apart.verdict]
+    return PreviousState(previous.name, worst, f"{said} ({figures(worst)}° of heading at the worst)")

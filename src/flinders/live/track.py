@@ -1,0 +1,210 @@
+"""Readings that grow: columns in one array, each state of them a value, memory bounded.
+
+>>> track = Track.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
+>>> later = track.extended(np.array([[0.2, 7, 8, 9, *GAP]]))
+>>> len(track), len(later), later.field[-1]                                  # the earlier one is as it was
+(2, 3, array([7., 8., 9.]))
+
+Appending costs the same however many there are: rows go into room that is left in the array behind the last one, and
+only who appends to the newest state gets that room. Up to `HELD` readings are held, 56 bytes each. Beyond, every second
+one is let go, and of those that follow every second is taken, so that an hour at 1 kHz takes as much memory as a
+quarter of it; what is on the disk is complete. Which are held depends on how many there were, not on how they came.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+HELD: Final = 1 << 20
+"""Readings in memory, at most: 59 MB, and as much again for a moment while they are moved."""
+SHOWN: Final = 40_000
+"""Readings shown, at most; when there are more, every second one, which leaves half as many."""
+COLUMNS: Final = 7
+"""Time in s, field and acceleration."""
+GAP: Final = (np.nan, np.nan, np.nan)
+"""What stands for an acceleration that is not there."""
+FIRST_ROOM: Final = 4096
+
+
+def stride_for(total: int, most: int) -> int:
+    """The smallest power of two such that of `total` readings, counted from the first, no more than `most` are taken.
+
+    >>> stride_for(40_000, 40_000), stride_for(40_001, 40_000)
+    (1, 2)
+    """
+    stride = 1
+    while -(-total // stride) > most:
+        stride *= 2
+    return stride
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Where a timeline has got to.
+
+    Attributes
+    ----------
+    last : float, s
+        Latest time of the source's own clock; NaN before the first.
+    shift : float, s
+        From there to the session's.
+    at : float, s
+        Latest time of the session.
+    """
+
+    last: float = np.nan
+    shift: float = 0.0
+    at: float = -np.inf
+
+    def __call__(self, times: Floats) -> tuple[Floats, Clock]:
+        """Put (N,) times of a source onto the session's timeline, which never goes back.
+
+        A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
+
+        Examples
+        --------
+        >>> times, clock = Clock()(np.array([1.0, 1.5, 0.0, 0.5]))
+        >>> times.tolist(), clock
+        ([1.0, 1.5, 1.5, 2.0], Clock(last=0.5, shift=1.5, at=2.0))
+        """
+        if not len(times):
+            return times, self
+        first = times[0] if np.isnan(self.last) else self.last
+        known = np.concatenate([[first if np.isfinite(first) else 0.0], times])
+        whole = np.maximum.accumulate(np.where(np.isfinite(known), np.arange(len(known)), 0))
+        known = known[whole]
+        steps = np.diff(known)
+        shifts = np.cumsum([self.shift, *np.where(steps < 0.0, -steps, 0.0)])[1:]
+        moved = np.maximum.accumulate(np.concatenate([[self.at], known[1:] + shifts]))[1:]  # rounding goes no way back
+        return moved, Clock(float(known[-1]), float(shifts[-1]), float(moved[-1]))
+
+
+@dataclass(slots=True)
+class _Room:
+    """An array with room at its end, and how much of it is taken."""
+
+    rows: Floats
+    taken: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Readings in the order in which they came.
+
+    Attributes
+    ----------
+    total : int
+        Received.
+    stride : int
+        Every so many of them one is held; held reading j is reading number j · `stride`.
+    has_acceleration : bool
+    most : int
+        Held, at most.
+    """
+
+    total: int = 0
+    stride: int = 1
+    has_acceleration: bool = False
+    most: int = HELD
+    _count: int = 0
+    _room: _Room = field(default_factory=lambda: _Room(np.empty((FIRST_ROOM, COLUMNS))))
+    _latest: Floats = field(default_factory=lambda: np.full(COLUMNS, np.nan))
+
+    @classmethod
+    def empty(cls, most: int = HELD) -> Self:
+        """No readings."""
+        return cls(most=most)
+
+    def extended(self, rows: Floats) -> Track:
+        """With (N, 7) rows more: time, field, acceleration."""
+        if not len(rows):
+            return self
+        total = self.total + len(rows)
+        stride = stride_for(total, self.most)
+        held = self._rows[:: stride // self.stride] if stride > self.stride else None
+        new = rows[-self.total % stride :: stride]
+        has_acceleration = self.has_acceleration or bool(np.isfinite(rows[:, 4]).any())
+        count = (self._count if held is None else len(held)) + len(new)
+        room = self._room_for(held, len(new))
+        room.rows[count - len(new) : count] = new
+        room.taken = count
+        return Track(total, stride, has_acceleration, self.most, count, room, rows[-1].copy())
+
+    def _room_for(self, held: Floats | None, more: int) -> _Room:
+        """The array to write into: the same where it has room and nobody else has gone on from here."""
+        rows = self._rows if held is None else held
+        needed = len(rows) + more
+        if held is None and self._room.taken == self._count and needed <= len(self._room.rows):
+            return self._room
+        room = _Room(np.empty((min(max(2 * needed, FIRST_ROOM), max(self.most, needed)), COLUMNS)))
+        room.rows[: len(rows)] = rows
+        return room
+
+    @property
+    def _rows(self) -> Floats:
+        return self._room.rows[: self._count]
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def time(self) -> Floats:
+        """(N,) seconds, ascending, of those held."""
+        return self._rows[:, 0]
+
+    @property
+    def field(self) -> Floats:
+        """(N, 3) raw readings."""
+        return self._rows[:, 1:4]
+
+    @property
+    def acceleration(self) -> Floats:
+        """(N, 3) accelerations, NaN where there is none."""
+        return self._rows[:, 4:]
+
+    @property
+    def latest(self) -> Floats:
+        """(7,) the newest reading, also where it is not held; NaN before the first."""
+        return self._latest
+
+    @property
+    def seconds(self) -> float:
+        """Time of the newest reading; 0 before the first."""
+        return 0.0 if not self.total else float(self._latest[0])
+
+    @property
+    def shown_stride(self) -> int:
+        """Every so many readings one is shown."""
+        return max(stride_for(self.total, SHOWN), self.stride)
+
+    def shown(self, start: int, most: int) -> tuple[Floats, Floats, Floats]:
+        """Times, readings and accelerations of at most so many shown points, from number `start` on."""
+        step = self.shown_stride // self.stride
+        rows = self._rows[start * step : (start + most) * step : step]
+        return rows[:, 0], rows[:, 1:4], rows[:, 4:]
+
+    def within(self, spans: tuple[tuple[float, float], ...]) -> NDArray[np.bool_]:
+        """(N,) which of those held lie within spans of time, ends included."""
+        inside = np.zeros(len(self), bool)
+        for first, last in self._places(spans):
+            inside[first:last] = True
+        return inside
+
+    def count_within(self, spans: tuple[tuple[float, float], ...]) -> int:
+        """Readings within spans that lie apart; of a long session to within a stride."""
+        found = sum(last - first for first, last in self._places(spans)) * self.stride
+        return min(found, self.total)
+
+    def _places(self, spans: tuple[tuple[float, float], ...]) -> list[tuple[int, int]]:
+        return [
+            (int(np.searchsorted(self.time, start, "left")), int(np.searchsorted(self.time, end, "right")))
+            for start, end in spans
+        ]

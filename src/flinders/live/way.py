@@ -1,0 +1,92 @@
+"""The way to turn from where the sensor is now, put into what the page draws.
+
+`flinders.report.view` knows a fit and nothing of where the field points now, so it names the best single direction. A
+page that follows the sensor can lead it: this puts the first waypoint of `flinders.route` in place of that direction,
+and before any fit has a surface a sphere through the readings so far, so that there is something to lead on.
+
+>>> from flinders import fitting, simulate
+>>> from flinders.report.view import view
+>>> samples = simulate.tumble(seed=1, motion="tilted").samples
+>>> fit = fitting.fit(samples, target_deg=0.1)
+>>> drawn = led(view(fit, samples), fit, samples)
+>>> drawn.guidance.words
+'follow the arrow: turn it about x (y towards z), then about z (x towards y)'
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+import numpy as np
+
+from flinders import route
+from flinders.report.view import GuidanceView, Shown
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.guidance import Frame, Goal
+    from flinders.report.view import Triple, View
+    from flinders.result import Fit
+    from flinders.samples import Samples
+
+SPEED_DEG: Final = 90.0
+"""Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""
+
+
+def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
+    """Put the way from the newest reading into a view; leave the view as it is where no way is worth it.
+
+    Parameters
+    ----------
+    view : View
+        Of this fit.
+    fit : Fit
+        Also that of a `Refused`.
+    samples : Samples
+        All so far, the newest last.
+    goal, frame : str
+        As in `flinders.guidance`.
+    """
+    if fit.plane or not len(samples):
+        return view
+    belief = route.believe(fit, samples.field)
+    if belief is None:
+        return view
+    here = belief.direction(samples.field[-1])
+    if not here.any():
+        return view
+    is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
+    way = route.plan(
+        belief,
+        here,
+        target_deg=fit.target_deg,
+        goal=goal,
+        dip_deg=fit.dip_deg,
+        down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
+        readings_per_deg=_readings_per_deg(samples),
+    )
+    if way.worst_deg <= fit.target_deg and not belief.is_rough:
+        return view
+    words = f"follow the arrow: {way.words(frame)}"
+    leads = GuidanceView(_triple(way.waypoints[0]), words, way.worst_deg, way.after_deg, goal)
+    return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
+
+
+def _readings_per_deg(samples: Samples) -> float:
+    """What the sensor gives for each degree that it is turned by."""
+    time = samples.time
+    if time is None or len(time) < 2 or not time[-1] > time[0]:
+        return route.READINGS_PER_DEG
+    return (len(time) - 1) / float(time[-1] - time[0]) / SPEED_DEG
+
+
+def _round(belief: route.Belief) -> Shown:
+    """A sphere to draw readings on that no fit has a surface for."""
+    radius = belief.ellipsoid.radius
+    return Shown(_triple(belief.ellipsoid.centre), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), radius)
+
+
+def _triple(vector: Floats) -> Triple:
+    x, y, z = vector.tolist()
+    return x, y, z

@@ -1,0 +1,448 @@
+"""What the live page and the report draw of one fit: the same numbers, once, ready for JSON.
+
+`view` turns a `Fit`, good, limited or refused, and the readings that it came from, into a `View`. Of a refused fit no
+number is given that somebody could copy; where it has a surface all the same, `shown` says under which correction the
+readings are drawn, so that the picture gets better while the sensor is being turned.
+
+>>> from flinders import fitting, simulate
+>>> samples = simulate.tumble(seed=1).samples
+>>> fit = fitting.fit(samples)
+>>> seen = view(fit, samples)
+>>> seen.verdict, seen.unit, seen.heading_error_deg.worst == fit.heading_error_deg.worst
+('good', 'µT', True)
+>>> seen.sentence
+'Headings are good to 0.066° (1 σ, worst heading), at any attitude. The target is 1°.'
+>>> sum(seen.tiles_seen) == len(samples), len(seen.tiles_deg)
+(True, 642)
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+from msgspec import Struct
+
+from flinders.errors import figures
+from flinders.guidance import guide
+from flinders.heading import direction_gradients, level_gradients, level_turn, upright
+from flinders.health import Health
+from flinders.planar import down_of
+from flinders.tiles import tile_of, tiles
+from flinders.units import label
+from flinders.verdict import UPSIDE_DOWN, WORTH_IT, movement
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+    from flinders.guidance import Frame, Goal, Guidance
+    from flinders.result import Fit
+    from flinders.samples import Samples
+
+Triple = tuple[float, float, float]
+Matrix = tuple[Triple, Triple, Triple]
+
+BINS: Final = 40
+WIDEST: Final = 4.0
+"""The histogram goes to so many standard deviations; what is beyond is counted in the outermost bins."""
+
+LOST_DEG: Final = 90.0
+"""An error from which on a direction says nothing: the tile counts as not known."""
+
+
+class HeadingErrorView(Struct, frozen=True):
+    """Heading error to expect, 1 σ, in degrees, and what it is for."""
+
+    rms: float
+    worst: float
+    dip_deg: float
+    target_deg: float
+
+
+class ErrorView(Struct, frozen=True):
+    """An error in degrees."""
+
+    rms: float
+    worst: float
+
+
+class FindingView(Struct, frozen=True):
+    """A finding, as `flinders.result.Finding`."""
+
+    code: str
+    severity: Literal["note", "limits", "refuses"]
+    number: float | None
+    limit: float | None
+    advice: str
+
+
+class Shown(Struct, frozen=True):
+    """The correction that readings are drawn under, for drawing only: ``matrix @ (raw - offset) / strength``."""
+
+    offset: Triple
+    matrix: Matrix
+    strength: float
+
+
+class Residuals(Struct, frozen=True):
+    """Distances of the readings used from the surface, counted.
+
+    Attributes
+    ----------
+    edges : (n + 1,) float, in the view's unit
+    counts : (n,) int
+        What lies beyond the ends is counted in the outermost.
+    """
+
+    edges: tuple[float, ...]
+    counts: tuple[int, ...]
+
+
+class Turn(Struct, frozen=True):
+    """A level turn of a vehicle.
+
+    Attributes
+    ----------
+    heading_deg : (72,) float
+        Clockwise from magnetic north.
+    before_deg : (72,) float
+        Deviation of the raw compass: what it reads less that, its mean taken off, −180 to 180.
+    sigma_deg : (72,) float
+        1 σ of the corrected one.
+    """
+
+    heading_deg: tuple[float, ...]
+    before_deg: tuple[float, ...]
+    sigma_deg: tuple[float, ...]
+
+
+class GuidanceView(Struct, frozen=True):
+    """Which way to turn next.
+
+    Attributes
+    ----------
+    direction : (3,) float or None
+        Where the field should point next, a unit vector in corrected sensor axes; None where none is better than
+        the others.
+    words : str
+    worst_deg, after_deg : float
+        The error that matters now, and after some readings there.
+    goal : str
+        ``heading`` of a level vehicle, or ``attitude``: whichever way it is held.
+    """
+
+    direction: Triple | None
+    words: str
+    worst_deg: float
+    after_deg: float
+    goal: Literal["heading", "attitude"]
+
+
+class View(Struct, frozen=True):
+    """One fit as it is drawn; what cannot be trusted is None.
+
+    Attributes
+    ----------
+    verdict : str
+    sentence : str
+        The verdict in plain words.
+    method : str
+    unit : str
+        ``µT`` or ``counts``; of all that is a field.
+    field_strength : float or None
+    field_strength_known : bool
+    offset, offset_sigma : (3,) or None
+    matrix, matrix_sigma : (3, 3) or None
+    noise : float or None
+    samples : int
+        Readings used.
+    heading_error_deg : HeadingErrorView or None
+        Of a level vehicle.
+    uncorrected_heading_error_deg : ErrorView or None
+    attitude_limit_deg : float or None
+        Tilt up to which the worst heading is within the target; 180 for all.
+    any_attitude_deg : ErrorView or None
+        Over the tiles: whichever way the vehicle is held.
+    findings : list of FindingView
+        Gravest first.
+    tiles_deg : (642,) float or None
+        See `tile_errors_deg`; None where nothing is known.
+    tiles_seen : (642,) int
+        Readings used, by tile.
+    rejected : list of (first, last)
+        Runs of readings, counted from 0, that were left out.
+    residuals : Residuals or None
+    turn : Turn or None
+    guidance : GuidanceView or None
+    shown : Shown or None
+        Also of a refused fit.
+    """
+
+    verdict: Literal["good", "limited", "refused"]
+    sentence: str
+    method: str
+    unit: str
+    field_strength: float | None
+    field_strength_known: bool
+    offset: Triple | None
+    offset_sigma: Triple | None
+    matrix: Matrix | None
+    matrix_sigma: Matrix | None
+    noise: float | None
+    samples: int
+    heading_error_deg: HeadingErrorView | None
+    uncorrected_heading_error_deg: ErrorView | None
+    attitude_limit_deg: float | None
+    any_attitude_deg: ErrorView | None
+    findings: tuple[FindingView, ...]
+    tiles_deg: tuple[float | None, ...]
+    tiles_seen: tuple[int, ...]
+    rejected: tuple[tuple[int, int], ...]
+    residuals: Residuals | None
+    turn: Turn | None
+    guidance: GuidanceView | None
+    shown: Shown | None
+
+
+class TilesView(Struct, frozen=True):
+    """The tiles, sent once.
+
+    Attributes
+    ----------
+    centres : (1926,) float
+        x, y, z of each in turn.
+    corners : 642 lists of 15 or 18 float
+    """
+
+    centres: tuple[float, ...]
+    corners: tuple[tuple[float, ...], ...]
+
+
+def tiles_view() -> TilesView:
+    """The tiles as they are sent, to 5 decimals: a hundred thousandth of the radius is a thousandth of a degree."""
+    return TilesView(
+        tuple(tiles().centres.round(5).ravel().tolist()),
+        tuple(tuple(corners.round(5).ravel().tolist()) for corners in tiles().polygons()),
+    )
+
+
+def view(
+    fit: Fit,
+    samples: Samples,
+    *,
+    numbers: ArrayLike | None = None,
+    goal: Goal = "heading",
+    frame: Frame = "sensor",
+) -> View:
+    """Put together what is drawn of a fit.
+
+    Parameters
+    ----------
+    fit : Fit
+        Also that of a `Refused`.
+    samples : Samples
+        The readings that were fitted, in the order in which they were.
+    numbers : (N,) int, optional
+        Which reading of the whole each of them is, counted from 0; by default they are the whole.
+    goal, frame : str
+        As in `flinders.guidance`.
+    """
+    health = Health.of(samples)
+    is_at_rail = np.zeros(len(samples), bool)
+    for rail in health.rails:
+        is_at_rail |= samples.field[:, rail.axis] == rail.value
+    runs = _runs_left_out(fit, is_at_rail)
+    is_used = ~is_at_rail
+    for first, last in runs:
+        is_used[first : last + 1] = False
+    is_refused, has_surface = fit.verdict == "refused", not fit.is_flat
+    calibration, numbered = fit.calibration, np.arange(len(samples)) if numbers is None else np.asarray(numbers)
+    corrected = calibration.apply(samples.field[is_used]) if has_surface else np.empty((0, 3))
+    errors = tile_errors_deg(fit) if has_surface else np.full(len(tiles().centres), np.nan)
+    error, limit = fit.heading_error_deg, fit.attitude_limit_deg if has_surface else None
+    return View(
+        verdict=fit.verdict,
+        sentence=sentence(fit, limit),
+        method=fit.method,
+        unit=label(calibration.unit),
+        field_strength=None if is_refused else calibration.field_strength,
+        field_strength_known=calibration.field_strength_known,
+        offset=None if is_refused else _triple(calibration.offset),
+        offset_sigma=None if is_refused else _triple(fit.offset_sigma),
+        matrix=None if is_refused else _matrix(calibration.matrix),
+        matrix_sigma=None if is_refused else _matrix(matrix_sigma(fit)),
+        noise=fit.noise if has_surface else None,
+        samples=fit.samples,
+        heading_error_deg=HeadingErrorView(error.rms, error.worst, error.dip_deg, fit.target_deg)
+        if has_surface
+        else None,
+        uncorrected_heading_error_deg=None if is_refused else _uncorrected(fit),
+        attitude_limit_deg=limit,
+        any_attitude_deg=ErrorView(float(np.sqrt(np.mean(errors**2))), float(errors.max())) if has_surface else None,
+        findings=tuple(FindingView(**finding.as_dict()) for finding in fit.findings),
+        tiles_deg=tuple(round(angle, 4) if angle < LOST_DEG else None for angle in errors.tolist()),
+        tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
+        rejected=_numbered([*runs, *_runs(np.flatnonzero(is_at_rail))], numbered),
+        residuals=residuals(fit, corrected) if has_surface else None,
+        turn=turn(fit) if has_surface else None,
+        guidance=guidance(fit, goal, frame) if has_surface else None,
+        shown=Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength)
+        if has_surface
+        else None,
+    )
+
+
+def tile_errors_deg(fit: Fit) -> Floats:
+    """(642,) heading error to expect, 1 σ, of a vehicle held so that the field falls into a tile.
+
+    A field along u leaves a heading open to where the vehicle's vertical is: it makes 90° − I with u, in any direction
+    around it. An error δu across u costs the heading its part along the horizontal, over cos I. So at the worst of the
+    attitudes which bring the field there the variance is the largest eigenvalue of the transverse covariance of u,
+    (1 − uuᵀ) S⁻¹ J P Jᵀ S⁻ᵀ (1 − uuᵀ), over cos² I. What belongs to the direction is added, as to all headings. No mean
+    is taken off: from one attitude to another there is none that a mounting would explain.
+
+    Parameters
+    ----------
+    fit : Fit
+        Its dip is used.
+    """
+    gradients = direction_gradients(fit.ellipsoid, tiles().centres)
+    covariance = gradients @ fit.covariance @ np.swapaxes(gradients, 1, 2)  # (642, 3, 3), of rank 2
+    largest = np.linalg.eigvalsh(covariance)[:, -1].clip(min=0.0)
+    level = math.cos(math.radians(fit.heading_error_deg.dip_deg))
+    errors: Floats = np.hypot(np.rad2deg(np.sqrt(largest)) / level, fit.structure_deg)
+    return errors
+
+
+def sentence(fit: Fit, limit_deg: float | None = None) -> str:
+    """The verdict in plain words, in a sentence or two; `limit_deg` is the attitude limit, where that is known already.
+
+    >>> from flinders import fitting, simulate
+    >>> sentence(fitting.fit(simulate.tumble(seed=1, motion="tilted").samples))
+    'Headings are good to 0.27° (1 σ, worst heading), up to 30° of tilt. The target is 1°.'
+    """
+    if fit.is_flat:
+        return "All readings lie in one plane, so nothing is known about other attitudes."
+    worst, target = fit.heading_error_deg.worst, f"The target is {fit.target_deg:g}°."
+    if fit.verdict == "refused":
+        if worst > fit.target_deg:
+            much = f"up to {figures(worst)}°" if worst < LOST_DEG else "any angle"
+            return f"Headings may be off by {much} (1 σ, worst heading). {target}"
+        return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
+    limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
+    reach = "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
+    held = "held level" if limit < 1.0 else reach
+    return f"Headings are good to {figures(worst)}° (1 σ, worst heading), {held}. {target}"
+
+
+def matrix_sigma(fit: Fit) -> Floats:
+    """(3, 3) standard deviations of the entries of W = F S⁻¹, to first order.
+
+    δW = (δF/F) W − W δS S⁻¹, with δF = F tr(S⁻¹ δS)/3 where F is the radius that results, and 0 where it is known.
+    """
+    inverse, matrix = np.linalg.inv(fit.ellipsoid.shape), fit.calibration.matrix
+    rows = []
+    for entry in range(6):
+        change = np.zeros((3, 3))
+        i, j = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))[entry]
+        change[i, j] = change[j, i] = 1.0
+        scale = 0.0 if fit.calibration.field_strength_known else np.trace(inverse @ change) / 3.0
+        rows.append((scale * matrix - matrix @ change @ inverse).ravel())
+    jacobian = np.array(rows).T  # (9, 6)
+    variance = np.sum(jacobian @ fit.covariance[3:, 3:] * jacobian, axis=1).clip(min=0.0)
+    sigma: Floats = np.sqrt(variance).reshape(3, 3)
+    return sigma
+
+
+def turn(fit: Fit) -> Turn:
+    """What a compass does over a level turn, before and after."""
+    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
+    heading, directions = level_turn(dip, down)
+    raw = fit.ellipsoid.centre[:, np.newaxis] + fit.ellipsoid.shape @ directions
+    if down is not None:
+        raw = upright(down).T @ raw
+    turned = np.exp(1j * (np.arctan2(-raw[1], raw[0]) - heading))
+    mean = turned.mean()
+    before = np.angle(turned / (mean / abs(mean) if abs(mean) > 0.0 else 1.0))
+    gradients = level_gradients(fit.ellipsoid, dip_deg=dip, down=down)
+    variance = np.sum(gradients @ fit.covariance * gradients, axis=1).clip(min=0.0)
+    sigma = np.hypot(np.rad2deg(np.sqrt(variance)), fit.structure_deg)
+    return Turn(*(tuple(column.round(4).tolist()) for column in (np.rad2deg(heading), np.rad2deg(before), sigma)))
+
+
+def residuals(fit: Fit, corrected: Floats) -> Residuals:
+    """Count how far (N, 3) corrected readings are from the sphere."""
+    widest = max(WIDEST * fit.noise, np.finfo(float).tiny)
+    edges = np.linspace(-widest, widest, BINS + 1)
+    lengths = np.linalg.norm(corrected, axis=1) - fit.calibration.field_strength
+    counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
+    return Residuals(tuple(edges.tolist()), tuple(counts.tolist()))
+
+
+def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
+    """Which way to turn next, for one of the goals.
+
+    A turn in one plane, and a fit that no direction would help more than the others, get words without a direction.
+    """
+    found = _guide(fit, goal)
+    if fit.plane or found.after_deg > (1.0 - WORTH_IT) * found.worst_deg:
+        words = (
+            movement(fit) if fit.plane else "turn it slowly through all directions, away from iron and from currents"
+        )
+        return GuidanceView(None, words, found.worst_deg, found.after_deg, goal)
+    return GuidanceView(_triple(found.direction), found.words(frame), found.worst_deg, found.after_deg, goal)
+
+
+def _guide(fit: Fit, goal: Goal) -> Guidance:
+    is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
+    return guide(
+        fit.ellipsoid,
+        fit.covariance,
+        noise=fit.noise,
+        coverage=fit.coverage,
+        dip_deg=fit.dip_deg,
+        down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
+        goal=goal,
+    )
+
+
+def _uncorrected(fit: Fit) -> ErrorView:
+    error = fit.uncorrected_heading_error_deg
+    return ErrorView(error.rms, error.worst)
+
+
+def _runs_left_out(fit: Fit, is_at_rail: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Runs of strays as places in what was fitted; the fit counts them among the readings that are at no rail."""
+    free = np.flatnonzero(~is_at_rail)
+    return [(int(free[stray.first - 1]), int(free[stray.last - 1])) for stray in fit.strays]
+
+
+def _runs(rows: NDArray[np.intp]) -> list[tuple[int, int]]:
+    """Ascending rows as runs.
+
+    >>> _runs(np.array([1, 2, 3, 7]))
+    [(1, 3), (7, 7)]
+    """
+    if not len(rows):
+        return []
+    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    return [(int(part[0]), int(part[-1])) for part in parts]
+
+
+def _numbered(runs: Sequence[tuple[int, int]], numbers: NDArray[np.intp]) -> tuple[tuple[int, int], ...]:
+    """Runs of places in what was fitted as runs of readings."""
+    return tuple((int(numbers[first]), int(numbers[last])) for first, last in sorted(runs))
+
+
+def _triple(vector: Floats) -> Triple:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def _matrix(matrix: Floats) -> Matrix:
+    x, y, z = map(_triple, matrix)
+    return x, y, z

@@ -1,0 +1,741 @@
+/**
+ * The live page: takes what the server says into the store, and draws the store.
+ *
+ * Messages only mark what is to be drawn; drawing happens in the next frame of the screen, so that a slow machine draws
+ * less often and never falls behind. Charts of all readings are drawn at most ten times a second, what is read as
+ * numbers four times, the dials and the sphere with each frame.
+ */
+
+import { Connection } from "./connection.js";
+import { ask, byId, element, icon, Refusal, setIcon, setList, setText } from "./dom.js";
+import { Finish } from "./finish.js";
+import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
+import { Gap, Store } from "./store.js";
+import { legend, palette } from "./views/colours.js";
+import { deviation } from "./views/deviation.js";
+import { corrected, dial, headingOf } from "./views/dial.js";
+import { gauge } from "./views/gauge.js";
+import { svg } from "./views/plot.js";
+import { projections } from "./views/projections.js";
+import { histogram } from "./views/residuals.js";
+import { select, strength } from "./views/strength.js";
+import { counted, degrees, duration, fixed, frequency, ICONS, PHASES, sentence, things } from "./views/words.js";
+
+/** @typedef {import("./messages.d.ts").ToServer} ToServer */
+/** @typedef {import("./messages.d.ts").FromServer} FromServer */
+/** @typedef {import("./messages.d.ts").View} View */
+/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./views/scene.js").Scene} Scene */
+
+/** Charts are drawn no more often than this, and take at most a sixth of the time. */
+const CHART_MS = 100;
+const CHART_SHARE = 6;
+/** Letters of advice that the large type has room for. */
+const LONG_ADVICE = 112;
+const SAID_MS = 4000;
+const NOTICE_MS = 9000;
+
+const store = new Store();
+const finish = new Finish(notify);
+/** @type {Scene | null} */
+let scene = null;
+let sceneAsked = false;
+/** Points from this one on are not in the scene yet. */
+let sceneFrom = Infinity;
+const dirty = { state: true, view: true, points: true, now: true };
+let chartsNext = 0;
+let frameAsked = false;
+let wasOpen = false;
+
+// Server ------------------------------------------------------------------------------------------------------------
+
+const address = new URL("socket", window.location.href);
+address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+
+const connection = new Connection(address.href, {
+    onMessage(message) {
+        if (message.type === "notice") {
+            notify(message.severity, message.words);
+            return;
+        }
+        store.take(message);
+        if (message.type === "hello") {
+            finish.setTargets(message.targets);
+            sceneFrom = 0;
+            dirty.points = true;
+            dirty.now = true;
+            startScene();
+        }
+        dirty.state = true;
+        if (message.type !== "state") dirty.view = true;
+        askFrame();
+    },
+    onFrame(frame) {
+        try {
+            sceneFrom = Math.min(sceneFrom, store.takeFrame(frame));
+        } catch (error) {
+            if (!(error instanceof Gap)) throw error;
+            connection.renew();
+            return;
+        }
+        dirty.points = true;
+        dirty.now = true;
+        askFrame();
+    },
+    onLink(link, seconds) {
+        if (link === "open") wasOpen = true;
+        byId("lost", HTMLElement).hidden = link === "open" || (!wasOpen && link === "trying");
+        const words = link === "trying" ? "Trying to reach Flinders …" : `Flinders does not answer. Next try in ${seconds} s. The readings are safe where it runs.`;
+        if (link !== "open") setText(byId("lost-words", HTMLElement), words);
+        document.documentElement.dataset.line = link;
+    },
+});
+
+/**
+ * Ask the server for something, or say that it cannot hear us.
+ * @param {ToServer} message
+ */
+function send(message) {
+    if (!connection.send(message)) notify("warning", "There is no connection to Flinders, so nothing was changed.");
+}
+
+// Drawing -----------------------------------------------------------------------------------------------------------
+
+function askFrame() {
+    if (frameAsked) return;
+    frameAsked = true;
+    requestAnimationFrame(draw);
+}
+
+/** @param {number} now */
+function draw(now) {
+    frameAsked = false;
+    const { state, view } = store;
+    if (dirty.state && state) drawState(state, view);
+    if (dirty.state || dirty.view) finish.show(view, state);
+    if (dirty.view) {
+        histogram(byId("histogram", HTMLElement), view, theme());
+        setText(byId("residuals-noise", HTMLElement), view && view.noise !== null ? `σ ${fixed(view.noise, view.noise < 1 ? 2 : 1)} ${view.unit}` : "");
+    }
+    if (dirty.view || dirty.state) deviation(byId("deviation", HTMLElement), view, theme(), state?.target_deg ?? null);
+    if (dirty.points || dirty.view || dirty.state) drawScene(view, state);
+    if (dirty.now || dirty.view) drawNow(view);
+    const charts = dirty.points || dirty.view || dirty.state;
+    Object.assign(dirty, { state: false, view: false, now: false });
+    if (!charts) return;
+    if (now >= chartsNext) {
+        const begun = performance.now();
+        dirty.points = false;
+        projections(byId("projections", HTMLElement), store.points, view, theme(), state);
+        strength(byId("strength", HTMLElement), store.points, view, state, { onBrush: marked });
+        chartsNext = now + Math.max(CHART_MS, CHART_SHARE * (performance.now() - begun));
+    } else {
+        dirty.points = true;
+        window.setTimeout(askFrame, chartsNext - now);
+    }
+}
+
+/** Draw everything again, as after a change of theme. */
+function drawAll() {
+    Object.assign(dirty, { state: true, view: true, points: true, now: true });
+    chartsNext = 0;
+    drawLegend();
+    askFrame();
+}
+
+/**
+ * The errors that count for what the calibration is for.
+ * @param {View | null} view
+ * @param {string} goal
+ * @returns {{rms: number | null, worst: number | null}}
+ */
+function errors(view, goal) {
+    const pair = goal === "attitude" ? view?.any_attitude_deg : view?.heading_error_deg;
+    return { rms: pair?.rms ?? null, worst: pair?.worst ?? null };
+}
+
+/**
+ * @param {State} state
+ * @param {View | null} view
+ */
+function drawState(state, view) {
+    const { rms, worst } = errors(view, state.goal);
+    gauge(byId("gauge", HTMLElement), { rms, worst, target: state.target_deg }, theme());
+    setText(byId("worst", HTMLElement), degrees(worst, 2).replace("°", ""));
+    byId("degree", HTMLElement).hidden = worst === null;
+    setText(byId("worst-what", HTMLElement), state.goal === "attitude" ? "in the worst direction" : "at the worst heading");
+    setText(byId("rms", HTMLElement), degrees(rms, 2));
+    setField("target", state.target_deg);
+    setField("dip", state.dip_deg);
+    const goal = byId("goal", HTMLSelectElement);
+    if (document.activeElement !== goal) goal.value = state.goal;
+    drawPhase(state);
+    drawSource(state);
+    drawAdvice(state, view);
+    drawLegend();
+    byId("undo", HTMLButtonElement).disabled = !state.can_undo;
+    byId("redo", HTMLButtonElement).disabled = !state.can_redo;
+    byId("clear", HTMLElement).hidden = state.opened !== null;
+    const pause = byId("pause", HTMLButtonElement);
+    pause.hidden = state.opened !== null;
+    pause.setAttribute("aria-pressed", String(state.paused));
+    setIcon(pause, state.paused ? "play" : "pause");
+    const label = pause.querySelector("span");
+    if (label) setText(label, state.paused ? "Go on" : "Pause");
+    byId("back", HTMLElement).hidden = state.opened === null || state.source.kind === "file";
+    document.title = worst === null ? "Flinders" : `${degrees(worst)} · ${PHASES[state.phase]} · Flinders`;
+}
+
+/** @param {State} state */
+function drawPhase(state) {
+    const panel = byId("status-title", HTMLElement).closest(".status");
+    if (panel instanceof HTMLElement) panel.dataset.phase = state.phase;
+    const title = byId("phase", HTMLElement);
+    setIcon(title, ICONS[state.phase]);
+    const strong = title.querySelector("strong");
+    if (strong) setText(strong, state.paused ? "Paused" : (PHASES[state.phase] ?? state.phase));
+    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? "" : state.words);
+    const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
+    setList(byId("reasons", HTMLElement), others, (reason) => {
+        const row = element("li", sentence(reason.advice));
+        row.dataset.severity = reason.severity;
+        return row;
+    });
+    say("phase", `${PHASES[state.phase]}. ${state.words}`);
+}
+
+/** @param {State} state */
+function drawSource({ source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
+    byId("source", HTMLElement).dataset.link = opened === null ? source.link : "ended";
+    setText(byId("source-name", HTMLElement), opened ?? source.name);
+    const links = { connected: "", waiting: "waiting", gone: "gone", ended: "ended" };
+    const counts = [
+        opened === null ? links[source.link] : "a log",
+        opened === null ? frequency(rate_hz ?? 0) : "",
+        readings > 0 ? duration(seconds) : "",
+        readings > 0 ? things(readings, "reading") : "",
+        rejected > 0 ? `${counted(rejected)} left out` : "",
+        excluded_readings > 0 ? `${counted(excluded_readings)} taken out` : "",
+        readings > 0 ? "" : source.words,
+    ];
+    const words = counts.filter(Boolean).join(" · ");
+    setText(byId("source-words", HTMLElement), words);
+    byId("source", HTMLElement).title = [source.name, source.words, words, recording ? `recorded to ${recording}` : ""].filter(Boolean).join("\n");
+}
+
+/**
+ * @param {State} state
+ * @param {View | null} view
+ */
+function drawAdvice(state, view) {
+    const nothing = state.readings === 0;
+    byId("empty", HTMLElement).hidden = !nothing;
+    byId("stage", HTMLElement).toggleAttribute("data-empty", nothing);
+    setText(byId("empty-lead", HTMLElement), state.source.link === "gone" ? "The sensor is gone" : `Waiting for readings`);
+    setText(byId("empty-words", HTMLElement), state.source.words);
+    const guidance = view?.guidance ?? null;
+    const done = state.phase === "good";
+    const wrong = state.phase === "wrong";
+    const words = wrong
+        ? sentence(state.words)
+        : nothing
+          ? "Plug the sensor in, then turn it slowly through all directions."
+          : done
+            ? "Done: press Finish. Going on makes it better still."
+            : guidance
+              ? sentence(guidance.words)
+              : "Turn the sensor slowly through all directions.";
+    setIcon(byId("advice", HTMLElement), done ? "good" : wrong ? "wrong" : "next");
+    byId("advice", HTMLElement).dataset.phase = state.phase;
+    byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
+    setText(byId("advice-words", HTMLElement), words);
+    say("advice", words);
+}
+
+let legendDrawn = "";
+
+function drawLegend() {
+    const target = store.state?.target_deg ?? 1;
+    const hasUnknown = store.view?.tiles_deg.some((deg) => deg === null) ?? false;
+    const key = `${target} ${theme()} ${hasUnknown}`;
+    if (legendDrawn === key) return;
+    legendDrawn = key;
+    const rows = legend(target, theme()).map(({ colour, words }) => legendRow(colour, words));
+    if (hasUnknown) rows.push(legendRow(palette(theme()).unknown, "not known"));
+    byId("legend", HTMLElement).replaceChildren(...rows, legendRow(null, "not visited"));
+}
+
+/**
+ * @param {string | null} colour Null: hatched.
+ * @param {string} words
+ * @returns {HTMLElement}
+ */
+function legendRow(colour, words) {
+    const row = element("p");
+    const patch = svg("svg", { viewBox: "0 0 14 14", "aria-hidden": "true" });
+    if (colour) patch.append(svg("rect", { width: 14, height: 14, rx: 3, fill: colour }));
+    else patch.append(svg("rect", { width: 13, height: 13, x: 0.5, y: 0.5, rx: 3, fill: "none", stroke: "currentColor" }), svg("path", { d: "M2 12L12 2M2 7L7 2M7 12L12 7", stroke: "currentColor" }));
+    const [, first, rest] = /^(\S+°)?(.*)$/.exec(words) ?? [words, "", words];
+    const label = element("span", first ?? "");
+    const more = element("span", rest);
+    if (first) more.className = "rest";
+    label.append(more);
+    row.append(patch, label);
+    return row;
+}
+
+/** @param {View | null} view */
+function drawNow(view) {
+    const now = store.now;
+    const acceleration = now?.acceleration ?? null;
+    const shown = view?.offset && view.matrix ? { offset: view.offset, matrix: view.matrix } : null;
+    const raw = now ? headingOf(now.raw, acceleration) : null;
+    const mended = now && shown ? headingOf(corrected(now.raw, shown), acceleration) : null;
+    dial(byId("dial", HTMLElement), {
+        raw_deg: raw?.deg ?? null,
+        corrected_deg: mended?.deg ?? null,
+        tilt: raw?.tilt_deg ?? null,
+    });
+    scene?.setNow(now ? { raw: now.raw } : null);
+}
+
+// Scene -------------------------------------------------------------------------------------------------------------
+
+/** The sphere comes as a module of its own: where it cannot be had, all else works. */
+async function startScene() {
+    const tiles = store.hello?.tiles;
+    if (sceneAsked || !tiles) return;
+    sceneAsked = true;
+    const host = byId("scene", HTMLElement);
+    try {
+        const { Scene: Made } = await import("./views/scene.js");
+        scene = new Made(host, { tiles, theme: theme(), interactive: true });
+    } catch (error) {
+        console.warn("flinders: no 3-D view:", error);
+        const without = byId("without", HTMLElement);
+        without.hidden = false;
+        setText(without, "The 3-D view cannot be shown here. All else works: gauge, words, projections and exports.");
+        return;
+    }
+    scene.setMode(mode());
+    sceneFrom = 0;
+    drawAll();
+}
+
+/** @type {State["excluded"] | null} */
+let maskedSpans = null;
+/** @type {View | null} */
+let sceneView = null;
+let maskKey = "";
+
+/**
+ * @param {View | null} view
+ * @param {State | null} state
+ */
+function drawScene(view, state) {
+    if (!scene) return;
+    if (sceneFrom === 0) scene.setPoints(store.points);
+    else if (sceneFrom < store.points.count) scene.appendPoints(store.points, sceneFrom);
+    sceneFrom = store.points.count;
+    if (state) scene.setTarget(state.target_deg);
+    if (view !== sceneView) {
+        sceneView = view;
+        scene.setView(view);
+    }
+    const spans = state?.excluded ?? [];
+    const key = JSON.stringify([spans, view?.rejected ?? [], store.points.stride]);
+    if (key !== maskKey || spans !== maskedSpans) {
+        maskKey = key;
+        maskedSpans = spans;
+        scene.setMask(spans, view?.rejected ?? [], store.points.stride);
+    }
+}
+
+/** @returns {"sphere" | "clouds" | "raw" | "corrected"} */
+function mode() {
+    const chosen = document.querySelector('input[name="mode"]:checked');
+    const value = chosen instanceof HTMLInputElement ? chosen.value : "sphere";
+    return value === "clouds" || value === "raw" || value === "corrected" ? value : "sphere";
+}
+
+/** @param {number} which */
+function chooseMode(which) {
+    const choices = document.querySelectorAll('input[name="mode"]');
+    const choice = choices[which];
+    if (!(choice instanceof HTMLInputElement)) return;
+    choice.checked = true;
+    modeChosen();
+}
+
+function modeChosen() {
+    scene?.setMode(mode());
+    byId("legend", HTMLElement).hidden = mode() !== "sphere";
+}
+
+// Words -------------------------------------------------------------------------------------------------------------
+
+/** @type {Map<string, string>} */
+const toSay = new Map();
+/** @type {Map<string, string>} */
+const saidBefore = new Map();
+let sayTimer = 0;
+
+/**
+ * Tell a screen reader what is new, and not more often than it can be listened to.
+ * @param {string} topic
+ * @param {string} words
+ */
+function say(topic, words) {
+    if (saidBefore.get(topic) === words) {
+        toSay.delete(topic);
+        return;
+    }
+    toSay.set(topic, words);
+    if (sayTimer) return;
+    sayTimer = window.setTimeout(() => {
+        sayTimer = 0;
+        if (toSay.size === 0) return;
+        for (const [name, text] of toSay) saidBefore.set(name, text);
+        setText(byId("said", HTMLElement), [...toSay.values()].join(" "));
+        toSay.clear();
+    }, SAID_MS);
+}
+
+/**
+ * Show a notice. Errors stay until they are closed.
+ * @param {"info" | "warning" | "error"} severity
+ * @param {string} words
+ * @returns {() => void} Takes it away.
+ */
+function notify(severity, words) {
+    const list = byId("notices", HTMLElement);
+    for (const other of list.children) if (other.querySelector("span")?.textContent === sentence(words)) other.remove();
+    const row = element("li");
+    row.dataset.severity = severity;
+    const shut = element("button");
+    shut.className = "square quiet";
+    shut.setAttribute("aria-label", "Close this notice");
+    shut.append(icon("close"));
+    shut.addEventListener("click", () => row.remove());
+    row.append(icon(ICONS[severity]), element("span", sentence(words)), shut);
+    (document.querySelector("dialog[open]") ?? document.body).append(list); // all else is inert while a dialog is open
+    list.append(row);
+    while (list.children.length > 4) list.firstElementChild?.remove();
+    if (severity !== "error") window.setTimeout(() => row.remove(), NOTICE_MS);
+    return () => row.remove();
+}
+
+// Fields and buttons ------------------------------------------------------------------------------------------------
+
+/**
+ * Show a number of the state, unless somebody is typing another.
+ * @param {string} id
+ * @param {number} value
+ */
+function setField(id, value) {
+    const field = byId(id, HTMLInputElement);
+    const text = String(Number(value.toPrecision(6)));
+    if (document.activeElement !== field && field.value !== text) field.value = text;
+}
+
+/**
+ * Send a number when it has been typed; what cannot be used goes back to what holds.
+ * @param {string} id
+ * @param {(value: number) => ToServer} message
+ * @param {() => number | undefined} held
+ */
+function onNumber(id, message, held) {
+    const field = byId(id, HTMLInputElement);
+    field.addEventListener("change", () => {
+        if (field.value !== "" && field.checkValidity()) {
+            send(message(field.valueAsNumber));
+            return;
+        }
+        notify("warning", `${field.value || "Nothing"} cannot be used here: need a number from ${field.min} to ${field.max}.`);
+        const value = held();
+        if (value !== undefined) field.value = String(value);
+    });
+    field.addEventListener("keydown", (event) => {
+        if (event.key === "Enter") field.blur();
+    });
+}
+
+/**
+ * @param {string} id
+ * @param {() => void} act
+ */
+function onClick(id, act) {
+    byId(id, HTMLElement).addEventListener("click", act);
+}
+
+onNumber("target", (deg) => ({ type: "target", deg }), () => store.state?.target_deg);
+onNumber("dip", (deg) => ({ type: "dip", deg }), () => store.state?.dip_deg);
+byId("goal", HTMLSelectElement).addEventListener("change", () => {
+    const goal = byId("goal", HTMLSelectElement).value === "attitude" ? "attitude" : "heading";
+    send({ type: "goal", goal });
+});
+for (const choice of document.querySelectorAll('input[name="mode"]')) choice.addEventListener("change", modeChosen);
+
+const togglePause = () => {
+    if (store.state && store.state.opened === null) send({ type: "pause", paused: !store.state.paused });
+};
+const confirmClear = () => {
+    if (store.state && store.state.opened === null) byId("confirm", HTMLDialogElement).showModal();
+};
+const openHelp = () => byId("help-panel", HTMLDialogElement).showModal();
+const chooseLog = () => byId("log-file", HTMLInputElement).click();
+
+onClick("pause", togglePause);
+onClick("clear", confirmClear);
+onClick("confirmed", () => {
+    byId("confirm", HTMLDialogElement).close();
+    send({ type: "clear" });
+});
+onClick("finish", () => finish.open());
+onClick("help", openHelp);
+onClick("theme", toggleTheme);
+onClick("open", chooseLog);
+onClick("retry", () => connection.retry());
+onClick("back", () => send({ type: "back_to_live" }));
+onClick("reset", () => scene?.resetCamera());
+onClick("undo", () => send({ type: "undo" }));
+onClick("redo", () => send({ type: "redo" }));
+onClick("previous", () => byId("previous-file", HTMLInputElement).click());
+onClick("previous-clear", () => send({ type: "previous_clear" }));
+for (const button of document.querySelectorAll("dialog .shut")) {
+    button.addEventListener("click", () => button.closest("dialog")?.close());
+}
+for (const dialog of document.querySelectorAll("dialog")) {
+    dialog.addEventListener("close", () => document.body.append(byId("notices", HTMLElement)));
+    dialog.addEventListener("click", (event) => {
+        if (event.target === dialog) dialog.close();
+    });
+}
+
+// Leaving out time --------------------------------------------------------------------------------------------------
+
+const from = byId("from", HTMLInputElement);
+const to = byId("to", HTMLInputElement);
+
+/**
+ * A stretch of time was marked in the chart, or the mark was taken back.
+ * @param {number | null} start_s
+ * @param {number | null} end_s
+ */
+function marked(start_s, end_s) {
+    const none = start_s === null || end_s === null;
+    byId("span", HTMLElement).hidden = none;
+    const label = byId("exclude", HTMLElement);
+    setText(label, none ? "Leave out…" : "Leave out");
+    if (none) return;
+    from.value = start_s.toFixed(2);
+    to.value = end_s.toFixed(2);
+}
+
+/** @returns {{start_s: number, end_s: number} | null} */
+function span() {
+    if (byId("span", HTMLElement).hidden) return null;
+    const [start_s, end_s] = [from.valueAsNumber, to.valueAsNumber];
+    if (Number.isFinite(start_s) && Number.isFinite(end_s) && start_s < end_s) return { start_s, end_s };
+    notify("warning", "The stretch needs a beginning and a later end, in seconds.");
+    return null;
+}
+
+function unmark() {
+    select(byId("strength", HTMLElement), null, null);
+    marked(null, null);
+}
+
+function leaveOut() {
+    if (byId("span", HTMLElement).hidden) {
+        const end = store.points.count > 0 ? store.points.time[store.points.count - 1] : 0;
+        if (!(end > 0)) {
+            notify("info", "There are no readings yet to leave out.");
+            return;
+        }
+        marked(0.45 * end, 0.55 * end);
+        select(byId("strength", HTMLElement), 0.45 * end, 0.55 * end);
+        from.focus();
+        return;
+    }
+    const chosen = span();
+    if (!chosen) return;
+    send({ type: "exclude", ...chosen });
+    unmark();
+}
+
+function putBack() {
+    const chosen = span();
+    if (!chosen) return;
+    send({ type: "restore", ...chosen });
+    unmark();
+}
+
+for (const field of [from, to]) {
+    field.addEventListener("input", () => {
+        if (from.valueAsNumber < to.valueAsNumber) select(byId("strength", HTMLElement), from.valueAsNumber, to.valueAsNumber);
+    });
+}
+byId("cut", HTMLFormElement).addEventListener("submit", (event) => {
+    event.preventDefault();
+    leaveOut();
+});
+onClick("restore", putBack);
+onClick("uncut", unmark);
+
+// Files -------------------------------------------------------------------------------------------------------------
+
+/**
+ * Send a file to be opened, or to be compared with.
+ * @param {"open" | "previous"} what
+ * @param {File} file
+ */
+async function upload(what, file) {
+    const limit = store.hello?.limits.upload_bytes ?? Infinity;
+    if (file.size > limit) {
+        const mib = (/** @type {number} */ bytes) => `${(bytes / 2 ** 20).toFixed(1)} MiB`;
+        notify("error", `${file.name} holds ${mib(file.size)}; this page takes up to ${mib(limit)}. Use flinders calibrate for larger logs.`);
+        return;
+    }
+    const done = what === "open" ? notify("info", `Reading ${file.name} …`) : () => {};
+    try {
+        await ask(`${what}?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+    } catch (error) {
+        if (!(error instanceof Refusal)) throw error;
+        notify("error", error.message);
+    } finally {
+        done();
+    }
+}
+
+for (const [id, what] of /** @type {const} */ ([["log-file", "open"], ["previous-file", "previous"]])) {
+    const input = byId(id, HTMLInputElement);
+    input.addEventListener("change", () => {
+        const file = input.files?.[0];
+        if (file) upload(what, file);
+        input.value = "";
+    });
+}
+
+let dragged = 0;
+const drop = byId("drop", HTMLElement);
+const hasFiles = (/** @type {DragEvent} */ event) => event.dataTransfer?.types.includes("Files") ?? false;
+window.addEventListener("dragenter", (event) => {
+    if (!hasFiles(event)) return;
+    dragged += 1;
+    setText(drop.firstElementChild ?? drop, finish.isOpen ? "Drop the earlier calibration to compare with it" : "Drop the log to open it");
+    drop.hidden = false;
+});
+window.addEventListener("dragleave", (event) => {
+    if (!hasFiles(event)) return;
+    dragged -= 1;
+    drop.hidden = dragged <= 0;
+});
+window.addEventListener("dragover", (event) => {
+    if (hasFiles(event)) event.preventDefault();
+});
+window.addEventListener("drop", (event) => {
+    dragged = 0;
+    drop.hidden = true;
+    if (!hasFiles(event)) return;
+    event.preventDefault();
+    const files = event.dataTransfer?.files;
+    if (!files || files.length === 0) return;
+    if (files.length > 1) notify("info", `One file at a time: ${files[0].name} is taken.`);
+    upload(finish.isOpen ? "previous" : "open", files[0]);
+});
+
+// Theme, enlarging, keys --------------------------------------------------------------------------------------------
+
+/** @returns {"dark" | "light"} */
+function theme() {
+    return document.documentElement.dataset.theme === "light" ? "light" : "dark";
+}
+
+function hasChosenTheme() {
+    try {
+        return localStorage.getItem("flinders-theme") !== null;
+    } catch {
+        return false;
+    }
+}
+
+function toggleTheme() {
+    const next = theme() === "dark" ? "light" : "dark";
+    document.documentElement.dataset.theme = next;
+    try {
+        localStorage.setItem("flinders-theme", next);
+    } catch {
+        // Storage may be switched off: the theme then lasts as long as the page.
+    }
+    themed();
+}
+
+function themed() {
+    setIcon(byId("theme", HTMLElement), theme() === "dark" ? "sun" : "moon");
+    scene?.setTheme(theme());
+    drawAll();
+}
+
+/** @param {HTMLElement} panel */
+function enlarge(panel) {
+    const is = panel.classList.toggle("enlarged");
+    const button = panel.querySelector(".enlarge");
+    if (button instanceof HTMLElement) {
+        setIcon(button, is ? "close" : "enlarge");
+        button.setAttribute("aria-expanded", String(is));
+    }
+    drawAll();
+}
+
+for (const button of document.querySelectorAll(".enlarge")) {
+    const panel = button.closest(".panel");
+    button.setAttribute("aria-expanded", "false");
+    if (panel instanceof HTMLElement) button.addEventListener("click", () => enlarge(panel));
+}
+
+function escape() {
+    const large = document.querySelector(".panel.enlarged");
+    if (!byId("span", HTMLElement).hidden) unmark();
+    else if (large instanceof HTMLElement) enlarge(large);
+}
+
+/** Keys act on the page only where no dialog is open. */
+const onPage = (/** @type {() => void} */ act) => () => {
+    if (!document.querySelector("dialog[open]")) act();
+};
+
+const shortcuts = [
+    { keys: ["?"], words: "this help", act: onPage(openHelp) },
+    { keys: ["f"], words: "finish: verdict, exports, what to keep", act: onPage(() => finish.open()) },
+    { keys: ["o"], words: "open a log", act: onPage(chooseLog) },
+    { keys: ["p"], words: "pause, go on", act: onPage(togglePause) },
+    { keys: ["n"], words: "start again", act: onPage(confirmClear) },
+    { keys: ["t"], words: "type a target", act: onPage(() => byId("target", HTMLInputElement).select()) },
+    { keys: ["x", "delete"], words: "leave the marked stretch of time out", act: onPage(leaveOut) },
+    { keys: ["b"], words: "put the marked stretch back", act: onPage(putBack) },
+    { keys: ["z", "ctrl+z"], words: "undo", act: onPage(() => send({ type: "undo" })) },
+    { keys: ["shift+z", "ctrl+y", "ctrl+shift+z"], words: "redo", act: onPage(() => send({ type: "redo" })) },
+    { keys: ["1"], words: "sphere", act: onPage(() => chooseMode(0)) },
+    { keys: ["2"], words: "both clouds", act: onPage(() => chooseMode(1)) },
+    { keys: ["3"], words: "raw readings", act: onPage(() => chooseMode(2)) },
+    { keys: ["4"], words: "corrected readings", act: onPage(() => chooseMode(3)) },
+    { keys: ["r"], words: "reset the view", act: onPage(() => scene?.resetCamera()) },
+    { keys: ["l"], words: "light or dark", act: onPage(toggleTheme) },
+    { keys: ["c"], words: "copy the export, where the finish panel is open", act: () => finish.isOpen && byId("copy", HTMLButtonElement).click() },
+    { keys: ["escape"], words: "take the mark away, close what is open", act: onPage(escape) },
+];
+listen(shortcuts);
+byId("keys", HTMLElement).replaceChildren(...rows(shortcuts));
+const single = byId("single-keys", HTMLInputElement);
+single.checked = singleKeys();
+single.addEventListener("change", () => setSingleKeys(single.checked));
+window.matchMedia("(prefers-color-scheme: light)").addEventListener("change", (event) => {
+    if (hasChosenTheme()) return;
+    document.documentElement.dataset.theme = event.matches ? "light" : "dark";
+    themed();
+});
+themed();
+
+/** For tests and for those who look: what the page knows. */
+Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection }) });

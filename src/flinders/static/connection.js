@@ -1,0 +1,124 @@
+/**
+ * The line to the server: one WebSocket that comes back by itself.
+ *
+ * The waits between attempts double up to eight seconds. Nothing that the user asks for is kept for later: while there
+ * is no line, it is refused with words, because the state is the server's and may have changed meanwhile.
+ */
+
+/** @typedef {import("./messages.d.ts").FromServer} FromServer */
+/** @typedef {import("./messages.d.ts").ToServer} ToServer */
+
+const FIRST_WAIT_MS = 500;
+const LONGEST_WAIT_MS = 8000;
+/** The server says something every two seconds; a line that is silent for so long is dead. */
+const SILENCE_MS = 6000;
+
+/**
+ * What the connection tells.
+ * @typedef {object} Listener
+ * @property {(message: FromServer) => void} onMessage
+ * @property {(frame: ArrayBuffer) => void} onFrame
+ * @property {(link: "open" | "lost" | "trying", seconds: number) => void} onLink
+ *   Lost: `seconds` until the next attempt. Told each second while waiting.
+ */
+
+export class Connection {
+    /**
+     * @param {string} address
+     * @param {Listener} listener
+     */
+    constructor(address, listener) {
+        this.address = address;
+        this.listener = listener;
+        this.wait = FIRST_WAIT_MS;
+        /** @type {WebSocket | null} */
+        this.socket = null;
+        this.timer = 0;
+        this.heard = 0;
+        window.setInterval(() => this.watch(), 1000);
+        window.addEventListener("online", () => this.retry());
+        this.open();
+    }
+
+    /** Whether the server hears us. */
+    get isOpen() {
+        return this.socket?.readyState === WebSocket.OPEN;
+    }
+
+    /**
+     * Ask the server for something.
+     * @param {ToServer} message
+     * @returns {boolean} Whether it was sent.
+     */
+    send(message) {
+        if (!this.isOpen || !this.socket) return false;
+        this.socket.send(JSON.stringify(message));
+        return true;
+    }
+
+    /** Try now, and do not wait. */
+    retry() {
+        if (this.isOpen || this.socket?.readyState === WebSocket.CONNECTING) return;
+        window.clearTimeout(this.timer);
+        this.open();
+    }
+
+    /** Connect anew and get everything again. */
+    renew() {
+        this.socket?.close();
+    }
+
+    open() {
+        this.listener.onLink("trying", 0);
+        const socket = new WebSocket(this.address);
+        socket.binaryType = "arraybuffer";
+        this.socket = socket;
+        this.heard = performance.now();
+        socket.addEventListener("message", (event) => {
+            if (this.socket !== socket) return;
+            this.heard = performance.now();
+            if (typeof event.data !== "string") {
+                this.listener.onFrame(event.data);
+                return;
+            }
+            const message = /** @type {FromServer} */ (JSON.parse(event.data));
+            if (message.type === "hello") {
+                this.wait = FIRST_WAIT_MS;
+                this.listener.onLink("open", 0);
+            }
+            this.listener.onMessage(message);
+        });
+        socket.addEventListener("close", () => this.lost(socket));
+    }
+
+    /**
+     * @param {WebSocket} socket
+     */
+    lost(socket) {
+        if (this.socket !== socket) return;
+        this.socket = null;
+        const again = performance.now() + this.wait;
+        this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
+        const count = () => {
+            const left = again - performance.now();
+            if (left <= 0) {
+                this.open();
+                return;
+            }
+            this.listener.onLink("lost", Math.ceil(left / 1000));
+            this.timer = window.setTimeout(count, Math.min(left, 1000));
+        };
+        count();
+    }
+
+    /** A line may be dead without anybody having said so: a cable, a laptop that slept. */
+    watch() {
+        const socket = this.socket;
+        if (document.hidden) this.heard = performance.now();
+        if (!socket) return;
+        if (performance.now() - this.heard > SILENCE_MS) {
+            socket.close();
+            this.lost(socket);
+        }
+    }
+}

@@ -1,0 +1,122 @@
+/** Small helpers for the page. Text from the server goes in as text, never as markup. */
+
+/**
+ * The element with an id, which must be there and of a kind.
+ * @template {Element} T
+ * @param {string} id
+ * @param {new () => T} kind
+ * @returns {T}
+ */
+export function byId(id, kind) {
+    const found = document.getElementById(id);
+    if (!(found instanceof kind)) throw new TypeError(`the page has no ${kind.name} #${id}`);
+    return found;
+}
+
+/**
+ * Set a text, if it is another.
+ * @param {Element} element
+ * @param {string} text
+ */
+export function setText(element, text) {
+    if (element.textContent !== text) element.textContent = text;
+}
+
+/**
+ * @param {string} name
+ * @param {string} [text]
+ * @returns {HTMLElement}
+ */
+export function element(name, text) {
+    const made = document.createElement(name);
+    if (text !== undefined) made.textContent = text;
+    return made;
+}
+
+/**
+ * An icon of the page, one of the symbols at its top.
+ * @param {string} name
+ * @returns {SVGElement}
+ */
+export function icon(name) {
+    const made = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    made.setAttribute("class", "icon");
+    made.setAttribute("aria-hidden", "true");
+    const use = document.createElementNS("http://www.w3.org/2000/svg", "use");
+    use.setAttribute("href", `#i-${name}`);
+    made.append(use);
+    return made;
+}
+
+/**
+ * Change the icon in an element.
+ * @param {Element} inside
+ * @param {string} name
+ */
+export function setIcon(inside, name) {
+    const use = inside.querySelector(".icon use");
+    const href = `#i-${name}`;
+    if (use && use.getAttribute("href") !== href) use.setAttribute("href", href);
+}
+
+/**
+ * Build a list again only where what it says has changed, so that what is selected or read aloud stays.
+ * @template T
+ * @param {HTMLElement} list
+ * @param {readonly T[]} rows
+ * @param {(row: T) => HTMLElement} build
+ */
+export function setList(list, rows, build) {
+    const key = JSON.stringify(rows);
+    if (list.dataset.key === key) return;
+    list.dataset.key = key;
+    list.replaceChildren(...rows.map(build));
+}
+
+/**
+ * Hand a file to the browser to save.
+ * @param {Blob} content
+ * @param {string} name
+ */
+export function save(content, name) {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(content);
+    link.download = name;
+    link.click();
+    window.setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
+}
+
+/** What the server refused, in its words. */
+export class Refusal extends Error {}
+
+/**
+ * Ask the server over HTTP.
+ * @param {string} address
+ * @param {RequestInit} [options]
+ * @returns {Promise<Response>}
+ * @throws {Refusal} With words to show, whatever went wrong.
+ */
+export async function ask(address, options = {}) {
+    let answer;
+    try {
+        answer = await fetch(address, { cache: "no-store", ...options });
+    } catch {
+        throw new Refusal("The server does not answer. Is flinders live still running?");
+    }
+    if (answer.ok) return answer;
+    const text = (await answer.text()).trim();
+    throw new Refusal(refusalWords(text) || `The server refuses, with status ${answer.status}.`);
+}
+
+/**
+ * @param {string} text
+ * @returns {string}
+ */
+function refusalWords(text) {
+    try {
+        const { words } = JSON.parse(text);
+        return typeof words === "string" ? words : "";
+    } catch {
+        return text.startsWith("<") ? "" : text.slice(0, 1000);
+    }
+}

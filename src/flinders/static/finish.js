@@ -1,0 +1,318 @@
+/** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
+
+import { ask, byId, element, icon, Refusal, save, setIcon, setList, setText } from "./dom.js";
+import { table } from "./views/table.js";
+import { counted, degrees, ICONS, measured, sentence, significant, VERDICTS } from "./views/words.js";
+
+/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").View} View */
+/** @typedef {import("./messages.d.ts").TargetInfo} TargetInfo */
+
+/**
+ * What an export looks like.
+ * @typedef {object} Preview
+ * @property {string} text
+ * @property {string} filename
+ * @property {string[]} warnings
+ * @property {string | null} [binary_base64]
+ */
+
+const LAST_TARGET = "flinders-export";
+/** A preview follows the fit no faster than this. */
+const PREVIEW_MS = 1000;
+
+export class Finish {
+    /** @param {(severity: "info" | "warning" | "error", words: string) => void} notify */
+    constructor(notify) {
+        this.notify = notify;
+        this.dialog = byId("finish-panel", HTMLDialogElement);
+        this.targets = byId("export-target", HTMLSelectElement);
+        this.answer = byId("answer", HTMLElement);
+        /** @type {Preview | null} */
+        this.preview = null;
+        this.asked = 0;
+        this.timer = 0;
+        /** @type {View | null} The fit that the preview was asked for. */
+        this.previewed = null;
+        this.waiting = false;
+        /** @type {View | null} */
+        this.view = null;
+        /** @type {State | null} */
+        this.state = null;
+        this.targets.addEventListener("change", () => {
+            remember(this.targets.value);
+            this.showPreview(null, "…");
+            this.refresh();
+        });
+        this.onClick("copy", () => this.copy());
+        this.onClick("export-file", () => this.download());
+        this.onClick("save-calibration", () => this.fetchFile("calibration.json", "calibration.json"));
+        this.onClick("save-report", () => this.fetchFile("report.html", "report.html"));
+        this.onClick("save-session", () => this.fetchFile("session.csv", "session.csv"));
+        this.onClick("send", () => this.send());
+    }
+
+    /**
+     * @param {string} id
+     * @param {() => Promise<void>} act
+     */
+    onClick(id, act) {
+        const button = byId(id, HTMLButtonElement);
+        button.addEventListener("click", async () => {
+            button.disabled = true;
+            setText(this.answer, "");
+            try {
+                await act();
+            } catch (error) {
+                if (!(error instanceof Refusal)) throw error;
+                setText(this.answer, sentence(error.message));
+            } finally {
+                button.disabled = false;
+                this.allow();
+            }
+        });
+    }
+
+    get isOpen() {
+        return this.dialog.open;
+    }
+
+    open() {
+        if (!this.dialog.open) this.dialog.showModal();
+        setText(this.answer, "");
+        this.refresh();
+    }
+
+    /**
+     * The targets that there are.
+     * @param {readonly TargetInfo[]} targets
+     */
+    setTargets(targets) {
+        const chosen = this.targets.value || remembered();
+        this.targets.replaceChildren(
+            ...targets.map(({ name, title, suffix }) => {
+                const option = document.createElement("option");
+                option.value = name;
+                option.textContent = `${title} (${suffix})`;
+                return option;
+            }),
+        );
+        if (targets.some(({ name }) => name === chosen)) this.targets.value = chosen;
+    }
+
+    /**
+     * Show a fit, or that there is none.
+     * @param {View | null} view
+     * @param {State | null} state
+     */
+    show(view, state) {
+        this.view = view;
+        this.state = state;
+        this.verdict(view);
+        this.numbers(view);
+        const region = byId("parameters", HTMLElement);
+        const key = JSON.stringify([view?.verdict, view?.offset, view?.matrix, view?.offset_sigma, view?.matrix_sigma]);
+        if (region.dataset.key !== key) {
+            region.dataset.key = key;
+            if (view?.offset) table(region, view);
+            else region.replaceChildren(element("p", view ? "A refused fit gives no numbers to copy." : "None yet."));
+        }
+        setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
+            const row = element("li");
+            row.dataset.severity = finding.severity;
+            row.append(icon(ICONS[finding.severity] ?? "info"), element("span", sentence(finding.advice)));
+            return row;
+        });
+        setText(byId("kept", HTMLElement), state?.recording ? `All that arrives is recorded to ${state.recording}.` : "");
+        const previous = state?.previous ?? null;
+        setText(
+            byId("previous-words", HTMLElement),
+            previous
+                ? `${previous.name}: ${sentence(previous.words)}`
+                : "A calibration file of this sensor: how many degrees have headings changed since?",
+        );
+        byId("previous-clear", HTMLElement).hidden = !previous;
+        this.allow();
+        if (this.isOpen && view !== this.previewed) this.refreshSoon();
+    }
+
+    /** Switch buttons off that have nothing to act on. */
+    allow() {
+        const usable = Boolean(this.view?.offset);
+        for (const id of ["save-calibration", "save-report"]) byId(id, HTMLButtonElement).disabled = !usable;
+        byId("save-session", HTMLButtonElement).disabled = !(this.state && this.state.readings > 0);
+        const kind = this.state?.source.kind;
+        byId("send", HTMLButtonElement).disabled = !usable || !(kind === "serial" || kind === "mavlink");
+        byId("copy", HTMLButtonElement).disabled = !this.preview?.text;
+        byId("export-file", HTMLButtonElement).disabled = !this.preview;
+    }
+
+    /** @param {View | null} view */
+    verdict(view) {
+        const box = byId("verdict", HTMLElement);
+        box.dataset.verdict = view?.verdict ?? "none";
+        setIcon(box, view ? ICONS[view.verdict] : "collecting");
+        setText(byId("verdict-title", HTMLElement), view ? VERDICTS[view.verdict] : "No calibration yet");
+        const none = "Turn the sensor through all directions; the first fit comes after some seconds.";
+        setText(byId("verdict-words", HTMLElement), view ? view.sentence : none);
+    }
+
+    /** @param {View | null} view */
+    numbers(view) {
+        const error = view?.heading_error_deg;
+        const raw = view?.uncorrected_heading_error_deg;
+        /** @type {[string, string][]} */
+        const rows = view
+            ? [
+                  ["heading error, worst (1 σ)", degrees(error?.worst)],
+                  ["heading error, rms (1 σ)", degrees(error?.rms)],
+                  ["without calibration, worst", degrees(raw?.worst)],
+                  ["tilt within the target", tilt(view.attitude_limit_deg)],
+                  ["field strength", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
+                  ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
+                  ["readings used", counted(view.samples)],
+                  ["method", view.method],
+              ]
+            : [];
+        setList(byId("numbers", HTMLElement), rows, ([name, value]) => {
+            const pair = element("div");
+            pair.append(element("dt", name), element("dd", value));
+            return pair;
+        });
+    }
+
+    refreshSoon() {
+        if (this.timer) return;
+        this.timer = window.setTimeout(() => {
+            this.timer = 0;
+            if (!this.isOpen) return;
+            if (this.waiting) this.refreshSoon();
+            else this.refresh();
+        }, PREVIEW_MS);
+    }
+
+    /** Get the text of the chosen export for the present fit. */
+    async refresh() {
+        const target = this.targets.value;
+        if (!target) return;
+        const turn = ++this.asked;
+        this.previewed = this.view;
+        this.waiting = true;
+        try {
+            const answer = await ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
+            const preview = /** @type {Preview} */ (await answer.json());
+            if (turn === this.asked) this.showPreview(preview, preview.text);
+        } catch (error) {
+            if (turn === this.asked) this.showPreview(null, error instanceof Refusal ? sentence(error.message) : String(error));
+        } finally {
+            if (turn === this.asked) this.waiting = false;
+        }
+    }
+
+    /**
+     * @param {Preview | null} preview
+     * @param {string} text
+     */
+    showPreview(preview, text) {
+        this.preview = preview;
+        const binary = preview?.binary_base64;
+        const words = binary && !text ? `${preview.filename}: ${atob(binary).length} bytes, to be downloaded.\n\n${hex(atob(binary))}` : text;
+        const host = byId("preview", HTMLElement);
+        host.classList.toggle("refusal", preview === null);
+        setText(host, words);
+        setList(byId("export-warnings", HTMLElement), preview?.warnings ?? [], (warning) => {
+            const row = element("li");
+            row.append(icon("limited"), element("span", sentence(warning)));
+            return row;
+        });
+        this.allow();
+    }
+
+    async copy() {
+        const text = this.preview?.text;
+        if (!text) return;
+        const label = byId("copy", HTMLElement).querySelector("span");
+        try {
+            await navigator.clipboard.writeText(text);
+        } catch {
+            window.getSelection()?.selectAllChildren(byId("preview", HTMLElement));
+            setText(this.answer, "The browser does not let this page copy. The text is selected: press Ctrl+C.");
+            return;
+        }
+        if (label) {
+            setText(label, "Copied");
+            window.setTimeout(() => setText(label, "Copy"), 1500);
+        }
+        setText(this.answer, "Copied.");
+    }
+
+    async download() {
+        const preview = this.preview;
+        if (!preview) return;
+        const { text, filename, binary_base64: binary } = preview;
+        const content = binary ? Uint8Array.from(atob(binary), (letter) => letter.charCodeAt(0)) : text;
+        save(new Blob([content], { type: "application/octet-stream" }), filename);
+    }
+
+    /**
+     * @param {string} address
+     * @param {string} name Where the server gives none.
+     */
+    async fetchFile(address, name) {
+        const answer = await ask(address);
+        const told = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
+        save(await answer.blob(), told ?? name);
+    }
+
+    async send() {
+        setText(this.answer, "Sending …");
+        const answer = await ask("send", { method: "POST" });
+        const { words } = await answer.json().catch(() => ({}));
+        setText(this.answer, typeof words === "string" ? sentence(words) : "Sent.");
+    }
+}
+
+/**
+ * @param {number | null} deg
+ * @returns {string}
+ */
+function tilt(deg) {
+    if (deg === null) return "–";
+    return deg >= 179.5 ? "any" : deg <= 0 ? "none" : `${Math.floor(deg)}°`;
+}
+
+/**
+ * @param {string} number
+ * @param {string} unit
+ * @returns {string} A dash that stands for no number has no unit.
+ */
+function withUnit(number, unit) {
+    return number === "–" ? number : `${number} ${unit}`;
+}
+
+/**
+ * @param {string} bytes
+ * @returns {string} In rows of sixteen.
+ */
+function hex(bytes) {
+    const pairs = Array.from(bytes, (letter) => letter.charCodeAt(0).toString(16).padStart(2, "0"));
+    return Array.from({ length: Math.ceil(pairs.length / 16) }, (_, i) => pairs.slice(16 * i, 16 * i + 16).join(" ")).join("\n");
+}
+
+/** @returns {string} */
+function remembered() {
+    try {
+        return localStorage.getItem(LAST_TARGET) ?? "";
+    } catch {
+        return "";
+    }
+}
+
+/** @param {string} name */
+function remember(name) {
+    try {
+        localStorage.setItem(LAST_TARGET, name);
+    } catch {
+        // Storage may be switched off: the first target is then chosen next time.
+    }
+}

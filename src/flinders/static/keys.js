@@ -1,0 +1,84 @@
+/** Keyboard shortcuts: one table, which the help shows too. */
+
+/**
+ * A shortcut.
+ * @typedef {object} Shortcut
+ * @property {string[]} keys As `KeyboardEvent.key` gives them, lower case; with "shift+" or "ctrl+" before it.
+ * @property {string} words
+ * @property {() => void} act
+ */
+
+const STORE = "flinders-single-keys";
+
+/** Whether single keys act; a person who speaks to the computer, or types by accident, can switch them off. */
+export function singleKeys() {
+    try {
+        return localStorage.getItem(STORE) !== "off";
+    } catch {
+        return true;
+    }
+}
+
+/** @param {boolean} on */
+export function setSingleKeys(on) {
+    try {
+        localStorage.setItem(STORE, on ? "on" : "off");
+    } catch {
+        // Storage may be switched off: the choice then holds for nothing, and the default stays.
+    }
+}
+
+/**
+ * Listen for shortcuts.
+ * @param {readonly Shortcut[]} shortcuts
+ */
+export function listen(shortcuts) {
+    const acts = new Map(shortcuts.flatMap(({ keys, act }) => keys.map((key) => /** @type {const} */ ([key, act]))));
+    window.addEventListener("keydown", (event) => {
+        if (event.defaultPrevented || event.altKey || isTyping(event)) return;
+        const held = event.ctrlKey || event.metaKey ? "ctrl+" : "";
+        const shift = event.shiftKey && event.key.length === 1 && /[a-z]/i.test(event.key) ? "shift+" : "";
+        const act = acts.get(`${held}${shift}${event.key.toLowerCase()}`);
+        if (!act || (!held && event.key !== "Escape" && !singleKeys())) return;
+        if (event.key !== "Escape") event.preventDefault(); // which closes dialogs by itself
+        act();
+    });
+}
+
+/**
+ * Whether a key goes into a field.
+ * @param {KeyboardEvent} event
+ * @returns {boolean}
+ */
+function isTyping(event) {
+    const target = event.target;
+    if (!(target instanceof HTMLElement)) return false;
+    if (target instanceof HTMLInputElement && ["checkbox", "radio"].includes(target.type)) return false;
+    if (event.key === "Escape") return false;
+    return target.matches("input, select, textarea");
+}
+
+/**
+ * The rows of the help.
+ * @param {readonly Shortcut[]} shortcuts
+ * @returns {HTMLElement[]}
+ */
+export function rows(shortcuts) {
+    return shortcuts.map(({ keys, words }) => {
+        const row = document.createElement("div");
+        const head = document.createElement("dt");
+        keys.slice(0, 2).forEach((key, i) => {
+            if (i > 0) head.append(" or ");
+            key.split("+").filter(Boolean).forEach((part, j) => {
+                if (j > 0) head.append(" ");
+                const cap = document.createElement("kbd");
+                cap.textContent = part.length === 1 ? part.toUpperCase() : part[0].toUpperCase() + part.slice(1);
+                head.append(cap);
+            });
+        });
+        const cell = document.createElement("dd");
+        cell.textContent = words;
+        row.append(head, cell);
+        return row;
+    });
+}

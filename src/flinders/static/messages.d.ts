@@ -1,0 +1,243 @@
+// Generated from flinders/live/messages.py: python -m flinders.live.messages > messages.d.ts
+
+/** The tiles, sent once. */
+export interface TilesView {
+  centres: Array<number>;
+  corners: Array<Array<number>>;
+}
+
+/** A target that a calibration can be exported for. */
+export interface TargetInfo {
+  name: string;
+  title: string;
+  suffix: string;
+}
+
+/** What a page may send. */
+export interface Limits {
+  upload_bytes: number;
+}
+
+/** Where readings come from, and whether they do. */
+export interface SourceState {
+  name: string;
+  kind: "serial" | "udp" | "tcp" | "mavlink" | "replay" | "simulated" | "file";
+  link: "connected" | "waiting" | "gone" | "ended";
+  words: string;
+}
+
+/** Something that is wrong, or worth knowing, and what to do about it. */
+export interface Reason {
+  code: string;
+  advice: string;
+  severity: "info" | "warning";
+}
+
+/** A calibration from before, and how far the present one is off it, at the worst level heading. */
+export interface PreviousState {
+  name: string;
+  change_deg: number | null;
+  words: string;
+}
+
+/** All that a page shows beside the fit and the points. */
+export interface State {
+  type: "state";
+  revision: number;
+  source: SourceState;
+  unit: string;
+  readings: number;
+  used: number;
+  rejected: number;
+  excluded_readings: number;
+  rate_hz: number | null;
+  seconds: number;
+  phase: "collecting" | "good" | "limited" | "wrong";
+  words: string;
+  reasons: Array<Reason>;
+  target_deg: number;
+  dip_deg: number;
+  goal: "heading" | "attitude";
+  excluded: Array<[number, number]>;
+  can_undo: boolean;
+  can_redo: boolean;
+  stride: number;
+  has_acceleration: boolean;
+  paused: boolean;
+  recording: string | null;
+  previous: PreviousState | null;
+  opened: string | null;
+}
+
+/** Heading error to expect, 1 σ, in degrees, and what it is for. */
+export interface HeadingErrorView {
+  rms: number;
+  worst: number;
+  dip_deg: number;
+  target_deg: number;
+}
+
+/** An error in degrees. */
+export interface ErrorView {
+  rms: number;
+  worst: number;
+}
+
+/** A finding, as `flinders.result.Finding`. */
+export interface FindingView {
+  code: string;
+  severity: "note" | "limits" | "refuses";
+  number: number | null;
+  limit: number | null;
+  advice: string;
+}
+
+/** Distances of the readings used from the surface, counted. */
+export interface Residuals {
+  edges: Array<number>;
+  counts: Array<number>;
+}
+
+/** A level turn of a vehicle. */
+export interface Turn {
+  heading_deg: Array<number>;
+  before_deg: Array<number>;
+  sigma_deg: Array<number>;
+}
+
+/** Which way to turn next. */
+export interface GuidanceView {
+  direction: [number, number, number] | null;
+  words: string;
+  worst_deg: number;
+  after_deg: number;
+  goal: "heading" | "attitude";
+}
+
+/** The correction that readings are drawn under, for drawing only: ``matrix @ (raw - offset) / strength``. */
+export interface Shown {
+  offset: [number, number, number];
+  matrix: [[number, number, number], [number, number, number], [number, number, number]];
+  strength: number;
+}
+
+/** One fit as it is drawn; what cannot be trusted is None. */
+export interface View {
+  verdict: "good" | "limited" | "refused";
+  sentence: string;
+  method: string;
+  unit: string;
+  field_strength: number | null;
+  field_strength_known: boolean;
+  offset: [number, number, number] | null;
+  offset_sigma: [number, number, number] | null;
+  matrix: [[number, number, number], [number, number, number], [number, number, number]] | null;
+  matrix_sigma: [[number, number, number], [number, number, number], [number, number, number]] | null;
+  noise: number | null;
+  samples: number;
+  heading_error_deg: HeadingErrorView | null;
+  uncorrected_heading_error_deg: ErrorView | null;
+  attitude_limit_deg: number | null;
+  any_attitude_deg: ErrorView | null;
+  findings: Array<FindingView>;
+  tiles_deg: Array<number | null>;
+  tiles_seen: Array<number>;
+  rejected: Array<[number, number]>;
+  residuals: Residuals | null;
+  turn: Turn | null;
+  guidance: GuidanceView | null;
+  shown: Shown | null;
+}
+
+/** The first message on a connection: all there is. */
+export interface Hello {
+  type: "hello";
+  version: string;
+  session: string;
+  tiles: TilesView;
+  targets: Array<TargetInfo>;
+  limits: Limits;
+  state: State;
+  view: View | null;
+}
+
+/** A new fit; null where there is none. */
+export interface FitMessage {
+  type: "fit";
+  revision: number;
+  view: View | null;
+}
+
+/** Something to tell the person at the page, once. */
+export interface Notice {
+  type: "notice";
+  severity: "info" | "warning" | "error";
+  words: string;
+}
+
+/** The worst heading error that is good enough. */
+export interface Target {
+  type: "target";
+  deg: number;
+}
+
+/** The inclination of the field at the site. */
+export interface Dip {
+  type: "dip";
+  deg: number;
+}
+
+/** What the calibration is for. */
+export interface SetGoal {
+  type: "goal";
+  goal: "heading" | "attitude";
+}
+
+/** Take a stretch of time out. */
+export interface Exclude {
+  type: "exclude";
+  start_s: number;
+  end_s: number;
+}
+
+/** Put a stretch of time back in. */
+export interface Restore {
+  type: "restore";
+  start_s: number;
+  end_s: number;
+}
+
+/** Take the last exclusion or restoration back. */
+export interface Undo {
+  type: "undo";
+}
+
+/** Do again what was taken back. */
+export interface Redo {
+  type: "redo";
+}
+
+/** Begin anew: what was received so far stays on the disk only. */
+export interface Clear {
+  type: "clear";
+}
+
+/** Leave out what arrives until further notice. */
+export interface Pause {
+  type: "pause";
+  paused: boolean;
+}
+
+/** Compare with no calibration from before. */
+export interface PreviousClear {
+  type: "previous_clear";
+}
+
+/** Close the log that was opened. */
+export interface BackToLive {
+  type: "back_to_live";
+}
+
+export type FromServer = Hello | State | FitMessage | Notice;
+
+export type ToServer = Target | Dip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive;

@@ -1,0 +1,60 @@
+/**
+ * What moves in a report: the 3-D view, the choice of theme, buttons that copy. All else is there without a script.
+ *
+ * It is joined with the modules it imports into one script (`flinders.report.script`), and a report without the bundle
+ * of three.js has `plain.js` in its place.
+ */
+
+import { Scene } from "./views/scene.js";
+import { copying, theming } from "./plain.js";
+
+/** @typedef {import("./views/colours.js").Theme} Theme */
+/** @typedef {import("./views/picture.js").Mode} Mode */
+
+const host = document.getElementById("scene");
+const text = document.getElementById("drawn")?.textContent;
+
+/** @type {Scene | null} */
+let scene = null;
+const theme = theming((/** @type {Theme} */ chosen) => scene?.setTheme(chosen));
+copying();
+
+if (host && text) {
+    const drawn = JSON.parse(text);
+    const field = numbers(drawn.field);
+    const points = { count: field.length / 3, time: new Float32Array(field.length / 3), field, stride: drawn.stride };
+    document.documentElement.classList.add("moving");
+    scene = new Scene(host, { tiles: drawn.tiles, theme: theme(), target_deg: drawn.target_deg, wheel: "focus" });
+    if (scene.available) {
+        scene.setMask([], drawn.rejected, drawn.stride);
+        scene.setPoints(points);
+        scene.setView(drawn);
+        choosing(scene);
+    } else {
+        scene.dispose();
+        document.documentElement.classList.remove("moving");
+    }
+}
+
+/**
+ * Numbers of four bytes, little-endian, as base64.
+ *
+ * @param {string} coded
+ * @returns {Float32Array}
+ */
+function numbers(coded) {
+    const bytes = Uint8Array.from(atob(coded), (letter) => letter.charCodeAt(0));
+    const seen = new DataView(bytes.buffer);
+    return Float32Array.from({ length: bytes.length / 4 }, (_, place) => seen.getFloat32(4 * place, true));
+}
+
+/** The switch above the view, and the button that looks from the front again. @param {Scene} view */
+function choosing(view) {
+    for (const choice of document.querySelectorAll("input[name=mode]")) {
+        choice.addEventListener("change", () => {
+            if (choice instanceof HTMLInputElement) view.setMode(/** @type {Mode} */ (choice.value));
+        });
+        if (choice instanceof HTMLInputElement && choice.checked) view.setMode(/** @type {Mode} */ (choice.value));
+    }
+    document.getElementById("reset")?.addEventListener("click", () => view.resetCamera());
+}

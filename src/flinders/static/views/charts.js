@@ -1,0 +1,158 @@
+/**
+ * What the flat charts have in common: the readings and the fit that they draw, and their small parts.
+ *
+ * A chart is a function of a host element and of what is to be drawn. Calling it again with the same host redraws, and
+ * it redraws by itself when the host changes its size. The host needs a height. Colours are the CSS variables --ink,
+ * --faint, --line, --raw, --corrected, --reject and --panel, as #rrggbb. What is raw and what is corrected have colours
+ * of their own, and hollow and filled or dashed and solid tell them apart too.
+ */
+
+import { Density, Panel } from "./plot.js";
+
+/**
+ * Readings, as the page keeps them. The arrays may be longer than `count`.
+ * @typedef {object} Points
+ * @property {number} count
+ * @property {Float32Array} time Seconds since the session began.
+ * @property {Float32Array} field Three numbers a reading, raw.
+ * @property {Float32Array | null} acceleration
+ * @property {number} stride Point j is reading number j · stride.
+ */
+
+/**
+ * A calibration to draw readings under: matrix · (raw − offset), whose length is `strength`.
+ * @typedef {object} Shown
+ * @property {readonly number[]} offset
+ * @property {readonly (readonly number[])[]} matrix
+ * @property {number} strength
+ */
+
+/**
+ * What the charts need of a view (see messages.d.ts).
+ * @typedef {object} ChartView
+ * @property {string} unit
+ * @property {number | null} noise
+ * @property {Shown | null} [shown]
+ * @property {readonly (readonly [number, number])[]} rejected
+ * @property {{edges: readonly number[], counts: readonly number[]} | null} residuals
+ * @property {Turn | null} turn
+ * @property {{target_deg: number | null} | null} [heading_error_deg]
+ */
+
+/**
+ * A level turn.
+ * @typedef {object} Turn
+ * @property {readonly number[]} heading_deg
+ * @property {readonly number[]} before_deg
+ * @property {readonly (number | null)[] | null} sigma_deg
+ */
+
+/**
+ * What the charts need of the state (see messages.d.ts).
+ * @typedef {object} ChartState
+ * @property {string} unit
+ * @property {number} target_deg
+ * @property {readonly (readonly [number, number])[]} excluded
+ */
+
+/** Crosses in one chart at most: more would be a smear. */
+const MOST_CROSSES = 400;
+
+/** What a reading is to the fit. */
+export const USED = 0;
+export const REJECTED = 1;
+export const EXCLUDED = 2;
+
+/** What there is before the first reading. */
+export const NO_POINTS = Object.freeze({
+    count: 0,
+    time: new Float32Array(0),
+    field: new Float32Array(0),
+    acceleration: null,
+    stride: 1,
+});
+
+/**
+ * What each shown reading is to the fit: USED, REJECTED or EXCLUDED.
+ * @param {Points} points
+ * @param {readonly (readonly [number, number])[]} rejected Runs of reading numbers, inclusive.
+ * @param {readonly (readonly [number, number])[]} excluded Spans of time, s.
+ * @returns {Uint8Array}
+ */
+export function marks(points, rejected, excluded) {
+    const found = new Uint8Array(points.count);
+    for (const [first, last] of rejected) {
+        const end = Math.min(Math.floor(last / points.stride), points.count - 1);
+        for (let j = Math.ceil(first / points.stride); j <= end; j++) found[j] = REJECTED;
+    }
+    for (const [start, end] of excluded) {
+        for (let j = 0; j < points.count; j++) {
+            if (points.time[j] >= start && points.time[j] <= end) found[j] = EXCLUDED;
+        }
+    }
+    return found;
+}
+
+/** A chart in its host: keeps its panel, and draws again when the size changes. */
+export class Chart {
+    /** @param {HTMLElement} host */
+    constructor(host) {
+        this.panel = new Panel(host);
+        this.before = new Density();
+        this.after = new Density();
+        this.draw = () => {};
+        this.panel.onresize = () => this.draw();
+    }
+}
+
+/** @type {WeakMap<HTMLElement, Chart>} */
+const charts = new WeakMap();
+
+/**
+ * The chart that a host holds.
+ * @param {HTMLElement} host
+ * @returns {Chart}
+ */
+export function chartOf(host) {
+    const known = charts.get(host);
+    if (known) return known;
+    const chart = new Chart(host);
+    charts.set(host, chart);
+    return chart;
+}
+
+/**
+ * Words at a place of a chart.
+ * @param {Panel} panel
+ * @param {number} x
+ * @param {number} y
+ * @param {string} text
+ * @param {string} anchor
+ * @param {string} [kind]
+ */
+export function tick(panel, x, y, text, anchor, kind = "words") {
+    panel.draw("text", { class: kind, x, y, "text-anchor": anchor }, text);
+}
+
+/**
+ * Readings that were left out, as crosses: one path for all of them, and of very many only some.
+ * @param {Panel} panel
+ * @param {readonly (readonly [number, number])[]} places
+ * @returns {SVGElement}
+ */
+export function crosses(panel, places) {
+    const r = 0.26 * panel.em;
+    const step = Math.ceil(places.length / MOST_CROSSES);
+    const shape = `l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`;
+    const d = places.filter((_, i) => i % step === 0).map(([x, y]) => `M${(x - r).toFixed(1)} ${(y - r).toFixed(1)}${shape}`);
+    return panel.draw("path", { class: "reject", d: d.join("") });
+}
+
+/**
+ * Say why a chart is empty.
+ * @param {Panel} panel
+ * @param {string} words
+ */
+export function nothing(panel, words) {
+    tick(panel, panel.width / 2, panel.height / 2, words, "middle", "nothing");
+}

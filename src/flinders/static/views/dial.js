@@ -1,0 +1,153 @@
+/**
+ * Two compass roses side by side: what the raw sensor says and what the corrected one says.
+ *
+ * Axes are forward, right, down. The heading is ψ = atan2(−m_y, m_x) of the field in level axes; where there is an
+ * acceleration (specific force, at rest −g on z), level is found from it, and otherwise the sensor is taken as level.
+ */
+
+import { svg } from "./plot.js";
+import { heading as inWords } from "./words.js";
+
+/** @typedef {readonly [number, number, number]} Vector */
+
+/**
+ * A heading, and how far the sensor is tilted.
+ * @typedef {object} Heading
+ * @property {number | null} deg Clockwise from magnetic north, 0 to 360; null where the field or the force has none.
+ * @property {number | null} tilt_deg Null without acceleration.
+ */
+
+/**
+ * The heading that a field vector tells.
+ *
+ * East is down × field and north is east × down; the forward axis seen in those two is the heading.
+ * @param {Vector} field
+ * @param {Vector | null} acceleration
+ * @returns {Heading}
+ */
+export function headingOf(field, acceleration) {
+    const force = acceleration ? Math.hypot(...acceleration) : 0;
+    if (!acceleration || !(force > 0) || !Number.isFinite(force)) {
+        const flat = Math.hypot(field[0], field[1]);
+        return { deg: flat > 0 ? turned(Math.atan2(-field[1], field[0])) : null, tilt_deg: null };
+    }
+    const down = /** @type {[number, number, number]} */ (acceleration.map((part) => -part / force));
+    const east = cross(down, field);
+    const north = cross(east, down);
+    const tilt_deg = (Math.acos(Math.min(1, Math.max(-1, down[2]))) * 180) / Math.PI;
+    if (!(Math.hypot(...east) > 0)) return { deg: null, tilt_deg };
+    // Both are as long as the level part of the field, so that their ratio is the tangent of the heading.
+    return { deg: Math.hypot(east[0], north[0]) > 0 ? turned(Math.atan2(east[0], north[0])) : null, tilt_deg };
+}
+
+/**
+ * A reading under a calibration.
+ * @param {Vector} raw
+ * @param {{offset: readonly number[], matrix: readonly (readonly number[])[]}} calibration
+ * @returns {Vector}
+ */
+export function corrected(raw, { offset, matrix }) {
+    const [x, y, z] = [raw[0] - offset[0], raw[1] - offset[1], raw[2] - offset[2]];
+    const row = (/** @type {readonly number[]} */ r) => r[0] * x + r[1] * y + r[2] * z;
+    return [row(matrix[0]), row(matrix[1]), row(matrix[2])];
+}
+
+/**
+ * The smaller way from one heading to another, −180 to 180 degrees.
+ * @param {number} from
+ * @param {number} to
+ * @returns {number}
+ */
+export function difference(from, to) {
+    return ((to - from + 540) % 360) - 180;
+}
+
+/**
+ * @param {Vector} a
+ * @param {Vector} b
+ * @returns {[number, number, number]}
+ */
+function cross(a, b) {
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+
+/**
+ * @param {number} angle Radians.
+ * @returns {number} Degrees, 0 to 360.
+ */
+function turned(angle) {
+    return (((angle * 180) / Math.PI) % 360 + 360) % 360;
+}
+
+/**
+ * Draw both roses, or turn their needles.
+ * @param {HTMLElement} host
+ * @param {{raw_deg: number | null, corrected_deg: number | null, tilt: number | null}} headings
+ */
+export function dial(host, { raw_deg, corrected_deg, tilt }) {
+    if (!host.querySelector(".rose")) host.replaceChildren(rose("raw", "Raw"), rose("corrected", "Corrected"), note());
+    point(host, "raw", raw_deg);
+    point(host, "corrected", corrected_deg);
+    const words = host.querySelector(".tilt");
+    const level = tilt === null ? "taken as level" : `tilt ${Math.round(tilt)}°, taken off`;
+    const off =
+        raw_deg === null || corrected_deg === null
+            ? ""
+            : `raw is ${Math.abs(Math.round(difference(corrected_deg, raw_deg)))}° off`;
+    const said = raw_deg === null ? "" : [off, level].filter(Boolean).join(" · ");
+    if (words && words.textContent !== said) words.textContent = said;
+}
+
+/**
+ * @param {string} kind
+ * @param {string} title
+ * @returns {HTMLElement}
+ */
+function rose(kind, title) {
+    const figure = document.createElement("figure");
+    figure.className = `rose ${kind}`;
+    const caption = document.createElement("figcaption");
+    caption.textContent = title;
+    const number = document.createElement("output");
+    number.className = "number";
+    number.setAttribute("aria-live", "off");
+    const drawing = svg("svg", { viewBox: "-100 -100 200 200", "aria-hidden": "true" });
+    drawing.append(svg("circle", { class: "edge", r: 92 }));
+    for (let deg = 0; deg < 360; deg += 10) {
+        const long = deg % 30 === 0;
+        const mark = svg("path", { class: long ? "long" : "short", d: `M0 -88V${long ? -76 : -82}` });
+        mark.setAttribute("transform", `rotate(${deg})`);
+        drawing.append(mark);
+    }
+    ["N", "E", "S", "W"].forEach((name, i) => {
+        const angle = (i * Math.PI) / 2;
+        drawing.append(svg("text", { class: "point", x: 60 * Math.sin(angle), y: -60 * Math.cos(angle) + 7.5, "text-anchor": "middle" }, name));
+    });
+    const needle = svg("g", { class: "needle" });
+    needle.append(svg("path", { class: "ahead", d: "M0 -84L9 0H-9Z" }), svg("path", { class: "behind", d: "M0 56L7 0H-7Z" }), svg("circle", { class: "hub", r: 6 }));
+    drawing.append(needle);
+    figure.append(drawing, number, caption);
+    return figure;
+}
+
+/** @returns {HTMLElement} */
+function note() {
+    const words = document.createElement("p");
+    words.className = "tilt";
+    return words;
+}
+
+/**
+ * @param {HTMLElement} host
+ * @param {string} kind
+ * @param {number | null} deg
+ */
+function point(host, kind, deg) {
+    const figure = host.querySelector(`.rose.${kind}`);
+    const needle = figure?.querySelector(".needle");
+    const number = figure?.querySelector(".number");
+    figure?.classList.toggle("unknown", deg === null);
+    needle?.setAttribute("transform", `rotate(${(deg ?? 0).toFixed(1)})`);
+    const said = inWords(deg);
+    if (number && number.textContent !== said) number.textContent = said;
+}

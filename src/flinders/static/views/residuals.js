@@ -1,0 +1,57 @@
+/** How far readings lie off the sphere, as a histogram. */
+
+import { chartOf, nothing, tick } from "./charts.js";
+import { path, tickDecimals, ticks } from "./plot.js";
+import { fixed } from "./words.js";
+
+/** @typedef {import("./charts.js").ChartView} ChartView */
+/** @typedef {import("./plot.js").Panel} Panel */
+
+/**
+ * Distances of the readings from the sphere, with the bell curve that independent noise would give.
+ * @param {HTMLElement} host
+ * @param {ChartView | null} view
+ * @param {string} [theme]
+ */
+export function histogram(host, view, theme = "") {
+    const chart = chartOf(host);
+    chart.draw = () => drawHistogram(chart.panel, view);
+    chart.draw();
+}
+
+/**
+ * @param {Panel} panel
+ * @param {ChartView | null} view
+ */
+function drawHistogram(panel, view) {
+    const residuals = view?.residuals ?? null;
+    const known = residuals !== null && residuals.counts.length > 0 && residuals.edges.length > residuals.counts.length;
+    const noise = known ? (view?.noise ?? null) : null;
+    const said = noise === null ? "none yet" : `standard deviation ${fixed(noise, 3)} ${view?.unit ?? ""}`;
+    if (!panel.begin(`Distances of the readings from the sphere, ${said}`)) return;
+    const [left, right] = [0.5 * panel.em, panel.width - 0.5 * panel.em];
+    const [top, bottom] = [0.5 * panel.em, panel.height - 1.5 * panel.em];
+    panel.draw("path", { class: "axis", d: `M${left} ${bottom}H${right}` });
+    if (!known || !residuals) return nothing(panel, "after the first fit");
+    const { edges, counts } = residuals;
+    const reach = Math.max(Math.abs(edges[0]), Math.abs(edges[edges.length - 1])) || 1;
+    const toX = (/** @type {number} */ value) => left + ((right - left) * (value + reach)) / (2 * reach);
+    const total = counts.reduce((sum, count) => sum + count, 0);
+    const bell = (/** @type {number} */ value) =>
+        noise ? (total * (edges[1] - edges[0]) * Math.exp(-0.5 * (value / noise) ** 2)) / (noise * Math.sqrt(2 * Math.PI)) : 0;
+    const most = Math.max(1, bell(0), ...counts);
+    const toY = (/** @type {number} */ count) => bottom - ((bottom - top) * count) / most;
+    counts.forEach((count, i) => {
+        const [x, to] = [toX(edges[i]), toX(edges[i + 1])];
+        panel.draw("rect", { class: "bar", x: x + 0.5, y: toY(count), width: Math.max(to - x - 1, 0.5), height: bottom - toY(count) });
+    });
+    if (noise) {
+        const curve = Array.from({ length: 81 }, (_, i) => (i / 40 - 1) * reach);
+        panel.draw("path", { class: "bell", d: path(curve.map((value) => /** @type {const} */ ([toX(value), toY(bell(value))]))) });
+    }
+    const values = ticks({ low: -reach, high: reach }, 4);
+    for (const value of values) {
+        tick(panel, toX(value), bottom + 1.15 * panel.em, fixed(value, tickDecimals(values)), "middle");
+        panel.draw("path", { class: "tick", d: `M${toX(value)} ${bottom}v${0.25 * panel.em}` });
+    }
+}

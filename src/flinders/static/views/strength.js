@@ -1,0 +1,237 @@
+/** The length of each reading over time: flat after a good correction. Spans of time can be marked in it. */
+
+import { Brush, xOf } from "./brush.js";
+import { chartOf, crosses, EXCLUDED, marks, NO_POINTS, nothing, REJECTED, tick, USED } from "./charts.js";
+import { quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
+import { fixed } from "./words.js";
+
+/** @typedef {import("./brush.js").Place} Place */
+/** @typedef {import("./charts.js").Chart} Chart */
+/** @typedef {import("./charts.js").ChartState} ChartState */
+/** @typedef {import("./charts.js").ChartView} ChartView */
+/** @typedef {import("./charts.js").Points} Points */
+/** @typedef {import("./charts.js").Shown} Shown */
+/** @typedef {import("./plot.js").Panel} Panel */
+/** @typedef {import("./plot.js").Span} Span */
+
+/** @type {WeakMap<HTMLElement, Brush>} */
+const brushes = new WeakMap();
+
+/**
+ * The length of each reading over time, raw and corrected; rejected ones are crossed, excluded spans are hatched.
+ *
+ * With `onBrush` a span of time can be marked: by mouse, by finger (sideways), or with the arrow keys (with Shift the
+ * span grows). `onBrush` gets its start and end in seconds, or null and null where it was taken back.
+ * @param {HTMLElement} host
+ * @param {Points | null} points
+ * @param {ChartView | null} view
+ * @param {ChartState | null} state
+ * @param {{onBrush?: (start_s: number | null, end_s: number | null) => void}} [options]
+ */
+export function strength(host, points, view, state, options = {}) {
+    const chart = chartOf(host);
+    const known = points ?? NO_POINTS;
+    if (options.onBrush && !brushes.has(host)) brushes.set(host, new Brush(chart, options.onBrush));
+    const brush = brushes.get(host);
+    chart.draw = () => {
+        const place = drawStrength(chart, known, view, state);
+        if (place) brush?.draw(place);
+    };
+    chart.draw();
+}
+
+/**
+ * Mark a span of time in a chart of field strength that can be brushed, or take the mark back with null.
+ * @param {HTMLElement} host
+ * @param {number | null} start_s
+ * @param {number | null} end_s
+ */
+export function select(host, start_s, end_s) {
+    brushes.get(host)?.set(start_s, end_s);
+}
+
+/**
+ * @param {Chart} chart
+ * @param {Points} points
+ * @param {ChartView | null} view
+ * @param {ChartState | null} state
+ * @returns {Place | null}
+ */
+function drawStrength(chart, points, view, state) {
+    const { panel } = chart;
+    const shown = view?.shown ?? null;
+    const unit = view?.unit ?? state?.unit ?? "";
+    const kinds = marks(points, view?.rejected ?? [], state?.excluded ?? []);
+    const raw = lengths(points, null);
+    const corrected = shown ? lengths(points, shown) : null;
+    const span = strengthSpan(raw, kinds, shown);
+    const said = points.count > 0 ? `, raw from ${fixed(span.raw[0], 1)} to ${fixed(span.raw[1], 1)} ${unit}` : "";
+    const meant = shown ? `, corrected about ${fixed(shown.strength, 1)} ${unit}` : "";
+    if (!panel.begin(`Field strength over time${said}${meant}`)) return null;
+    const end = points.count > 0 ? Math.max(points.time[points.count - 1], points.time[0] + 1e-3) : 10;
+    const start = points.count > 0 && points.time[0] > 0.05 * end ? points.time[0] : 0;
+    const place = {
+        left: 3.3 * panel.em,
+        right: panel.width - 0.6 * panel.em,
+        top: 1.1 * panel.em,
+        bottom: panel.height - 1.5 * panel.em,
+        start,
+        end,
+    };
+    const toX = (/** @type {number} */ t) => xOf(place, t);
+    const toY = (/** @type {number} */ v) =>
+        place.bottom - ((place.bottom - place.top) * (v - span.low)) / (span.high - span.low);
+    const image = panel.pixels();
+    const [left, top] = [Math.round(place.left * panel.ratio), Math.round(place.top * panel.ratio)];
+    const wide = Math.min(Math.floor((place.right - place.left) * panel.ratio) + 2, image.width - left);
+    const high = Math.min(Math.floor((place.bottom - place.top) * panel.ratio), image.height - top);
+    if (points.count > 0) timeAxis(panel, place, toX, toY, span, unit);
+    else nothing(panel, "no readings yet");
+    if (wide > 3 && high > 3) {
+        chart.before.clear(wide, high);
+        chart.after.clear(wide, high);
+        for (let j = 0; j < points.count; j++) {
+            if (kinds[j] === EXCLUDED) continue;
+            const x = toX(points.time[j]) * panel.ratio - left;
+            if (kinds[j] === USED) chart.before.add(x, toY(raw[j]) * panel.ratio - top);
+            if (kinds[j] === USED && corrected) chart.after.add(x, toY(corrected[j]) * panel.ratio - top);
+        }
+        chart.before.paint(image, left, top, themeColour(panel.host, "--raw"));
+        chart.after.paint(image, left, top, themeColour(panel.host, "--corrected"));
+    }
+    /** @type {[number, number][]} */
+    const left_out = [];
+    for (let j = 0; j < points.count; j++) {
+        if (kinds[j] !== REJECTED) continue;
+        const y = toY(corrected ? corrected[j] : raw[j]);
+        left_out.push([toX(points.time[j]), Math.min(Math.max(y, place.top + 3), place.bottom - 3)]);
+    }
+    if (left_out.length > 0) crosses(panel, left_out);
+    for (const [from, to] of state?.excluded ?? []) {
+        const [x, width] = [toX(Math.max(start, from)), toX(Math.min(end, to)) - toX(Math.max(start, from))];
+        if (width <= 0) continue;
+        panel.draw("rect", { class: "excluded", x, y: place.top, width, height: place.bottom - place.top });
+        panel.draw("path", { class: "excluded-edge", d: hatch(x, width, place.top, place.bottom, 0.5 * panel.em) });
+    }
+    panel.show();
+    return place;
+}
+
+/**
+ * Slanted lines over a rectangle, as the `d` of a path.
+ * @param {number} x
+ * @param {number} width
+ * @param {number} top
+ * @param {number} bottom
+ * @param {number} step
+ * @returns {string}
+ */
+function hatch(x, width, top, bottom, step) {
+    let d = "";
+    const high = bottom - top;
+    for (let at = step - high; at < width; at += step) {
+        const [from, to] = [Math.max(at, 0), Math.min(at + high, width)];
+        if (to > from) d += `M${(x + from).toFixed(1)} ${(bottom - (from - at)).toFixed(1)}L${(x + to).toFixed(1)} ${(bottom - (to - at)).toFixed(1)}`;
+    }
+    return d;
+}
+
+/**
+ * Length of each reading, raw or under a calibration.
+ * @param {Points} points
+ * @param {Shown | null} shown
+ * @returns {Float32Array}
+ */
+function lengths(points, shown) {
+    const found = new Float32Array(points.count);
+    const { field } = points;
+    for (let j = 0, i = 0; j < points.count; j++, i += 3) {
+        if (!shown) {
+            found[j] = Math.sqrt(field[i] ** 2 + field[i + 1] ** 2 + field[i + 2] ** 2);
+            continue;
+        }
+        const [x, y, z] = [field[i] - shown.offset[0], field[i + 1] - shown.offset[1], field[i + 2] - shown.offset[2]];
+        const [r, s, t] = shown.matrix;
+        const a = r[0] * x + r[1] * y + r[2] * z;
+        const b = s[0] * x + s[1] * y + s[2] * z;
+        const c = t[0] * x + t[1] * y + t[2] * z;
+        found[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is many times slower
+    }
+    return found;
+}
+
+/**
+ * What the axis of field strength spans: nearly all of the used readings, so that one wild reading does not flatten it.
+ * @param {Float32Array} raw
+ * @param {Uint8Array} kinds
+ * @param {Shown | null} shown
+ * @returns {{low: number, high: number, raw: [number, number]}}
+ */
+function strengthSpan(raw, kinds, shown) {
+    const used = raw.filter((_, j) => kinds[j] === USED);
+    const [a, b] = quantiles(used, [0.005, 0.995]);
+    if (!Number.isFinite(a)) return { low: 0, high: 1, raw: [0, 1] };
+    const low = shown ? Math.min(a, 0.95 * shown.strength) : a;
+    const high = shown ? Math.max(b, 1.05 * shown.strength) : b;
+    const margin = Math.max(0.06 * (high - low), 1e-3 * Math.abs(high), 1e-9);
+    const step = roundUp((high - low) / 20);
+    return {
+        low: Math.max(0, Math.floor((low - margin) / step) * step),
+        high: Math.ceil((high + margin) / step) * step,
+        raw: [a, b],
+    };
+}
+
+/**
+ * @param {Panel} panel
+ * @param {Place} place
+ * @param {(t: number) => number} toX
+ * @param {(v: number) => number} toY
+ * @param {Span} span
+ * @param {string} unit
+ */
+function timeAxis(panel, place, toX, toY, span, unit) {
+    const values = ticks(span, Math.max(2, Math.floor((place.bottom - place.top) / (2.2 * panel.em))));
+    for (const value of values) {
+        panel.draw("path", { class: "grid", d: `M${place.left} ${toY(value)}H${place.right}` });
+        tick(panel, place.left - 0.4 * panel.em, toY(value) + 0.28 * panel.em, fixed(value, tickDecimals(values)), "end");
+    }
+    tick(panel, place.left + 0.2 * panel.em, 0.75 * panel.em, unit, "start");
+    const most = Math.max(2, Math.floor((place.right - place.left) / (4.5 * panel.em)));
+    const span_s = { low: place.start, high: place.end };
+    const times = place.end > 120 ? minuteTicks(span_s, most) : ticks(span_s, most);
+    for (const value of times) {
+        const x = toX(value);
+        const anchor = x > place.right - 1.5 * panel.em ? "end" : "middle";
+        panel.draw("path", { class: "tick", d: `M${x} ${place.bottom}v${0.25 * panel.em}` });
+        const words = place.end > 120 ? clock(value) : `${fixed(value, tickDecimals(times))} s`;
+        tick(panel, x, place.bottom + 1.15 * panel.em, words, anchor);
+    }
+    panel.draw("path", { class: "axis", d: `M${place.left} ${place.bottom}H${place.right}` });
+}
+
+/**
+ * Ticks at whole parts of minutes or hours.
+ * @param {Span} span
+ * @param {number} most
+ * @returns {number[]}
+ */
+function minuteTicks({ low, high }, most) {
+    const steps = [1, 2, 5, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
+    const width = high - low;
+    const step = steps.find((seconds) => width / seconds <= most) ?? 86400 * Math.ceil(width / 86400 / most);
+    const found = [];
+    for (let t = Math.ceil(low / step) * step; t <= high; t += step) found.push(t);
+    return found;
+}
+
+/**
+ * @param {number} seconds
+ * @returns {string} 2:30, or 1:02:30.
+ */
+function clock(seconds) {
+    const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
+    const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
+    if (minutes < 60) return `${minutes}:${two(rest)}`;
+    return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(rest)}`;
+}

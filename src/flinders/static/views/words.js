@@ -1,0 +1,174 @@
+/**
+ * Numbers and times as people read them. Nothing here touches the page.
+ *
+ * A number is written to the digits that its uncertainty leaves: measured(-12.3456, 0.042) is "−12.346 ± 0.042".
+ */
+
+const MINUS = "\u2212";
+const NONE = "\u2013";
+
+/**
+ * A number with so many decimals and a true minus sign; a dash where there is none.
+ * @param {number | null | undefined} value
+ * @param {number} decimals
+ * @returns {string}
+ */
+export function fixed(value, decimals) {
+    if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
+    const text = value.toFixed(Math.max(0, Math.min(decimals, 12)));
+    return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", MINUS);
+}
+
+/**
+ * How many decimals show two significant digits of an uncertainty, or four of a value where there is none.
+ * @param {number | null | undefined} value
+ * @param {number | null | undefined} sigma
+ * @returns {number}
+ */
+export function decimals(value, sigma) {
+    const known = sigma !== null && sigma !== undefined && Number.isFinite(sigma) && sigma > 0;
+    const size = Math.abs(known ? Number(sigma) : Number(value));
+    if (!(size > 0) || !Number.isFinite(size)) return 3;
+    const digits = known ? 2 : 4;
+    return Math.max(0, Math.min(9, digits - 1 - Math.floor(Math.log10(size) + 1e-9)));
+}
+
+/**
+ * A number with its uncertainty (1 σ), two digits of it.
+ * @param {number | null | undefined} value
+ * @param {number | null | undefined} sigma
+ * @returns {{value: string, sigma: string}} The uncertainty is empty where it is not known.
+ */
+export function measured(value, sigma) {
+    const places = decimals(value, sigma);
+    const known = sigma !== null && sigma !== undefined && Number.isFinite(sigma);
+    return { value: fixed(value, places), sigma: known ? fixed(sigma, places) : "" };
+}
+
+/**
+ * A number to so many significant digits, without uncertainty.
+ * @param {number | null | undefined} value
+ * @param {number} digits
+ * @returns {string}
+ */
+export function significant(value, digits) {
+    if (!value || !Number.isFinite(value)) return fixed(value, 0);
+    return fixed(value, digits - 1 - Math.floor(Math.log10(Math.abs(value)) + 1e-9));
+}
+
+/**
+ * An angle to two significant digits: 0.42°, 2.1°, 23°; beyond 90° an error says nothing more.
+ * @param {number | null | undefined} deg
+ * @param {number} [most] Decimals at most.
+ * @returns {string}
+ */
+export function degrees(deg, most = 3) {
+    if (deg === null || deg === undefined || !Number.isFinite(deg)) return NONE;
+    const size = Math.abs(deg);
+    if (size > 90) return "> 90°";
+    return `${fixed(deg, Math.min(most, size >= 9.95 ? 0 : size >= 0.995 ? 1 : size >= 0.0995 ? 2 : 3))}°`;
+}
+
+/**
+ * A compass heading in whole degrees, 000° to 359°.
+ * @param {number | null} deg
+ * @returns {string}
+ */
+export function heading(deg) {
+    if (deg === null || !Number.isFinite(deg)) return NONE;
+    const whole = ((Math.round(deg) % 360) + 360) % 360;
+    return `${String(whole).padStart(3, "0")}°`;
+}
+
+/**
+ * A count with commas between thousands, as everywhere in Flinders.
+ * @param {number} count
+ * @returns {string}
+ */
+export function counted(count) {
+    return String(Math.round(count)).replace(/\B(?=(\d{3})+$)/g, ",");
+}
+
+/**
+ * A number of things: "1 reading", "3,000 readings".
+ * @param {number} count
+ * @param {string} thing
+ * @returns {string}
+ */
+export function things(count, thing) {
+    return `${counted(count)} ${thing}${count === 1 ? "" : "s"}`;
+}
+
+/**
+ * Words with a capital at the start and a full stop at the end.
+ * @param {string} words
+ * @returns {string}
+ */
+export function sentence(words) {
+    const isWord = /^[a-z]+[ ,:;]/.test(words); // and no file name
+    const whole = isWord ? words.charAt(0).toUpperCase() + words.slice(1) : words;
+    return whole === "" || /[.!?…]$/.test(whole) ? whole : `${whole}.`;
+}
+
+/**
+ * Seconds as a clock shows them: 9 s, 2:05 min, 1:02:05 h.
+ * @param {number} seconds
+ * @returns {string}
+ */
+export function duration(seconds) {
+    if (!Number.isFinite(seconds) || seconds < 0) return NONE;
+    const whole = Math.floor(seconds);
+    if (whole < 60) return `${whole} s`;
+    const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
+    const minutes = Math.floor(whole / 60);
+    if (minutes < 60) return `${minutes}:${two(whole % 60)} min`;
+    return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)} h`;
+}
+
+/**
+ * Readings a second: 50 Hz, 6.3 Hz.
+ * @param {number} rate
+ * @returns {string}
+ */
+export function frequency(rate) {
+    return Number.isFinite(rate) && rate > 0 ? `${fixed(rate, rate >= 9.95 ? 0 : 1)} Hz` : "";
+}
+
+/**
+ * The title of each phase of a session.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const PHASES = Object.freeze({
+    collecting: "Collecting",
+    good: "Good",
+    limited: "Limited",
+    wrong: "Something is wrong",
+});
+
+/**
+ * The title of each verdict of a fit.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const VERDICTS = Object.freeze({
+    good: "Good",
+    limited: "Good with limits",
+    refused: "Not to be used",
+});
+
+/**
+ * The icon (a symbol of the page) of each phase, verdict and severity of a finding or notice.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const ICONS = Object.freeze({
+    collecting: "collecting",
+    good: "good",
+    limited: "limited",
+    wrong: "wrong",
+    refused: "wrong",
+    note: "info",
+    limits: "limited",
+    refuses: "wrong",
+    info: "info",
+    warning: "limited",
+    error: "wrong",
+});

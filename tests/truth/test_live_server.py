@@ -1,0 +1,461 @@
+"""The wire: what a page gets, what it may ask for, and what is refused."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import struct
+import time
+import warnings
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import httpx
+import numpy as np
+import numpy.testing as npt
+import pytest
+from starlette.websockets import WebSocketDisconnect
+
+import flinders
+from flinders import simulate
+from flinders.axes import Axes
+from flinders.document import loads
+from flinders.exporters import EXPORTERS
+from flinders.live.access import HEADERS, Gate, Tokens, cookie_name
+from flinders.live.feeds import Kept, Replay
+from flinders.live.messages import MAGIC, SourceState, typescript
+from flinders.live.server import STATIC, UPLOAD_BYTES, Hub, Supply, application
+from flinders.live.session import Session
+from flinders.live.sinks import ToFile
+from flinders.live.store import Edits, default_path
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # that its client may be another one some day
+    from starlette.testclient import TestClient
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from starlette.testclient import WebSocketTestSession
+
+    from flinders.samples import Samples
+
+HOST = "127.0.0.1:8410"
+OWN = {"host": HOST, "origin": f"http://{HOST}"}
+
+
+class Bench:
+    """A server with a page's client."""
+
+    def __init__(
+        self, folder: Path, samples: Samples, *, host: str = "127.0.0.1", tokens: Tokens | None = None
+    ) -> None:
+        self.path = folder / "session.csv"
+        self.sink = ToFile(self.path)
+        feed = Kept(Replay(samples, speed=None), self.sink)
+        supply = Supply(feed, self.sink, self.path, Axes())
+        self.hub = Hub(Session(source=SourceState("bench", "serial", "waiting", "")), supply)
+        self.said: list[str] = []
+        self.app = application(self.hub, Gate.of(host, 8410, ("bench",)), tokens, self.said.append)
+        self.client = TestClient(self.app, base_url=f"http://{HOST}")
+
+    def page(self) -> WebSocketTestSession:
+        return self.client.websocket_connect("/socket", headers=OWN)
+
+    def until(self, done: Callable[[Session], bool]) -> None:
+        end = time.monotonic() + 20.0
+        while not done(self.hub.session):
+            assert time.monotonic() < end, self.hub.session
+            time.sleep(0.01)
+
+
+def has_fit(session: Session) -> bool:
+    return session.view is not None and session.shown.found is not None and session.shown.found.key == session.shown.key
+
+
+@contextlib.contextmanager
+def running(folder: Path) -> Iterator[Bench]:
+    found = Bench(folder, simulate.tumble(seed=1).samples)
+    with found.client:
+        found.until(has_fit)
+        yield found
+    found.sink.close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    """A server for one test, which may change it."""
+    with running(tmp_path) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def wall(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """A server for all tests that change nothing."""
+    with running(tmp_path_factory.mktemp("wall")) as found:
+        yield found
+
+
+def received(socket: WebSocketTestSession, kind: str) -> dict[str, Any]:
+    """The next text of a kind; whatever else comes is passed over."""
+    while True:
+        message = socket.receive()
+        if message.get("text") is not None:
+            found: dict[str, Any] = json.loads(message["text"])
+            if found["type"] == kind:
+                return found
+
+
+def first_points(socket: WebSocketTestSession) -> bytes:
+    while True:
+        content = socket.receive().get("bytes")
+        if content is not None:
+            return bytes(content)
+
+
+def test_a_page_is_told_all_there_is_when_it_comes(wall: Bench) -> None:
+    with wall.page() as socket:
+        hello = json.loads(socket.receive_text())
+        content = first_points(socket)
+    assert hello["type"] == "hello"
+    assert hello["version"] == flinders.__version__
+    assert len(hello["tiles"]["centres"]) == 642 * 3
+    assert sorted(map(len, hello["tiles"]["corners"])) == [15] * 12 + [18] * 630
+    assert [target["name"] for target in hello["targets"]] == list(EXPORTERS)
+    assert hello["state"]["phase"] == "good"
+    assert hello["view"]["verdict"] == "good"
+    magic, generation, first, count, flags, stride, *_ = struct.unpack("<8I", content[:32])
+    assert (magic, generation, first, count, flags, stride) == (MAGIC, 1, 0, 3000, 1, 1)
+    numbers = np.frombuffer(content, "<f4", offset=32)
+    samples = simulate.tumble(seed=1).samples
+    assert len(numbers) == 6 + 3000 * 7
+    npt.assert_allclose(numbers[:3], samples.field[-1], rtol=1e-6)
+    assert samples.time is not None
+    npt.assert_allclose(numbers[6 : 6 + 3000], samples.time, atol=1e-4)
+    npt.assert_allclose(numbers[3006 : 3006 + 9000].reshape(-1, 3), samples.field, rtol=1e-6)
+
+
+def test_what_one_page_does_both_see(bench: Bench) -> None:
+    with bench.page() as one, bench.page() as other:
+        one.send_json({"type": "exclude", "start_s": 1.0, "end_s": 2.0})
+        while not (told := received(other, "state"))["excluded"]:
+            pass
+        assert told["excluded"] == [[1.0, 2.0]]
+        assert told["excluded_readings"] == 51
+        other.send_json({"type": "undo"})
+        while received(one, "state")["excluded"]:
+            pass
+        received(one, "fit")
+
+
+def test_a_page_that_comes_again_sees_the_same(bench: Bench) -> None:
+    with bench.page() as socket:
+        socket.send_json({"type": "target", "deg": 0.5})
+        while received(socket, "state")["target_deg"] != 0.5:
+            pass
+    bench.until(has_fit)
+    hellos = []
+    for _ in range(2):
+        with bench.page() as socket:
+            hellos.append(json.loads(socket.receive_text()))
+    for hello in hellos:
+        hello["state"].pop("rate_hz")  # over the last two seconds
+    assert hellos[0] == hellos[1]
+    assert hellos[0]["state"]["target_deg"] == 0.5
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "{}", "null", "[1]", "{", '{"type": "format_disk"}', '{"type": "target"}', '{"type": "target", "deg": "1"}',
+        '{"type": "target", "deg": -1}', '{"type": "target", "deg": 1e999}', '{"type": "dip", "deg": 90}',
+        '{"type": "goal", "goal": "money"}', '{"type": "exclude", "start_s": 2, "end_s": 1}',
+        '{"type": "undo", "and": "more"}', '{"type": "exclude", "start_s": null, "end_s": 1}',
+    ],
+)  # fmt: skip
+def test_what_is_no_message_is_refused_in_words_and_changes_nothing(wall: Bench, text: str) -> None:
+    before = wall.hub.session.revision
+    with wall.page() as socket:
+        socket.send_text(text)
+        notice = received(socket, "notice")
+    assert notice["severity"] == "error"
+    assert wall.hub.session.revision == before
+
+
+def test_bytes_are_no_message(wall: Bench) -> None:
+    with wall.page() as socket:
+        socket.send_bytes(b"\x00\xff")
+        assert "text" in received(socket, "notice")["words"]
+
+
+def test_ten_thousand_fuzzed_messages_change_nothing(wall: Bench) -> None:
+    rng = np.random.default_rng(1)
+    good = [b'{"type":"exclude","start_s":1,"end_s":2}', b'{"type":"target","deg":0.5}', b'{"type":"clear"}']
+    before = wall.hub.session
+    from flinders.errors import UsageError
+    from flinders.live.messages import parse
+
+    refused = 0
+    with wall.page() as socket:
+        for number in range(10_000):
+            content = bytearray(good[number % 3])
+            for place in rng.integers(0, len(content), rng.integers(1, 8)):
+                content[place] = rng.integers(0, 256)
+            text = bytes(content).decode("latin-1")
+            try:
+                parse(text)
+            except UsageError:
+                refused += 1
+                if number % 50 == 0:  # those that go through the socket
+                    socket.send_text(text)
+        socket.send_text("the end")
+        while "the end" not in received(socket, "notice")["words"] and len(wall.hub.pages) == 0:
+            pass
+    assert refused > 9_000
+    assert wall.hub.session.live.history == before.live.history
+    assert wall.hub.session.target_deg == before.target_deg
+    assert wall.hub.session.live.track.total == 3000
+
+
+def test_every_answer_has_the_headers(wall: Bench) -> None:
+    for path in ("/", "/nothing-there", "/export/json", "/calibration.json", "/session.csv", "/static/messages.d.ts"):
+        answer = wall.client.get(path)
+        for name in HEADERS:
+            assert name in answer.headers, (path, name)
+    assert wall.client.get("/").status_code == 200
+
+
+def test_the_calibration_is_that_of_flinders_calibrate(wall: Bench) -> None:
+    answer = wall.client.get("/calibration.json")
+    document = loads(answer.content)
+    fit = flinders.fit(flinders.open_recording(wall.path))
+    assert document.fit is not None
+    assert document.fit.samples == fit.samples == 3000
+    npt.assert_array_equal(document.calibration.offset, fit.calibration.offset)
+    npt.assert_array_equal(document.calibration.matrix, fit.calibration.matrix)
+    assert document.provenance is not None
+    assert document.provenance.files[0].name == "session.csv"
+    assert "attachment" in answer.headers["content-disposition"]
+
+
+def test_what_is_taken_out_is_not_in_the_calibration_and_is_written_down(bench: Bench) -> None:
+    with bench.page() as socket:
+        socket.send_json({"type": "exclude", "start_s": 0.0, "end_s": 30.0})
+        while not received(socket, "state")["excluded"]:
+            pass
+    document = loads(bench.client.get("/calibration.json").content)
+    assert document.fit is not None
+    assert document.fit.samples == 3000 - 1501
+    end = time.monotonic() + 5.0
+    while Edits.read(bench.path).excluded != ((0.0, 30.0),):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    assert len(flinders.read(bench.path)) == 3000
+
+
+@pytest.mark.parametrize("target", ["ardupilot", "c", "motioncal", "json"])
+def test_an_export_comes_as_text_with_its_warnings_and_as_a_file(wall: Bench, target: str) -> None:
+    told = wall.client.get(f"/export/{target}", headers={"accept": "application/json"}).json()
+    plain = wall.client.get(f"/export/{target}")
+    assert told["filename"] == f"{target}{EXPORTERS[target].suffix}"
+    assert isinstance(told["warnings"], list)
+    expected = told["text"].encode() if told["binary_base64"] is None else base64.b64decode(told["binary_base64"])
+    assert plain.content == expected
+
+
+def test_a_target_that_is_not_there_is_named_and_no_path_is_opened(wall: Bench) -> None:
+    assert wall.client.get("/export/toaster").status_code == 404
+    assert "one of ardupilot" in wall.client.get("/export/toaster").json()["words"]
+    for path in (
+        "/static/../live/server.py",
+        "/static/%2e%2e/live/server.py",
+        "/static/..%2fserver.py",
+        "//etc/passwd",
+    ):
+        assert wall.client.get(path).status_code in (404, 405), path
+
+
+def test_a_log_is_opened_and_closed_again(bench: Bench) -> None:
+    samples = simulate.tumble(seed=5, n=400).samples
+    rows = "\n".join(",".join(f"{value:.3f}" for value in row) for row in samples.field)
+    with bench.page() as socket:
+        answer = bench.client.post(
+            "/open?name=..%2F..%2Fmy%20log.csv", content=f"mx_uT,my_uT,mz_uT\n{rows}\n", headers=OWN
+        )
+        assert answer.status_code == 200, answer.text
+        assert answer.json()["words"].startswith("my log.csv: columns mx_uT, my_uT, mz_uT in uT")
+        while received(socket, "state")["opened"] != "my log.csv":
+            pass
+        bench.until(has_fit)
+        document = loads(bench.client.get("/calibration.json").content)
+        assert document.fit is not None
+        assert document.fit.samples == 400
+        assert bench.client.get("/session.csv").status_code == 409
+        socket.send_json({"type": "back_to_live"})
+        while received(socket, "state")["opened"]:
+            pass
+    assert bench.hub.session.shown.track.total == 3000
+
+
+@pytest.mark.parametrize("content", [b"", b"\x00" * 5000, b"hello, world\n" * 50, b"1,2\n3,4\n"])
+def test_what_is_no_log_is_refused_by_the_name_it_had(wall: Bench, content: bytes) -> None:
+    answer = wall.client.post("/open?name=holiday.jpg", content=content, headers=OWN)
+    assert answer.status_code == 422
+    assert "holiday.jpg" in answer.json()["words"]
+    assert "dropped-" not in answer.json()["words"]
+    assert wall.hub.session.opened is None
+
+
+def test_a_log_that_is_too_large_is_refused_before_it_is_read(wall: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("flinders.live.server.UPLOAD_BYTES", 1 << 20)
+    answer = wall.client.post("/open?name=huge.csv", content=b"1,2,3\n" * 200_000, headers=OWN)
+    assert answer.status_code == 413
+    assert UPLOAD_BYTES == 64 << 20
+
+
+def test_a_calibration_from_before_is_compared(bench: Bench) -> None:
+    content = bench.client.get("/calibration.json").content
+    answer = bench.client.post("/previous?name=monday.json", content=content, headers=OWN)
+    assert answer.status_code == 200
+    with bench.page() as socket:
+        while (told := received(socket, "state"))["previous"] is None:
+            pass
+        assert told["previous"]["name"] == "monday.json"
+        assert told["previous"]["change_deg"] < 1e-6
+        socket.send_json({"type": "previous_clear"})
+        while received(socket, "state")["previous"] is not None:
+            pass
+    for wrong in (b"", b"{}", b"mx,my,mz\n1,2,3\n", b"\xff\xfe"):
+        assert bench.client.post("/previous?name=x", content=wrong, headers=OWN).status_code == 422
+
+
+def test_a_source_that_is_no_board_takes_no_calibration(wall: Bench) -> None:
+    answer = wall.client.post("/send", headers=OWN)
+    assert answer.status_code == 422
+    assert "flinders send" in answer.json()["words"]
+
+
+def test_nothing_can_be_made_of_nothing(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, simulate.tumble(seed=1, n=5).samples)
+    with bench.client:
+        bench.until(lambda session: session.live.track.total == 5)
+        for path in ("/calibration.json", "/export/c"):
+            answer = bench.client.get(path)
+            assert answer.status_code == 409
+            assert "5 usable readings" in answer.json()["words"]
+    bench.sink.close()
+
+
+def test_the_report_comes_as_a_file_also_of_a_refusal(wall: Bench, tmp_path: Path) -> None:
+    answer = wall.client.get("/report.html")
+    assert answer.status_code == 200
+    assert "attachment" in answer.headers["content-disposition"]
+    assert answer.text.lstrip().lower().startswith("<!doctype html")
+    short = Bench(tmp_path, simulate.tumble(seed=1, n=5).samples)
+    with short.client:
+        short.until(lambda session: session.live.track.total == 5)
+        assert "No calibration" in short.client.get("/report.html").text
+    short.sink.close()
+
+
+STRANGERS: list[dict[str, str]] = [
+    {"host": "evil.example", "origin": f"http://{HOST}"},
+    {"host": "evil.example:8410", "origin": "http://evil.example:8410"},
+    {"host": "127.0.0.1:80", "origin": "http://127.0.0.1:80"},
+    {"host": "127.0.0.1:8410.evil.example", "origin": f"http://{HOST}"},
+    {"host": "192.0.2.7:8410", "origin": "http://192.0.2.7:8410"},
+    {"host": HOST, "origin": "http://evil.example"},
+    {"host": HOST, "origin": "https://127.0.0.1:8410"},
+    {"host": HOST, "origin": "http://127.0.0.1"},
+    {"host": HOST, "origin": "http://127.0.0.1:8411"},
+    {"host": HOST, "origin": "null"},
+    {"host": HOST, "origin": ""},
+    {"host": HOST, "origin": f"http://{HOST}@evil.example"},
+]
+
+
+@pytest.mark.parametrize("headers", STRANGERS, ids=str)
+def test_another_site_gets_no_socket_and_posts_nothing(wall: Bench, headers: dict[str, str]) -> None:
+    with pytest.raises(WebSocketDisconnect), wall.client.websocket_connect("/socket", headers=headers):
+        pass
+    for path in ("/open?name=x", "/previous?name=x", "/send"):
+        assert wall.client.post(path, content=b"1,2,3\n", headers=headers).status_code == 403
+    assert wall.hub.pages == set()
+
+
+def test_a_request_that_names_no_origin_reads_and_changes_nothing(wall: Bench) -> None:
+    assert wall.client.get("/").status_code == 200
+    assert wall.client.post("/send").status_code == 403
+    with pytest.raises(WebSocketDisconnect), wall.client.websocket_connect("/socket"):
+        pass
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "localhost:8411", "[::2]:8410", "", "a b:8410"])
+def test_a_name_that_leads_here_by_rebinding_gets_nothing(wall: Bench, host: str) -> None:
+    answer = wall.client.get("/", headers={"host": host})
+    assert answer.status_code == 403
+    assert "<" not in answer.text
+
+
+@pytest.mark.parametrize("host", ["localhost:8410", "[::1]:8410", "LOCALHOST:8410"])
+def test_all_names_of_this_machine_lead_here(wall: Bench, host: str) -> None:
+    assert wall.client.get("/", headers={"host": host}).status_code == 200
+
+
+def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
+    tokens = Tokens()
+    bench = Bench(tmp_path, simulate.tumble(seed=1, n=50).samples, host="0.0.0.0", tokens=tokens)
+    first = tokens.current
+    with bench.client:
+        phone = httpx.Headers({"host": "192.0.2.7:8410"})
+        client = bench.client
+        for path in ("/", "/session.csv", "/static/messages.d.ts", "/?token=guess", f"/session.csv?token={first}"):
+            assert client.get(path, headers=phone).status_code == 401, path
+        with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers=OWN):
+            pass
+        answer = client.get(f"/?token={first}", headers=phone, follow_redirects=False)
+        assert answer.status_code == 303
+        cookie = answer.headers["set-cookie"]
+        assert "HttpOnly" in cookie
+        assert "SameSite=Strict" in cookie
+        client.cookies.clear()
+        assert client.get(f"/?token={first}", headers=phone, follow_redirects=False).status_code == 401
+        value = cookie.partition("=")[2].partition(";")[0]
+        with_cookie = {**phone, "cookie": f"{cookie_name(8410)}={value}"}
+        assert client.get("/", headers=with_cookie).status_code == 200
+        assert client.get("/", headers={**with_cookie, "host": "evil.example:8410"}).status_code == 403
+        assert tokens.current != first
+        assert tokens.current in bench.said[0]
+    bench.sink.close()
+
+
+def test_the_types_of_the_page_are_those_of_the_messages() -> None:
+    assert (STATIC / "messages.d.ts").read_text(encoding="utf-8") == typescript(), (
+        "python -m flinders.live.messages > src/flinders/static/messages.d.ts"
+    )
+
+
+def test_a_session_is_named_by_its_time_and_never_over_another(tmp_path: Path) -> None:
+    now = datetime(2026, 5, 1, 12, 30, tzinfo=UTC)
+    first = default_path(now, str(tmp_path / "sessions"))
+    first.touch()
+    second = default_path(now, str(tmp_path / "sessions"))
+    assert first.parent.is_dir()
+    assert first != second
+    assert second.name.endswith("_2.csv")
+
+
+def test_edits_that_a_crash_has_cut_are_passed_over() -> None:
+    done = Edits(excluded=((1.0, 2.0),), goal="attitude")
+    assert Edits.within([done.line(), done.line()[:30], "# flinders live: {}x"]) == done
+
+
+def test_all_is_let_go_of_in_the_end(tmp_path: Path) -> None:
+    bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)
+    with bench.client, contextlib.suppress(WebSocketDisconnect), bench.page() as socket:
+        socket.receive_text()
+    assert not bench.hub._pump.is_alive()
+    bench.sink.close()
+    assert len(flinders.read(bench.path)) == 100
