@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from flinders.extremes import Extremes
 
 OF_READINGS: Final = {
+    "report_html": "--report",
     "report": "--report-text",
     "prior": "--prior",
     "robust": "--robust",

@@ -81,7 +81,7 @@ def command(
     exporter = _taking(target, compass=compass, name=name)
     _check_output(output, calibration, force=force, as_json=as_json)
     judged = for_use("export --to TARGET", calibration)
-    export, told = _rendered(judged, exporter, compass=compass, lossy=lossy, name=name)
+    export, told = rendered(judged, exporter, compass=compass, lossy=lossy, name=name)
     path = None if output == "-" else output
     if path:
         save(export, path, force=force)
@@ -135,7 +135,7 @@ def _check_output(output: str | None, calibration: str, *, force: bool, as_json:
         refuse_existing(output, force=force)
 
 
-def _rendered(
+def rendered(
     judged: Judged, exporter: Exporter, *, compass: int | None = None, lossy: bool = False, name: str | None = None
 ) -> tuple[Export, list[str]]:
     """Write a calibration for a target, and what to say of the compass that it is for.
@@ -236,7 +236,7 @@ def beside(
 
     judged = replace(Judged.from_fit(fit, name=", ".join(file.name for file in files)), files=tuple(files))
     try:
-        export, told = _rendered(judged, find(target))
+        export, told = rendered(judged, find(target))
         if path == "-":
             show(export)
         else:

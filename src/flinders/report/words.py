@@ -173,6 +173,14 @@ REFUSALS: Final = {
         "The strength of the field that the recording tells beside its readings cannot be right.",
         "Check where that column comes from, or take it out.",
     ),
+    "needs-rate": Words(
+        "The method that was asked for goes by how the body turned, and the recording has no {missing}.",
+        "Record the gyro and the time beside the magnetometer, or use another method.",
+    ),
+    "one-axis-turned": Words(
+        "The body turned about one axis alone.",
+        "Roll or pitch as well while recording.",
+    ),
     "collapsed": Words(
         "The method that was asked for finds no correction near these readings.",
         "Use another method, or turn the sensor onto all of its sides.",

@@ -1,0 +1,78 @@
+"""``flinders plot``: figures of a calibration and a recording, for papers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._calibration import sensor_option
+from flinders.cli._talk import print_json, say
+from flinders.cli.report import pictured
+from flinders.errors import NotExportable, UsageError
+
+WHAT: Final = ("all", "projections", "deviation", "residuals", "coverage")
+KINDS: Final = (".svg", ".png", ".pdf")
+
+
+@click.command(
+    "plot",
+    short_help="Draw a calibration and a recording.",
+    epilog="""\b
+Example:
+  flinders plot calibration.json tumble.csv -o figure.svg
+  flinders plot calibration.json tumble.csv --what projections -o scatter.png
+""",
+)
+@click.argument("calibration", metavar="CALIBRATION")
+@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option("-o", "--output", required=True, metavar="FILE", help="Figure to write: .svg, .png or .pdf.")
+@click.option("--what", type=click.Choice(WHAT), default="all", show_default=True, help="What is drawn.")
+@_options.shown
+@_options.columns
+@sensor_option
+@_options.log
+@_options.force
+@_options.as_json
+def command(
+    calibration: str,
+    recordings: tuple[str, ...],
+    output: str,
+    what: str,
+    target_deg: float | None,
+    dip_deg: float | None,
+    force: bool,
+    as_json: bool,
+    **reading: Any,
+) -> None:
+    """Draw what CALIBRATION does to RECORDING: scatter plots before and after, deviation, residuals, coverage.
+
+    Needs matplotlib: pip install 'flinders[plot]'. RECORDING is a file, or - for standard input.
+    """
+    from flinders.files import refuse_existing, write_bytes
+    from flinders.report.drawn import Drawn
+    from flinders.report.html import claims_nothing
+    from flinders.report.plotted import matplotlib_of, plotted, saved
+
+    kind = Path(output).suffix.lower()
+    if kind not in KINDS:
+        raise UsageError(f"-o {output}: need a name that ends in {', '.join(KINDS)}")
+    _options.refuse_to_overwrite(output, (calibration, *recordings))
+    refuse_existing(output, force=force)
+    matplotlib_of()
+    _, recording, fit, notes = pictured("plot", calibration, recordings, target_deg, dip_deg, reading)
+    if fit.verdict == "refused":
+        raise NotExportable(
+            f"{calibration} was refused as not fit for use: record anew and calibrate again",
+            beyond=(),
+            verdict="refused",
+        )
+    drawn = Drawn.of(fit, recording)
+    if claims_nothing(fit):
+        drawn = drawn.without_claims()
+    write_bytes(saved(plotted(drawn, fit, what), kind[1:]), output, force=force)
+    say(f"written to {output}")
+    if as_json:
+        print_json({"figure": output, "what": what, "verdict": fit.verdict, "notes": notes})

@@ -1,0 +1,80 @@
+"""Calibrations and fits as a notebook shows them: a small table, without a script, a colour or a size of its own.
+
+This knows plain numbers only, and so lies below what it shows; `Calibration` and `Fit` call it.
+
+>>> told = correction([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 2.0, -3.0], "µT", title="<b>")
+>>> "&lt;b&gt;" in told, "−3" in told, "<script" in told
+(True, True, False)
+>>> measured(28.5571, 0.0432), measured(-3.0, None)
+('28.557 ± 0.043', '−3')
+"""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+SIGNS: Final = {"good": "✓", "limited": "!", "refused": "✗", "note": "·", "limits": "!", "refuses": "✗"}
+"""What stands before a verdict or a finding, so that colour need not."""
+
+
+def correction(
+    matrix: Sequence[Sequence[float]],
+    offset: Sequence[float],
+    unit: str,
+    *,
+    title: str,
+    words: Iterable[str] = (),
+    offset_sigma: Sequence[float] | None = None,
+) -> str:
+    """Lay out a correction as HTML.
+
+    Parameters
+    ----------
+    matrix : (3, 3) float
+    offset : (3,) float, in `unit`
+    unit : str
+    title : str
+        Escaped, as all text is.
+    words : of str
+        Lines below the title.
+    offset_sigma : (3,) float, in `unit`, optional
+    """
+    sigmas = [None] * 3 if offset_sigma is None else list(offset_sigma)
+    rows = "".join(
+        f"<tr><th>{axis}</th><td>{measured(value, sigma)}</td>{_cells(row)}</tr>"
+        for axis, value, sigma, row in zip("xyz", offset, sigmas, matrix, strict=True)
+    )
+    head = f'<tr><td></td><th>offset, {escape(unit)}</th><th colspan="3">matrix</th></tr>'
+    return f"{_head(title, words)}<table><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
+
+
+def refusal(title: str, words: Iterable[str]) -> str:
+    """Lay out what has no numbers to show."""
+    return f"{_head(title, words)}</div>"
+
+
+def measured(value: float, sigma: float | None) -> str:
+    """Write a number to the second digit of its standard deviation; to six digits where there is none."""
+    if sigma is None or not (math.isfinite(sigma) and sigma > 0.0):
+        return _signed(f"{value:.6g}")
+    digits = min(max(0, 1 - math.floor(math.log10(sigma))), 9)
+    return _signed(f"{round(value, digits) + 0.0:.{digits}f} ± {sigma:.{digits}f}")
+
+
+def _cells(row: Iterable[float]) -> str:
+    return "".join(f"<td>{_signed(format(entry, '.6f'))}</td>" for entry in row)
+
+
+def _head(title: str, words: Iterable[str]) -> str:
+    lines = "".join(f"<br>{escape(line)}" for line in words)
+    return f"<div><p><b>{escape(title)}</b>{lines}</p>"
+
+
+def _signed(number: str) -> str:
+    """With the sign that is as wide as a plus."""
+    return number.replace("-", "−")

@@ -1,0 +1,175 @@
+"""What figures are made of: a fit as a `View`, and some of the readings that it came from.
+
+>>> from flinders import fitting, simulate
+>>> samples = simulate.tumble(seed=1).samples
+>>> drawn = Drawn.of(fitting.fit(samples), samples, most=1000)
+>>> len(drawn.raw), drawn.total, drawn.stride, drawn.clock
+(1000, 3000, 3, 's')
+>>> bool(np.linalg.norm(drawn.corrected, axis=1).std() < 1.1 * drawn.view.noise)
+True
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import msgspec
+import numpy as np
+
+from flinders.report.view import view
+from flinders.samples import Samples, singles
+from flinders.units import label
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.report.view import View
+    from flinders.result import Fit
+    from flinders.samples import Recording
+
+MOST: Final = 10_000
+"""Readings that are drawn; of a longer recording every k-th."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A fit and readings, ready to be drawn.
+
+    Attributes
+    ----------
+    view : View or None
+        None where there is no fit at all.
+    raw : (n, 3) float, in `unit`
+        Every `stride`-th reading.
+    when : (n,) float
+        Seconds since the first, or numbers of readings, as `clock` says.
+    clock : str
+        ``s`` where the recording is one and its time ascends, else ``reading``.
+    is_used : (n,) bool
+        Those that the fit did not leave out.
+    total : int
+        Readings of the whole recording.
+    stride : int
+    unit : str
+        ``µT`` or ``counts``.
+    """
+
+    view: View | None
+    raw: Floats
+    when: Floats
+    clock: str
+    is_used: NDArray[np.bool_]
+    total: int
+    stride: int
+    unit: str
+
+    @classmethod
+    def of(cls, fit: Fit | None, recording: Recording, *, most: int = MOST) -> Self:
+        """Go through a recording once.
+
+        Parameters
+        ----------
+        fit : Fit or None
+            Good, limited or refused; None where the recording gave none.
+        recording : Recording
+            The readings that were fitted.
+        most : int
+            Readings that are kept for drawing; the `View` counts them all.
+
+        Raises
+        ------
+        InputError
+            For a recording that cannot be read.
+        """
+        samples = _whole(recording)
+        seen = None if fit is None else _seen(fit, samples)
+        is_used = np.ones(len(samples), bool)
+        for first, last in () if seen is None else seen.rejected:
+            is_used[first : last + 1] = False
+        stride = max(1, -(-len(samples) // most))
+        when, clock = _when(samples, is_one=len(list(singles(recording))) == 1)
+        return cls(
+            seen,
+            samples.field[::stride],
+            when[::stride],
+            clock,
+            is_used[::stride],
+            len(samples),
+            stride,
+            label(recording.unit.inside),
+        )
+
+    def without_claims(self) -> Self:
+        """The same of a calibration that states no uncertainty: nothing is known of the errors to expect."""
+        if self.view is None:
+            return self
+        view = msgspec.structs.replace(
+            self.view,
+            heading_error_deg=None,
+            attitude_limit_deg=None,
+            any_attitude_deg=None,
+            offset_sigma=None,
+            matrix_sigma=None,
+            tiles_deg=(None,) * len(self.view.tiles_deg),
+            guidance=None,
+            turn=None,
+        )
+        return replace(self, view=view)
+
+    @property
+    def corrected(self) -> Floats:
+        """(n, 3) readings under the correction that they are drawn under; empty where there is none."""
+        if self.view is None or self.view.shown is None:
+            return np.empty((0, 3))
+        shown = self.view.shown
+        corrected: Floats = (self.raw - shown.offset) @ np.transpose(shown.matrix)
+        return corrected
+
+    @property
+    def shape(self) -> Floats | None:
+        """(3, 3) S of the ellipsoid raw = offset + S u that the correction makes a sphere; None where there is none."""
+        if self.view is None or self.view.shown is None:
+            return None
+        shape: Floats = self.view.shown.strength * np.linalg.inv(self.view.shown.matrix)
+        return shape
+
+    @property
+    def residuals(self) -> Floats:
+        """(n,) how much longer each corrected reading is than the field; empty where there is no correction."""
+        if self.view is None or self.view.shown is None:
+            return np.empty(0)
+        residuals: Floats = np.linalg.norm(self.corrected, axis=1) - self.view.shown.strength
+        return residuals
+
+
+def _seen(fit: Fit, samples: Samples) -> View:
+    """The view, with advice for what is still to be reached: headings, then all attitudes, then nothing."""
+    found = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
+    return msgspec.structs.replace(found, guidance=None) if fit.verdict == "good" else found
+
+
+def _whole(recording: Recording) -> Samples:
+    """All readings in memory, with their time where every block has it."""
+    if isinstance(recording, Samples):
+        return recording
+    blocks = list(recording.blocks())
+    if not blocks:
+        return Samples.of(np.empty((0, 3)), unit=recording.unit)
+    times = [block.time for block in blocks if block.time is not None]
+    return Samples(
+        np.concatenate([block.field for block in blocks]),
+        unit=blocks[0].unit,
+        axes=blocks[0].axes,
+        time=np.concatenate(times) if len(times) == len(blocks) else None,
+        source=recording.source,
+    )
+
+
+def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
+    """Where readings stand along an axis of time, and what its numbers are."""
+    time = samples.time
+    if time is not None and is_one and len(time) and np.isfinite(time).all() and (np.diff(time) >= 0.0).all():
+        return time - time[0], "s"
+    return np.arange(1.0, len(samples) + 1.0), "reading"

@@ -1,0 +1,394 @@
+"""A fit as one HTML file: what was found, in words and degrees first, then all that it rests on.
+
+The file needs nothing else: no server, no network, and no script but for the 3-D view, of which it holds a still
+picture for paper. What comes from files, such as names and comments, is escaped; a Content-Security-Policy in the file
+lets nothing run but its own script, and nothing be fetched. Of a refused fit no number is shown that could be copied.
+
+>>> from flinders import fitting, simulate
+>>> samples = simulate.tumble(seed=1, n=400).samples
+>>> text = page(fitting.fit(samples), samples)
+>>> text.startswith("<!doctype html>"), "://" in text.split("<script")[0]
+(True, False)
+>>> fit = fitting.fit(samples)
+>>> found = {"raw": samples.field}
+>>> exec(python_of(fit.calibration), found)
+>>> bool(np.allclose(found["corrected"], fit.calibration.apply(samples.field)))
+True
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+import numpy as np
+
+from flinders.document import Provenance
+from flinders.errors import counted, figures
+from flinders.report import figures as drawing
+from flinders.report.colours import STEPS, variables
+from flinders.report.drawn import Drawn
+from flinders.report.script import asset, joined
+from flinders.report.text import FINEST, degrees, matrix_entries, with_uncertainty
+from flinders.report.view import tiles_view
+from flinders.result import Fit, Refused
+from flinders.units import label
+from flinders.verdict import UPSIDE_DOWN
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from jinja2 import Template
+
+    from flinders.calibration import Calibration
+    from flinders.document import SourceFile
+    from flinders.errors import FitError
+    from flinders.samples import Recording
+
+TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
+"""What each verdict is called, as on the page."""
+
+WITH_3D, WITHOUT_3D = "report.js", "plain.js"
+"""The script of a report, and that of one without a 3-D view, which has to be started."""
+
+START: Final = "m0.theming(() => {});\nm0.copying();"
+
+FIGURES: Final = (
+    "pictures", "before", "after", "error_map", "error_legend", "coverage_map", "seen_legend", "residuals", "histogram",
+    "deviation", "correlation",
+)  # fmt: skip
+"""What a report shows, where it is known."""
+
+UNSTATED: Final = (
+    "The calibration states no uncertainty, so that nobody knows how good headings are: calibrate from a recording."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """Text to copy from a report: a calibration as a program or board takes it.
+
+    Attributes
+    ----------
+    title : str
+    filename : str
+    text : str
+    notes : tuple of str
+        What to see to before it is used.
+    """
+
+    title: str
+    filename: str
+    text: str
+    notes: tuple[str, ...] = ()
+
+
+def page(
+    outcome: Fit | FitError,
+    recording: Recording | None = None,
+    *,
+    provenance: Provenance | None = None,
+    asked: Mapping[str, str] | None = None,
+    listings: Sequence[Listing] = (),
+    notes: Sequence[str] = (),
+) -> str:
+    """Write a fit, or why there is none, as one HTML file.
+
+    Parameters
+    ----------
+    outcome : Fit or FitError
+        What was found, or the refusal.
+    recording : Recording, optional
+        The readings that were fitted; they are gone through once, and held in memory meanwhile. Without them there
+        are no figures.
+    provenance : Provenance, optional
+        Release, date and files; by default this release, now, and none.
+    asked : mapping of str to str, optional
+        Options that the fit was made with, by name.
+    listings : sequence of Listing
+        The calibration for programs and boards, as exporters write it; left out of a refusal.
+    notes : sequence of str
+        What else to know, in sentences.
+
+    Raises
+    ------
+    InputError
+        For a recording that cannot be read.
+    """
+    fit = outcome if isinstance(outcome, Fit) else outcome.fit if isinstance(outcome, Refused) else None
+    drawn = None if recording is None else Drawn.of(fit, recording)
+    if drawn is not None and fit is not None and claims_nothing(fit):
+        drawn = drawn.without_claims()
+    provenance = provenance or Provenance(
+        flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=()
+    )
+    view = None if drawn is None else drawn.view
+    script = _script() if view is not None else (_wrapped_plain(), False)
+    style = _style()
+    given = {
+        "outcome": _outcome(outcome, fit),
+        "numbers": _numbers(fit),
+        "findings": _findings(fit),
+        "notes": list(notes),
+        "parameters": _parameters(fit),
+        "listings": _listings(fit, listings),
+        "files": [_file(file) for file in provenance.files],
+        "asked": dict(asked or {}),
+        "provenance": provenance,
+        "date": f"{provenance.date.day} {provenance.date:%B %Y, %H:%M %Z}",
+        "fit": fit,
+        "source": recording.source if recording is not None else "",
+        "sensor": fit.calibration.sensor if fit is not None else None,
+        "drawn": drawn,
+        "view": view,
+        "figures": dict.fromkeys(FIGURES) if drawn is None else _figures(drawn, fit),
+        "data": _data(drawn, fit) if drawn is not None and script[1] else "",
+        "has_scene": script[1] and drawn is not None,
+        "style": style,
+        "script": script[0],
+        "style_hash": _hash(style),
+        "script_hash": _hash(script[0]),
+    }
+    return _template().render(**given) + "\n"
+
+
+def claims_nothing(fit: Fit) -> bool:
+    """Whether nobody said how uncertain a calibration is, as of one that was imported."""
+    return not fit.covariance.any()
+
+
+def python_of(calibration: Calibration) -> str:
+    """The correction as Python that needs NumPy alone: `raw`, as recorded, becomes `corrected`."""
+    unit = label(calibration.unit)
+    lines = ["import numpy as np", ""]
+    raw = "raw"
+    if not calibration.axes.is_identity:
+        rows = calibration.axes.apply(np.eye(3)).T.astype(int).tolist()
+        lines.append(f"axes = np.array({rows})  # {calibration.axes}, from the axes as recorded")
+        raw = f"{raw} @ axes.T"
+    if calibration.raw.scale != 1.0:
+        lines.append(f"scale = {calibration.raw.scale!r}  # {unit} in one {calibration.raw.name} of the recording")
+        raw = f"scale * ({raw})" if "@" in raw else f"scale * {raw}"
+    lines += [
+        f"offset = np.array({calibration.offset.tolist()})  # {unit}",
+        "matrix = np.array([",
+        *(f"    {row}," for row in calibration.matrix.tolist()),
+        "])",
+        f"corrected = ({raw} - offset) @ matrix.T  # rows of x, y, z",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+# ------------------------------------------------------------------------------------------------------------- words
+
+
+def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
+    """Verdict, its title, and what it is in a sentence."""
+    if fit is None:
+        return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
+    from flinders.report.view import sentence
+
+    said = UNSTATED if claims_nothing(fit) else sentence(fit)
+    title = "Of unknown quality" if claims_nothing(fit) else TITLES[fit.verdict]
+    return {"verdict": fit.verdict, "title": title, "sentence": said[:1].upper() + said[1:]}
+
+
+def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
+    """What stands in large figures: name, number, what it is."""
+    if fit is None or fit.verdict == "refused":
+        return []
+    strength, spread = fit.uncorrected_strength
+    unit = label(fit.calibration.unit)
+    field = fit.calibration.field_strength
+    left = f"{fit.noise / fit.ellipsoid.radius:.1%}" if fit.ellipsoid.radius > 0.0 else "?"
+    known = "known" if fit.calibration.field_strength_known else "relative: none was given"
+    strengths = [
+        ("Strength of the field", drawing.length(field, unit), known),
+        ("Varies while turning", left, f"before: {spread:.1%} about {drawing.length(strength, unit)}"),
+    ]
+    if claims_nothing(fit):
+        return strengths
+    raw, error, limit = fit.uncorrected_heading_error_deg, fit.heading_error_deg, fit.attitude_limit_deg
+    tilt = "any" if limit >= UPSIDE_DOWN else "none" if limit <= 0.0 else f"{limit:.0f}°"
+    return [
+        (
+            "Worst heading off by",
+            degrees(error.worst),
+            f"before: {degrees(raw.worst)}; the target is {fit.target_deg:g}°",
+        ),
+        ("All headings, rms", degrees(error.rms), f"before: {degrees(raw.rms)}"),
+        ("Within target up to a tilt of", tilt, f"held level, dip {error.dip_deg:g}°".replace("-", "−")),
+        *strengths,
+    ]
+
+
+def _findings(fit: Fit | None) -> list[dict[str, str]]:
+    """Gravest first, in sentences."""
+    words = {"refuses": "Refused", "limits": "Limit", "note": "Note"}
+    return [
+        {
+            "severity": finding.severity,
+            "word": words[finding.severity],
+            "code": finding.code,
+            "advice": f"{finding.advice[:1].upper()}{finding.advice[1:].rstrip('.')}.",
+        }
+        for finding in (() if fit is None else fit.findings)
+    ]
+
+
+def _parameters(fit: Fit | None) -> dict[str, Any] | None:
+    """Offset and matrix with their uncertainties, as they are printed; none of a refused fit."""
+    if fit is None or fit.verdict == "refused":
+        return None
+    from flinders.report.view import matrix_sigma
+
+    calibration = fit.calibration
+    unit = label(calibration.unit)
+    finest = FINEST * calibration.field_strength
+    if claims_nothing(fit):
+        offsets = [f"{value:.6g}" for value in calibration.offset.tolist()]
+        entries = matrix_entries(calibration.matrix)
+    else:
+        pairs = zip(calibration.offset, fit.offset_sigma, strict=True)
+        offsets = [with_uncertainty(float(value), float(sigma), finest=finest) for value, sigma in pairs]
+        rows = zip(calibration.matrix, matrix_sigma(fit), strict=True)
+        entries = [
+            [with_uncertainty(*map(float, pair), finest=FINEST) for pair in zip(*row, strict=True)] for row in rows
+        ]
+    return {
+        "unit": unit,
+        "rows": [
+            (axis, _split(offset), [_split(entry) for entry in row])
+            for axis, offset, row in zip("xyz", offsets, entries, strict=True)
+        ],
+        "noise": drawing.length(fit.noise, unit) if math.isfinite(fit.noise) else "?",
+        "strength": drawing.length(calibration.field_strength, unit),
+        "axes": "" if calibration.axes.is_identity else str(calibration.axes),
+        "scale": "" if calibration.raw.scale == 1.0 else f"{calibration.raw.scale:g}",
+        "raw_unit": calibration.raw.name,
+    }
+
+
+def _split(number: str) -> tuple[str, str]:
+    """Value and uncertainty."""
+    value, _, sigma = number.replace("-", "−").partition(" ± ")
+    return value, sigma
+
+
+def _listings(fit: Fit | None, listings: Sequence[Listing]) -> list[Listing]:
+    """Python first, then what was handed in."""
+    if fit is None or fit.verdict == "refused":
+        return []
+    return [Listing("Python with NumPy", "correction.py", python_of(fit.calibration)), *listings]
+
+
+def _file(file: SourceFile) -> dict[str, str]:
+    return {
+        "name": file.name,
+        "rows": counted(file.rows, "reading"),
+        "bytes": f"{file.bytes:,} bytes",
+        "sha256": file.sha256,
+    }
+
+
+# ----------------------------------------------------------------------------------------------------- what is drawn
+
+
+def _figures(drawn: Drawn, fit: Fit | None) -> dict[str, Any]:
+    """Figures by name; those that nothing is known for are left out."""
+    from markupsafe import Markup  # what is marked as safe is numbers and words of our own
+
+    view = drawn.view
+    target = 1.0 if fit is None else fit.target_deg
+
+    def marked(figures: Sequence[str]) -> list[Markup]:
+        return [Markup(figure) for figure in figures]
+
+    found: dict[str, Any] = dict.fromkeys(FIGURES)
+    if len(drawn.raw):
+        found["before"] = marked(drawing.projections(drawn, is_corrected=False))
+        found["pictures"] = [(title, Markup(figure)) for title, figure in drawing.pictures(drawn, target)]
+    if view is None or view.shown is None:
+        return found
+    found["after"] = marked(drawing.projections(drawn, is_corrected=True))
+    found["error_map"], found["coverage_map"] = marked([drawing.error_map(view, target), drawing.coverage_map(view)])
+    found["error_legend"], found["seen_legend"] = drawing.error_legend(target), drawing.seen_legend(view)
+    found["residuals"] = Markup(drawing.residuals(drawn))
+    if view.residuals is not None:
+        found["histogram"] = Markup(drawing.histogram(view, drawn.unit))
+    if view.turn is not None:
+        found["deviation"] = Markup(drawing.deviation(view, target))
+    if fit is not None and fit.verdict != "refused" and not claims_nothing(fit):
+        found["correlation"] = Markup(drawing.correlation(fit))
+    return found
+
+
+def _data(drawn: Drawn, fit: Fit | None) -> str:
+    """What the 3-D view draws, as JSON that may stand in a page: no ``<`` is left in it."""
+    view = drawn.view
+    assert view is not None
+    content = {
+        "tiles": tiles_view(),
+        "field": base64.b64encode(drawn.raw.astype("<f4").tobytes()).decode(),
+        "stride": drawn.stride,
+        "target_deg": 1.0 if fit is None else fit.target_deg,
+        "unit": view.unit,
+        "offset": view.offset,
+        "shown": view.shown,
+        "tiles_deg": view.tiles_deg,
+        "tiles_seen": view.tiles_seen,
+        "rejected": view.rejected,
+        "guidance": None if view.guidance is None else {"direction": view.guidance.direction},
+    }
+    return msgspec.json.encode(content).decode().replace("<", "\\u003c")
+
+
+def _script() -> tuple[str, bool]:
+    """The script, and whether it has the 3-D view."""
+    try:
+        return f"\n{joined(WITH_3D)}\n", True
+    except FileNotFoundError:
+        return _wrapped_plain(), False
+
+
+def _wrapped_plain() -> str:
+    return f"\n{joined(WITHOUT_3D)}\n{START}\n"
+
+
+def _style() -> str:
+    """The style sheet, with the colours of both themes; paper is always light."""
+    light, dark = variables("light"), variables("dark")
+    steps = [*(f"e{step}" for step in range(STEPS)), "unknown", *(f"s{level}" for level in range(5))]
+    tints = "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in steps)
+    return (
+        f"\n:root {{ {light} }}\n"
+        f'@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
+        f'@media screen {{ :root[data-theme="dark"] {{ {dark} }} }}\n'
+        f"{tints}\n{asset('report.css')}"
+    )
+
+
+def _hash(text: str) -> str:
+    """As a Content-Security-Policy names what may run."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def _template() -> Template:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("flinders.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["counted"] = counted
+    environment.filters["figures"] = figures
+    return environment.get_template("report.html.j2")

@@ -1,0 +1,132 @@
+"""A fit as a few lines for a terminal: the readings before and after, and what is known in which direction.
+
+Eight dots of Braille in a character make square pictures. Where a terminal has no such letters, others that all have
+take their place.
+
+>>> print(*braille(np.eye(8, dtype=bool)), sep=" / ")
+⠑⢄⠀⠀ / ⠀⠀⠑⢄
+>>> print(*letters(np.eye(8, dtype=bool)), sep=" / ")
+::   /   ::
+"""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.coverage import around_z, cells_of
+from flinders.tiles import tile_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+    from rich.text import Text
+
+    from flinders.arrays import Floats
+    from flinders.report.drawn import Drawn
+    from flinders.report.view import View
+    from flinders.result import Fit
+
+ROWS, COLUMNS, WIDE, GAP = 10, 20, 32, 3
+WIDTH: Final = 2 * (COLUMNS + GAP) + WIDE
+"""Lines, and characters of a picture, of the map, between them, and of all."""
+
+WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
+"""What each dot adds to the first letter of Braille."""
+
+MARKS: Final = {False: "█░▒·", True: "#+:."}
+"""Within the target and recorded, and not; above it and recorded, and not; the second for any terminal."""
+
+DRAWN: Final = f"⣿{MARKS[False]}"
+"""Letters that a terminal must have for the first."""
+
+COLOURS: Final = ("green", "green", "yellow", "red")
+
+
+def plot(drawn: Drawn, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
+    """Draw a fit: twelve lines.
+
+    Parameters
+    ----------
+    drawn : Drawn
+    fit : Fit
+        Good or limited.
+    is_plain : bool
+        With letters that every terminal has.
+    width : int
+        Characters of the terminal; on a narrow one the map is left out.
+    """
+    from rich.text import Text
+
+    pictures = [
+        ("before, x and y", _picture(drawn.raw[drawn.is_used], is_plain=is_plain), "yellow"),
+        ("after", _picture(drawn.corrected[drawn.is_used], is_plain=is_plain), "cyan"),
+    ]
+    text = Text(no_wrap=True)
+    has_map = width >= WIDTH and drawn.view is not None
+    titles = [f"{title:<{COLUMNS + GAP}}" for title, _, _ in pictures]
+    text.append("".join(titles) + ("directions, +z above" if has_map else "") + "\n", "bold")
+    rows = list(_map(drawn.view, fit)) if has_map and drawn.view is not None else []
+    for place in range(ROWS):
+        for _, lines, colour in pictures:
+            text.append(lines[place], colour).append(" " * GAP)
+        for kind, run in groupby(rows[place] if rows else ()):
+            text.append(MARKS[is_plain][kind] * len(list(run)), COLOURS[kind])
+        text.append("\n")
+    if rows:
+        within, open_within, above, open_above = tuple(MARKS[is_plain])
+        words = f"{within} {open_within} within {fit.target_deg:g}°, {above} {open_above} above; "
+        words += f"{open_within} {open_above} not recorded"
+        text.append("+ is zero".ljust(WIDTH - len(words)) + words, "dim")
+    return text
+
+
+def braille(dots: NDArray[np.bool_]) -> list[str]:
+    """Lines of letters of Braille for (4 r, 2 c) dots."""
+    blocks = dots.reshape(len(dots) // 4, 4, -1, 2)
+    codes = 0x2800 + np.einsum("rjck,jk->rc", blocks.astype(int), WEIGHTS)
+    return ["".join(map(chr, row)) for row in codes.tolist()]
+
+
+def letters(dots: NDArray[np.bool_]) -> list[str]:
+    """The same with a dot, a colon or a cross for few, some and many dots."""
+    counts = dots.reshape(len(dots) // 4, 4, -1, 2).sum(axis=(1, 3))
+    return ["".join(" .:::####"[count] for count in row) for row in counts.tolist()]
+
+
+def _picture(points: Floats, *, is_plain: bool) -> list[str]:
+    """Readings seen along z, x to the right and y up; a cross marks zero where it is in sight."""
+    dots = np.zeros((4 * ROWS, 2 * COLUMNS), bool)
+    if not len(points):
+        return letters(dots)
+    low, high = np.quantile(points[:, :2], [0.002, 0.998], axis=0)
+    if (np.abs((low + high) / 2.0) <= 2.0 * (high - low).max()).all():
+        low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
+    half = max(0.52 * float((high - low).max()), 1e-12)
+    share = (points[:, :2] - (low + high) / 2.0) / half
+    seen = share[(np.abs(share) < 1.0).all(axis=1)]
+    columns, rows = ((seen * [1.0, -1.0] + 1.0) * [COLUMNS, 2.0 * ROWS]).astype(int).T
+    dots[rows, columns] = True
+    lines = letters(dots) if is_plain else braille(dots)
+    x, y = -(low + high) / 2.0 / half
+    if abs(x) < 1.0 and abs(y) < 1.0:
+        row, column = int((1.0 - y) / 2.0 * ROWS), int((1.0 + x) / 2.0 * COLUMNS)
+        lines[row] = f"{lines[row][:column]}+{lines[row][column + 1 :]}"
+    return lines
+
+
+def _map(view: View, fit: Fit) -> Iterator[list[int]]:
+    """Which mark stands for each direction: rows of equal area from +z to −z, x in the middle."""
+    heights = 1.0 - 2.0 * (np.arange(ROWS) + 0.5) / ROWS
+    around = 2.0 * np.pi * ((np.arange(WIDE) + 0.5) / WIDE - 0.5)
+    for height in heights:
+        directions = around_z(np.full(WIDE, height), around)
+        errors = [view.tiles_deg[tile] for tile in tile_of(directions).tolist()]
+        is_seen = fit.coverage.counts[cells_of(directions)] > 0.0
+        yield [
+            (0 if error is not None and error <= fit.target_deg else 2) + (0 if seen else 1)
+            for error, seen in zip(errors, is_seen.tolist(), strict=True)
+        ]

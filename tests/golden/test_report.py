@@ -1,0 +1,71 @@
+"""The words of a report and the drawing on a terminal, to the letter."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from tests.golden.sessions import assert_sessions_are_real, session
+
+from flinders import fitting, simulate
+from flinders.report.drawn import Drawn
+from flinders.report.html import page
+from flinders.report.terminal import plot
+
+if TYPE_CHECKING:
+    from tests.golden.sessions import Golden
+
+DATED = re.compile(r"\d+ \w+ \d{4}, [\d:]+ UTC(, with Flinders \S+)?")
+
+
+@pytest.fixture(autouse=True)
+def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+
+
+def record(name: str, motion: str) -> None:
+    field = simulate.tumble(seed=2, motion=motion).samples.field
+    rows = [",".join(f"{value:.3f}" for value in row) for row in field]
+    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+
+
+def words(text: str) -> str:
+    """What a person reads of a report, a line for each paragraph; without figures and listings."""
+    bare = re.sub(r"<(script|style|svg|pre)\b.*?</\1>", "", text, flags=re.DOTALL)
+    bare = re.sub(r"</(?:p|h\d|dt|strong|li|th|td|summary|figcaption|label|caption)>|<br>", "\n", bare)
+    lines = (re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", "", line))).strip() for line in bare.split("\n"))
+    said = "\n".join(line for line in lines if line)
+    return DATED.sub("1 May 2026, 12:30 UTC", said) + "\n"
+
+
+@pytest.mark.parametrize("motion", ["uniform", "tilted", "level"])
+def test_the_words_of_a_report(motion: str, golden: Golden) -> None:
+    samples = simulate.tumble(seed=2, motion=motion).samples
+    golden(f"report/{motion}.txt", words(page(fitting.fit(samples), samples)))
+
+
+def test_a_drawing_on_a_terminal(golden: Golden) -> None:
+    samples = simulate.tumble(seed=2, motion="tilted").samples
+    fit = fitting.fit(samples)
+    drawn = Drawn.of(fit, samples)
+    shown = (plot(drawn, fit, is_plain=is_plain).plain for is_plain in (False, True))
+    golden("report/terminal.txt", "\n".join(line.rstrip() for text in shown for line in text.splitlines()) + "\n")
+
+
+@pytest.mark.parametrize("command", ["report", "plot"])
+def test_help(command: str, golden: Golden) -> None:
+    golden(f"cli/flinders-{command}-help.txt", session(f"flinders {command} --help"))
+
+
+def test_a_report_of_a_calibration_and_a_recording(golden: Golden) -> None:
+    record("tumble.csv", "uniform")
+    session("flinders calibrate tumble.csv -o calibration.json")
+    golden("cli/report-made.txt", session("flinders report calibration.json tumble.csv -o report.html"))
+
+
+def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
+    assert_sessions_are_real("report.md", request)

@@ -1,0 +1,307 @@
+"""A report says what the fit says, holds nothing that could be copied from a refusal, and needs no other file."""
+
+from __future__ import annotations
+
+import base64
+import re
+import struct
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from html import unescape
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders import fitting, simulate
+from flinders.calibration import Calibration
+from flinders.errors import FitError, TooFewSamples
+from flinders.judged import Judged
+from flinders.report import script
+from flinders.report.drawn import Drawn
+from flinders.report.figures import coverage_map, error_map, projections
+from flinders.report.html import page, python_of
+from flinders.report.revisited import doubts, revisited
+from flinders.report.terminal import plot
+from flinders.report.text import degrees
+from flinders.result import Refused
+from flinders.samples import Joined, Samples
+from flinders.tiles import tiles
+
+if TYPE_CHECKING:
+    from flinders.result import Fit
+
+LARGEST = 1_500_000
+"""Bytes of a report of ten thousand readings."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report: all of it, and the words that a person reads."""
+
+    text: str
+    words: str
+
+    @classmethod
+    def of(cls, text: str) -> Self:
+        seen = re.sub(r"<(script|style)\b.*?</\1>", "", text, flags=re.DOTALL)
+        return cls(text, re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", seen))))
+
+
+@lru_cache(maxsize=8)
+def fitted(motion: str = "hand", n: int = 1000, seed: int = 2) -> tuple[Fit, Samples]:
+    samples = simulate.tumble(seed=seed, n=n, motion=motion).samples
+    return fitting.fit(samples), samples
+
+
+def flat() -> tuple[Refused, Samples]:
+    samples = fitted("level")[1]
+    turned = replace(samples, field=samples.field[:, [2, 0, 1]])
+    with pytest.raises(Refused) as refused:
+        fitting.fit(turned)
+    return refused.value, turned
+
+
+def test_a_report_begins_with_the_verdict_in_words_and_degrees() -> None:
+    fit, samples = fitted()
+    words = Page.of(page(fit, samples)).words
+    worst = degrees(fit.heading_error_deg.worst)
+    assert words.index("Good") < words.index(f"good to {worst}") < words.index("What there is to know")
+    assert f"Worst heading off by {worst}" in words
+
+
+def test_a_limited_report_says_what_to_do() -> None:
+    fit, samples = fitted("tilted")
+    words = Page.of(page(fit, samples)).words
+    assert "Good with limits" in words
+    for finding in fit.findings:
+        assert finding.advice[1:].rstrip(".") in words
+
+
+def test_a_refused_report_has_figures_and_no_number_to_copy() -> None:
+    refused, samples = flat()
+    found = Page.of(page(refused, samples))
+    assert "Not to be used" in found.words
+    assert "All readings lie in one plane" in found.words
+    assert found.text.count('<svg class="figure"') == 4
+    offset = refused.fit.calibration.offset
+    assert not any(f"{value:.3f}" in found.text for value in offset)
+    assert "offset" not in found.words
+    assert "np.array" not in found.words
+
+
+def test_a_refused_surface_is_drawn_and_not_told() -> None:
+    """A recording of so few directions that the heading is refused, with a surface all the same."""
+    samples = simulate.tumble(seed=3, n=60, motion="tilted").samples
+    try:
+        fitting.fit(samples, target_deg=0.02)
+    except Refused as refused:
+        found = Page.of(page(refused, samples))
+    else:
+        pytest.fail("this fit was to be refused")
+    assert "Not to be used" in found.words
+    assert "Offset and matrix" not in found.words
+    assert "Predicted heading error" in found.words
+
+
+def test_a_refusal_without_a_fit_says_why() -> None:
+    samples = Samples.of([[1.0, 2.0, 3.0], [1.5, 2.0, 3.0]], unit="uT")
+    error = TooFewSamples(found=2, needed=10, method="likelihood")
+    assert str(error) in Page.of(page(error, samples)).words
+    assert str(error) in Page.of(page(error)).words
+
+
+def test_ten_thousand_readings_make_less_than_a_megabyte_and_a_half() -> None:
+    fit, samples = fitted(n=10_000)
+    assert len(page(fit, samples).encode()) < LARGEST
+
+
+def test_a_report_of_more_readings_is_no_larger() -> None:
+    fit, samples = fitted(n=10_000)
+    longer = Joined((samples,) * 5)
+    drawn = Drawn.of(fit, longer)
+    assert (drawn.total, len(drawn.raw), drawn.stride, drawn.clock) == (50_000, 10_000, 5, "reading")
+    assert len(page(fit, longer).encode()) < LARGEST
+
+
+def test_the_view_in_the_page_is_given_the_readings() -> None:
+    fit, samples = fitted()
+    held = re.search(r'"field":"([^"]*)"', page(fit, samples))
+    assert held
+    numbers = struct.unpack(f"<{3 * len(samples)}f", base64.b64decode(held[1]))
+    npt.assert_allclose(np.reshape(numbers, (-1, 3)), samples.field, rtol=1e-6)
+
+
+def test_the_policy_of_the_page_names_its_script_and_style_and_nothing_else() -> None:
+    import hashlib
+
+    text = page(*fitted())
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy
+    rules = dict(rule.strip().split(" ", 1) for rule in unescape(policy[1]).split(";"))
+    assert rules["default-src"] == "'none'"
+    for kind, tag in (("script-src", '<script type="module">'), ("style-src", "<style>")):
+        inside = text.split(tag, 1)[1].split("</", 1)[0] if kind == "style-src" else text.split(tag, 1)[1]
+        inside = inside.split("</script>", 1)[0]
+        digest = base64.b64encode(hashlib.sha256(inside.encode()).digest()).decode()
+        assert rules[kind] == f"'sha256-{digest}'"
+    assert " style=" not in text.split("<script", 1)[0]
+
+
+def test_the_python_of_a_report_corrects_readings_as_recorded() -> None:
+    from flinders.axes import Axes
+    from flinders.units import Unit
+
+    rng = np.random.default_rng(5)
+    recorded = rng.normal(size=(20, 3)) * 400.0
+    fit, _ = fitted()
+    turned = replace(fit.calibration, raw=Unit.of("mG"), axes=Axes.of("y,-x,z"))
+    space: dict[str, object] = {"raw": recorded}
+    exec(python_of(turned), space)
+    samples = Samples.of(recorded, unit="mG", axes="y,-x,z")
+    npt.assert_allclose(np.asarray(space["corrected"], float), turned.apply(samples.field), rtol=1e-12)
+
+
+def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:
+    text = script.joined()
+    assert "const m0 = (() => {" in text
+    assert not re.search(r"^(?:import|export)\b", text, re.MULTILINE)
+    assert len(re.findall(r"^const m\d+ = ", text, re.MULTILINE)) >= 9
+
+
+@pytest.mark.parametrize(
+    "line", ['import x from "./x.js";', 'import * as x from "./x.js";', "export default 1;", "export let x = 1;"]
+)
+def test_a_module_in_another_form_is_refused(line: str) -> None:
+    with pytest.raises(script.NotJoined, match="form that is not joined"):
+        script._wrapped("m0", f"{line}\n", {})
+
+
+def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = script.asset
+
+    def without(path: str) -> str:
+        if path.startswith("vendor/"):
+            raise FileNotFoundError(path)
+        return whole(path)
+
+    monkeypatch.setattr(script, "asset", without)
+    text = page(*fitted())
+    assert 'id="scene"' not in text
+    assert "theming" in text
+    assert text.count('<svg class="figure"') == 15
+
+
+def test_the_map_keeps_areas() -> None:
+    """Each tile has its share of the two discs, to within what the straight edges and the rim cut."""
+    fit, samples = fitted()
+    drawn = Drawn.of(fit, samples)
+    assert drawn.view is not None
+    from flinders.report.figures import DISC, _disc
+
+    def area(ring: np.ndarray) -> float:
+        x, y = ring.T
+        return abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2.0
+
+    inner = [(tile, ring) for tile, ring in _disc(0, 1.0) if tiles().centres[tile, 2] > 0.15]
+    shares = np.array([area(ring) / (2.0 * np.pi * DISC**2) for _, ring in inner])
+    expected = tiles().areas[[tile for tile, _ in inner]] / (4.0 * np.pi)
+    npt.assert_allclose(shares, expected, rtol=0.03)
+    for figure in (error_map(drawn.view, 1.0), coverage_map(drawn.view)):
+        assert figure.count("clip-path") == 2
+
+
+def test_projections_hold_the_readings_and_the_outline_of_the_ellipsoid() -> None:
+    fit, samples = fitted()
+    drawn = Drawn.of(fit, samples)
+    from flinders.report.figures import outline
+
+    edge = outline(drawn, (0, 1), is_corrected=False)
+    far = samples.field[:, :2]
+    assert (edge.min(axis=0) < far.min(axis=0) + 5.0 * fit.noise).all()
+    assert (edge.max(axis=0) > far.max(axis=0) - 5.0 * fit.noise).all()
+    radii = np.linalg.norm(outline(drawn, (0, 2), is_corrected=True), axis=1)
+    npt.assert_allclose(radii, fit.calibration.field_strength, rtol=1e-9)
+    assert len(projections(drawn, is_corrected=True)) == 3
+
+
+def test_a_calibration_that_was_written_gives_the_same_report_numbers() -> None:
+    for motion in ("hand", "tilted", "level"):
+        fit, samples = fitted(motion)
+        again = revisited(Judged.from_fit(fit), samples)
+        assert again.verdict == fit.verdict
+        assert again.plane == fit.plane
+        npt.assert_allclose(again.heading_error_deg.worst, fit.heading_error_deg.worst, rtol=1e-6)
+        npt.assert_allclose(again.heading_error_deg.rms, fit.heading_error_deg.rms, rtol=1e-6)
+        npt.assert_allclose(again.noise, fit.noise)
+        assert not doubts(Judged.from_fit(fit), samples)
+
+
+def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
+    fit, samples = fitted()
+    bent = replace(
+        fit, distortion=0.3, heading_error_deg=fit.heading_error_deg.beside(replace(fit, distortion=0.3).structure_deg)
+    )
+    again = revisited(Judged.from_fit(bent), samples)
+    npt.assert_allclose(again.distortion, 0.3, rtol=1e-6)
+    npt.assert_allclose(again.attitude_limit_deg, bent.attitude_limit_deg, rtol=1e-6)
+
+
+def test_a_calibration_without_uncertainty_claims_nothing() -> None:
+    fit, samples = fitted()
+    found = Page.of(page(revisited(Judged(fit.calibration), samples), samples))
+    assert "Of unknown quality" in found.words
+    assert "states no uncertainty" in found.words
+    assert "Worst heading off by" not in found.words
+    assert "±" not in found.words.split("How to apply it")[0].split("Offset and matrix")[1].split("What stands")[0]
+
+
+def test_a_calibration_of_another_sensor_is_doubted() -> None:
+    fit, _ = fitted()
+    other = simulate.tumble(seed=9, n=500).samples
+    assert "another sensor" in " ".join(doubts(Judged.from_fit(fit), other))
+
+
+def test_a_terminal_shows_before_after_and_a_map_in_twelve_lines() -> None:
+    fit, samples = fitted("tilted")
+    shown = plot(Drawn.of(fit, samples), fit).plain
+    lines = shown.splitlines()
+    assert len(lines) == 12
+    assert max(map(len, lines)) <= 80
+    half = [line[46:] for line in lines[1:11]]
+    assert set(half[0]) == {"█"}, "level is within the target, and recorded"
+    assert set("".join(half[6:])) <= {"·", "░"}, "nothing was recorded below"
+
+
+def test_a_terminal_of_plain_letters_and_one_that_is_narrow() -> None:
+    fit, samples = fitted()
+    drawn = Drawn.of(fit, samples)
+    assert plot(drawn, fit, is_plain=True).plain.replace("°", "").isascii()
+    assert max(map(len, plot(drawn, fit, width=60).plain.splitlines())) <= 46
+
+
+def test_a_notebook_shows_a_fit_and_escapes_its_sensor() -> None:
+    fit, _ = fitted()
+    named = replace(fit.calibration, sensor="<script>alert(1)</script>")
+    for shown in (named._repr_html_(), replace(fit, calibration=named)._repr_html_()):
+        assert "<script" not in shown
+        assert "offset, µT" in shown
+        assert len(shown) < 2000
+    assert degrees(fit.heading_error_deg.worst) in fit._repr_html_()
+    assert "± " in fit._repr_html_()
+
+
+def test_a_notebook_shows_no_number_of_a_refused_fit() -> None:
+    refused, _ = flat()
+    shown = refused.fit._repr_html_()
+    assert "<table" not in shown
+    assert "one plane" in shown
+
+
+def test_an_identity_is_shown_too() -> None:
+    assert "corrected = matrix" in Calibration.identity()._repr_html_()
+
+
+def test_an_error_of_another_kind_is_a_report_too() -> None:
+    assert "nothing came" in Page.of(page(FitError("nothing came"))).words

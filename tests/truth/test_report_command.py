@@ -1,0 +1,281 @@
+"""`flinders report`, `flinders plot`, `flinders calibrate --report`: what they write, and what they refuse."""
+
+from __future__ import annotations
+
+import builtins
+import io
+import json
+import os
+import shutil
+import stat
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from flinders import simulate
+from flinders.cli import _reports, main
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def run(*words: str) -> Result:
+    return CliRunner().invoke(main, list(words), prog_name="flinders")
+
+
+def write(path: str, motion: str = "uniform", *, n: int = 400, axes: Sequence[int] = (0, 1, 2)) -> None:
+    field = simulate.tumble(seed=2, n=n, motion=motion).samples.field[:, list(axes)]
+    rows = [",".join(f"{value:.3f}" for value in row) for row in field]
+    Path(path).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording, its calibration and its report."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as context:
+        context.chdir(folder)
+        write("tumble.csv")
+        assert run("calibrate", "tumble.csv", "-o", "calibration.json", "--report", "fit.html").exit_code == 0
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def calibrated(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+
+
+def test_calibrate_and_report_write_the_same_words() -> None:
+    from tests.truth.test_report import Page
+
+    assert run("report", "calibration.json", "tumble.csv", "-o", "again.html").exit_code == 0
+    made, again = (
+        Page.of(Path(name).read_text(encoding="utf-8")).words.split("How to apply it")[0].split("Compass", 2)[2]
+        for name in ("fit.html", "again.html")
+    )
+    assert made == again
+
+
+def test_a_report_names_the_file_its_hash_and_the_options() -> None:
+    import hashlib
+
+    digest = hashlib.sha256(Path("tumble.csv").read_bytes()).hexdigest()
+    assert run("calibrate", "tumble.csv", "--target", "0.5", "--report", "r.html").exit_code == 0
+    text = Path("r.html").read_text(encoding="utf-8")
+    assert digest in text
+    assert "<dt>--target</dt><dd>0.5</dd>" in text
+    assert "<dt>--dip</dt>" not in text
+
+
+def test_a_report_has_code_and_parameters_for_targets() -> None:
+    text = Path("fit.html").read_text(encoding="utf-8")
+    for target in ("correction.py", "c.h", "ardupilot.param", "px4.params", "json.json"):
+        assert target in text
+    assert text.count("<details") == text.count("</details>") >= 20
+    assert text.count(" open>") == 2
+
+
+def test_the_default_is_report_html_and_nothing_is_written_over() -> None:
+    assert run("report", "calibration.json", "tumble.csv").exit_code == 0
+    assert Path("report.html").exists()
+    again = run("report", "calibration.json", "tumble.csv")
+    assert (again.exit_code, "--force" in again.output) == (6, True)
+    assert run("report", "calibration.json", "tumble.csv", "--force").exit_code == 0
+
+
+def test_a_report_of_another_recording_says_so() -> None:
+    write("other.csv", n=500)
+    done = run("report", "calibration.json", "other.csv")
+    assert done.exit_code == 0
+    assert "! The recording shown is not one that the calibration was made from" in done.output
+    assert "The recording shown is not one" in Path("report.html").read_text(encoding="utf-8")
+
+
+def test_a_refused_recording_gets_a_report_too() -> None:
+    write("table.csv", "level", axes=(2, 0, 1))
+    done = run("calibrate", "table.csv", "-o", "none.json", "--report", "refused.html")
+    assert done.exit_code == 4
+    assert not Path("none.json").exists()
+    assert "Not to be used" in Path("refused.html").read_text(encoding="utf-8")
+
+
+def test_one_that_gives_no_fit_gets_one_that_says_why() -> None:
+    Path("short.csv").write_text("mx,my,mz\n1,2,3\n4,5,6\n", encoding="utf-8")
+    assert run("calibrate", "short.csv", "--report", "short.html").exit_code == 4
+    assert "2 usable readings" in Path("short.html").read_text(encoding="utf-8")
+
+
+def test_names_with_markup_are_words(tmp_path: Path) -> None:
+    if sys.platform == "win32":
+        pytest.skip("no such names there")
+    name = "<script>alert(1)<&script>.csv"
+    write(name)
+    done = run("calibrate", name, "--sensor", "<img src=x onerror=alert(1)>", "-o", "c.json", "--report", "c.html")
+    assert done.exit_code == 0
+    text = Path("c.html").read_text(encoding="utf-8")
+    assert "<script>alert" not in text
+    assert "<img" not in text
+    assert "&lt;img src=x onerror=alert(1)&gt;" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (("report", "calibration.json"), 2, "RECORDING"),
+        (("report", "tumble.csv", "calibration.json"), 2, "it comes first"),
+        (("report", "calibration.json", "none.csv"), 5, "does not exist"),
+        (("report", "none.json", "tumble.csv"), 5, "no such file"),
+        (("report", "calibration.json", "tumble.csv", "-o", "r.pdf"), 2, "--pdf r.pdf"),
+        (("report", "calibration.json", "tumble.csv", "-o", "tumble.csv", "--force"), 2, "would be written over"),
+        (("report", "calibration.json", "tumble.csv", "-o", "calibration.json", "--force"), 2, "written over"),
+        (("report", "calibration.json", "tumble.csv", "-o", "no/such/a.html"), 6, "no such folder"),
+        (("report", "calibration.json", "tumble.csv", "--pdf", "-"), 2, "goes into a file"),
+        (("report", "calibration.json", "tumble.csv", "tumble.csv"), 2, "given twice"),
+        (("report", "calibration.json", "calibration.json"), 2, "is a calibration too"),
+        (("calibrate", "tumble.csv", "--report", "-"), 2, "megabyte"),
+        (("calibrate", "tumble.csv", "--report", "r.pdf"), 2, "flinders report"),
+        (("calibrate", "tumble.csv", "--report", "a.txt", "--report-text", "a.txt"), 2, "two names"),
+        (("calibrate", "tumble.csv", "--report", "tumble.csv", "--force"), 2, "would be written over"),
+        (("calibrate", "--minmax", "1,2,3,4,5,6", "--report", "r.html"), 2, "--report needs readings"),
+        (("calibrate", "tumble.csv", "--sensor", "all", "--report", "r.html"), 2, "for one magnetometer"),
+        (("plot", "calibration.json", "tumble.csv"), 2, "--output"),
+        (("plot", "calibration.json", "tumble.csv", "-o", "a.jpg"), 2, ".svg, .png, .pdf"),
+        (("plot", "calibration.json", "tumble.csv", "-o", "a.svg", "--what", "art"), 2, "projections"),
+    ],
+)
+def test_what_cannot_work_is_one_line(words: Sequence[str], code: int, said: str) -> None:
+    done = run(*words)
+    assert (done.exit_code, said in done.stderr) == (code, True), done.stderr
+    assert "Traceback" not in done.output
+
+
+def test_json_says_what_was_written() -> None:
+    found = json.loads(run("report", "calibration.json", "tumble.csv", "--json").stdout)
+    assert found == {"report": "report.html", "pdf": None, "verdict": "good", "notes": []}
+    refused = run("report", "calibration.json", "tumble.csv", "-o", "-", "--json")
+    assert (refused.exit_code, "both go to standard output" in refused.output) == (2, True)
+
+
+def test_a_report_goes_to_standard_output_where_that_is_piped() -> None:
+    assert run("report", "calibration.json", "tumble.csv", "-o", "-").stdout.startswith("<!doctype html>")
+
+
+def test_no_browser_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", os.fspath(Path.cwd()))
+    done = run("report", "calibration.json", "tumble.csv", "--pdf", "r.pdf")
+    assert (done.exit_code, "open the HTML report in any browser" in done.stderr) == (6, True)
+    assert not Path("r.pdf").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the stand-in is a script of a shell")
+@pytest.mark.parametrize("script", ["#!/bin/sh\necho no display >&2\nexit 1\n", "#!/bin/sh\nexit 0\n"])
+def test_a_browser_that_fails_is_one_line(script: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    program = tmp_path / "chromium"
+    program.write_text(script, encoding="utf-8")
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    done = run("report", "calibration.json", "tumble.csv", "--pdf", "r.pdf")
+    assert (done.exit_code, "did not print the report" in done.stderr) == (6, True)
+    assert not Path("r.pdf").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "begins"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF"), ("A.SVG", b"<?xml")]
+)
+def test_plot_writes_what_the_name_says(name: str, begins: bytes) -> None:
+    pytest.importorskip("matplotlib")
+    done = run("plot", "calibration.json", "tumble.csv", "-o", name, "--what", "residuals")
+    assert done.exit_code == 0, done.output
+    assert Path(name).read_bytes().startswith(begins)
+
+
+@pytest.mark.parametrize("what", ["all", "projections", "deviation", "coverage"])
+def test_plot_draws_each_part(what: str) -> None:
+    pytest.importorskip("matplotlib")
+    assert run("plot", "calibration.json", "tumble.csv", "-o", "one.svg", "--what", what).exit_code == 0
+    assert Path("one.svg").stat().st_size > 20_000
+
+
+def test_the_same_figure_is_the_same_bytes() -> None:
+    pytest.importorskip("matplotlib")
+    for name in ("one.svg", "two.svg"):
+        assert run("plot", "calibration.json", "tumble.csv", "-o", name, "--what", "deviation").exit_code == 0
+    assert Path("one.svg").read_bytes() == Path("two.svg").read_bytes()
+
+
+def test_plot_without_matplotlib_names_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = builtins.__import__
+
+    def without(name: str, *arguments: object, **named: object) -> object:
+        if name.partition(".")[0] == "matplotlib":
+            raise ImportError(name)
+        return whole(name, *arguments, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    done = run("plot", "calibration.json", "tumble.csv", "-o", "a.svg")
+    assert (done.exit_code, done.stderr) == (
+        5,
+        "error: drawing figures needs matplotlib, which is not installed: pip install 'flinders[plot]'\n",
+    )
+
+
+def test_an_imported_calibration_is_shown_without_a_claim() -> None:
+    assert run("export", "--to", "sensorlab", "calibration.json", "-o", "lab.json").exit_code == 0
+    assert run("import", "lab.json", "-o", "imported.json").exit_code == 0
+    assert run("report", "imported.json", "tumble.csv").exit_code == 0
+    assert "Of unknown quality" in Path("report.html").read_text(encoding="utf-8")
+    pytest.importorskip("matplotlib")
+    assert run("plot", "imported.json", "tumble.csv", "-o", "a.svg").exit_code == 0
+    nothing = run("plot", "imported.json", "tumble.csv", "-o", "b.svg", "--what", "deviation")
+    assert (nothing.exit_code, "states no uncertainty" in nothing.stderr) == (2, True)
+
+
+def test_nothing_is_drawn_where_output_is_piped() -> None:
+    assert not any("⠀" <= letter <= "⣿" for letter in run("calibrate", "tumble.csv").output)
+
+
+class Terminal:
+    """A stream that is one."""
+
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+def drawn_lines(monkeypatch: pytest.MonkeyPatch, encoding: str) -> list[str]:
+    """What a terminal of this encoding is given."""
+    import flinders
+
+    samples = simulate.tumble(seed=2, n=400).samples
+    stream, shown = Terminal(), io.StringIO()
+    stream.encoding = encoding
+    monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.setattr(click, "echo", lambda text="", err=False: shown.write(f"{text}\n" if not err else ""))
+    _reports.plot(flinders.fit(samples), samples)
+    return shown.getvalue().splitlines()
+
+
+def test_a_terminal_gets_at_most_fourteen_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    lines = drawn_lines(monkeypatch, "utf-8")
+    assert 12 <= len(lines) <= 14
+    assert "\x1b" not in "".join(lines)
+    assert any("⠀" < letter <= "⣿" for letter in "".join(lines))
+
+
+def test_a_terminal_without_such_letters_gets_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    assert "".join(drawn_lines(monkeypatch, "latin-1")).replace("°", "").isascii()
+
+
+def test_a_dumb_terminal_gets_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    assert drawn_lines(monkeypatch, "utf-8") == []
