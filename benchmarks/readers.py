@@ -3,7 +3,8 @@
     FLINDERS_DATA=… python -m benchmarks.readers
 
 Each reader is compared with what else reads such a file, both to the end: every magnetometer with the columns that
-stand beside it, in arrays; CSV is a million rows of four columns, written for the purpose. Times are medians of
+stand beside it, in arrays. "We use" are the messages and fields that Flinders takes of a file, and behind the ÷ stands
+what the other side reads of it. CSV is a million rows of four columns, written for the purpose. Times are medians of
 interleaved repeats, on one thread but those of pyarrow, from a file that the system has in its cache. A row is left
 out, with a word why, where the recording or the other package is not there.
 """
@@ -140,10 +141,10 @@ ROS_BAG: Final = "ros1_imu_tools_bags/phidgets_imu_upside_down.bag"
 DATAFLASH: Final = "dronekit_log171_3mags/log171.bin"
 
 ROWS: Final = (
-    Row("DataFlash ÷ pymavlink, the same fields", DATAFLASH, "pymavlink", every_instrument, by_pymavlink, 1 / 20),
-    Row("DataFlash ÷ pymavlink, the whole log", DATAFLASH, "pymavlink", every_instrument, all_by_pymavlink, 1 / 50),
-    Row("ULog ÷ pyulog, the whole log", ULOG, "pyulog", every_instrument, by_pyulog, 1.2),
-    Row("ROS 1 bag ÷ rosbags, the whole bag", ROS_BAG, "rosbags", every_instrument, by_rosbags, 1.2),
+    Row("DataFlash ÷ pymavlink, the fields we use", DATAFLASH, "pymavlink", every_instrument, by_pymavlink, 1 / 20),
+    Row("DataFlash, those ÷ pymavlink, all of it", DATAFLASH, "pymavlink", every_instrument, all_by_pymavlink, 1 / 50),
+    Row("ULog, the topics we use ÷ pyulog, the whole log", ULOG, "pyulog", every_instrument, by_pyulog, 1.2),
+    Row("ROS 1 bag, the topics we use ÷ rosbags, all messages", ROS_BAG, "rosbags", every_instrument, by_rosbags, 1.2),
     Row("CSV ÷ numpy.loadtxt, without pyarrow", CSV, "numpy", without_pyarrow, by_loadtxt, 1.5),
     Row("CSV ÷ pyarrow.csv, with pyarrow", CSV, "pyarrow", read, by_pyarrow, 1.5),
 )

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from flinders.cloud import Cloud
     from flinders.quadric import Ellipsoid
 
+UPRIGHT: Final = 0.55
+"""Mean height of the directions of a recording, of that of a level vehicle's, from which on it is told from it."""
+
 _BANDS: Final = np.array([1, 15, 34, 34, 15, 1])
 _STARTS: Final = np.concatenate([[0], np.cumsum(_BANDS)[:-1]])
 _EDGES: Final = 1.0 - 0.02 * np.cumsum(_BANDS)[:-1]
@@ -125,6 +128,22 @@ class Coverage:
         upright = float(self.counts @ CELLS[:, 2]) / max(self.readings, 1.0)
         by_chance = LEANING / math.sqrt(max(int(np.count_nonzero(self.counts)), 1))
         return -dip_deg if math.copysign(upright, upright * dip_deg) < -max(LEANING_LEAST, by_chance) else dip_deg
+
+    def facings(self, dip_deg: float) -> tuple[float, ...]:
+        """The dip with each sign that the recording leaves open: one that leans, yet not as a vehicle's does, both.
+
+        Held level, or nearly so, the field is at the height sin I on average. The first seconds of a tumble may lean
+        to either side by less, and say nothing of which way up the sensor will be used.
+
+        >>> all_around = fibonacci(400)
+        >>> [Coverage.of(all_around[all_around[:, 2] < top]).facings(60.0) for top in (1.0, 0.2, -0.5)]
+        [(60.0,), (60.0, -60.0), (-60.0,)]
+        """
+        facing = self.facing(dip_deg)
+        upright = float(self.counts @ CELLS[:, 2]) / max(self.readings, 1.0)
+        leans = facing != dip_deg or self.facing(-dip_deg) == dip_deg
+        is_clear = abs(upright) >= UPRIGHT * abs(math.sin(math.radians(dip_deg)))
+        return (facing,) if is_clear or not leans else (dip_deg, -dip_deg)
 
     def as_dict(self) -> dict[str, float]:
         """JSON-ready numbers."""

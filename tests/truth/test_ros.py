@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import zlib
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -420,6 +421,88 @@ def test_a_bag_that_was_never_closed_is_read(tmp_path: Path, packed: str) -> Non
     log = opened(file)
     check_beginning(log, whole, 36)
     assert "280 whole messages are read" in log.notes[0]
+
+
+def check_part(log: Log, whole: Log, least: float) -> None:
+    """Each magnetometer has some of its readings, at least such a share, in order and as they were."""
+    for one in log.instruments:
+        found, expected = only(one), only(whole.sensor(one.name))
+        known = {tuple(row): place for place, row in enumerate(expected.field.tolist())}
+        places = [known[tuple(row)] for row in found.field.tolist()]
+        assert places == sorted(set(places))
+        assert least * len(expected) <= len(found) < len(expected)
+        npt.assert_array_equal(found.time, np.asarray(expected.time)[places])
+
+
+@pytest.mark.parametrize("hole", [4096, 12_000])
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_what_comes_after_a_hole_is_read(tmp_path: Path, kind: str, hole: int) -> None:
+    """Zeros, as of a lost page: rosbags ends there in an MCAP and says nothing."""
+    file = storage(tmp_path, kind)
+    whole, content = opened(file), bytearray(file.read_bytes())
+    begin = len(content) // 3
+    content[begin : begin + hole] = bytes(hole)
+    file.write_bytes(content)
+    log = opened(file)
+    check_part(log, whole, 0.5)
+    (told,) = log.damage
+    assert told in log.notes
+    place = re.match(r"it is damaged from byte ([\d,]+) to ([\d,]+) of ", told)
+    assert place is not None
+    damaged = [int(number.replace(",", "")) for number in place.groups()]
+    assert damaged[0] <= begin + 300  # of a message that the zeros cut only the content is bad
+    assert begin + hole <= damaged[1] <= begin + hole + 5000
+    if kind == "mcap":
+        lost = re.search(r": (\d+) of 280 messages are missing, the rest is read$", told)
+        assert lost is not None
+        gone = sum(whole.sensor(one.name).readings or 0 for one in log.instruments)
+        assert int(lost[1]) >= gone - sum(one.readings or 0 for one in log.instruments) > 0
+
+
+def test_several_holes_are_counted(tmp_path: Path) -> None:
+    file = storage(tmp_path, "mcap")
+    whole, content = opened(file), bytearray(file.read_bytes())
+    for begin in (len(content) // 4, len(content) // 2):
+        content[begin : begin + 2000] = bytes(2000)
+    file.write_bytes(content)
+    log = opened(file)
+    check_part(log, whole, 0.5)
+    assert re.match(r"it is damaged from byte [\d,]+ to [\d,]+ of [\d,]+ and in 1 more place: ", log.damage[0])
+
+
+def test_a_chunk_whose_sum_is_wrong_is_left_out(tmp_path: Path) -> None:
+    """Two recordings' chunks in one file, each with its sum: of the one with a flipped bit nothing is read."""
+    file = storage(tmp_path, "mcap")
+    content = file.read_bytes()
+    begin = content.index(b"\x06", 8)
+    while int.from_bytes(content[begin + 1 : begin + 9], "little") > len(content):
+        begin = content.index(b"\x06", begin + 1)
+    length = int.from_bytes(content[begin + 1 : begin + 9], "little")
+    chunk = bytearray(content[begin : begin + 9 + length])
+    inside = 9 + 16 + 8 + 4 + 4 + 8  # times, size, sum, no name of a packing, size
+    chunk[33:37] = zlib.crc32(chunk[inside:]).to_bytes(4, "little")
+    broken = bytearray(chunk)
+    place = broken.index(b"imu_link", inside) + 40
+    broken[place] ^= 1
+    whole = content[:begin] + bytes(chunk) + content[begin + 9 + length :]
+    file.write_bytes(whole)
+    count = len(only(opened(file).sensor("/boat/mag")))
+    file.write_bytes(content[:begin] + bytes(broken) + content[begin + 9 + length :])
+    with pytest.raises(UnreadableInput, match="checksum"):
+        opened(file)
+    file.write_bytes(content[:begin] + bytes(broken) + bytes(chunk))  # and the end of the file is missing
+    log = opened(file)
+    assert len(only(log.sensor("/boat/mag"))) in {count, count - 1}
+    assert log.damage[0].startswith(f"it is damaged from byte {begin:,} to {begin + len(broken):,} of ")
+
+
+def test_a_folder_with_a_damaged_file_names_what_to_give(tmp_path: Path) -> None:
+    file = storage(tmp_path, "mcap")
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3 : len(content) // 3 + 4096] = bytes(4096)
+    file.write_bytes(content)
+    with pytest.raises(UnreadableInput, match=r"mcap is damaged: \d+ of 240 messages are there; give the file in it"):
+        opened(file.parent)
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap", "mcap-packed", "sqlite"])

@@ -56,8 +56,8 @@ class Board:
 
     `digits` of the echo; `drops` bytes of the first packet; `garbles` the echo; `stalls` and prints nothing more;
     `unplugs` on the first byte; `resets` on the first bytes and comes back under the same name after so many seconds;
-    `is_mute` prints no echo; `falls_mute` prints none once it was sent something; `floods` prints so many readings
-    with each.
+    `is_mute` prints no echo; `falls_mute` prints none once it was sent something; `wakes` prints none before; `floods`
+    prints so many readings with each; `swaps` the first two offsets that it is sent.
     """
 
     def __init__(
@@ -72,12 +72,15 @@ class Board:
         is_deaf: bool = False,
         resets: float | None = None,
         falls_mute: bool = False,
+        wakes: bool = False,
         floods: int = 1,
+        swaps: bool = False,
     ) -> None:
         self.name = Path("board")
         self._plug()
         self.port = os.ttyname(self._slave) if resets is None else str(self.name)
-        self.resets, self.falls_mute, self.floods = resets, falls_mute, floods
+        self.resets, self.falls_mute, self.wakes = resets, falls_mute, wakes
+        self.floods, self.swaps = floods, swaps
         self.digits, self.drops, self.garbles = digits, drops, garbles
         self.stalls, self.unplugs, self.is_mute, self.is_deaf = stalls, unplugs, is_mute, is_deaf
         self.held = Packet(np.array([1.0, 2.0, 3.0]), 40.0, np.eye(3))
@@ -113,7 +116,7 @@ class Board:
                 buffer = self._take(buffer + arrived)
 
     def _print(self) -> None:
-        is_mute = self.is_mute or (self.falls_mute and self.accepted > 0)
+        is_mute = self.is_mute or (self.falls_mute and self.accepted > 0) or (self.wakes and not self.accepted)
         with suppress(BlockingIOError):  # as a sketch does, a full buffer is waited out
             os.write(self.master, RAW * self.floods + (b"" if is_mute else self._echo()))
 
@@ -127,7 +130,8 @@ class Board:
                     values = struct.unpack("<16f", candidate[2:66])
                     xx, yy, zz, xy, xz, yz = values[10:]
                     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-                    self.held = Packet(np.array(values[6:9]), values[9], matrix)
+                    first, second = (7, 6) if self.swaps else (6, 7)
+                    self.held = Packet(np.array([values[first], values[second], values[8]]), values[9], matrix)
                 return buffer[68:]
             self.refused += 1
             buffer = buffer[1:]
@@ -202,6 +206,31 @@ def test_a_board_that_keeps_its_old_values_is_no_success() -> None:
     with board(is_deaf=True) as one, pytest.raises(NotConfirmed, match=r"the board still says 1 in place of 12\.3457"):
         sent(one, answer=0.2)
     assert one.accepted == 3
+
+
+@pytest.mark.parametrize("wakes", [False, True], ids=["echo before", "no echo before"])
+def test_a_board_that_took_other_values_is_not_said_to_have_taken_none(*, wakes: bool) -> None:
+    with board(swaps=True, wakes=wakes) as one, pytest.raises(NotConfirmed) as refused:
+        sent(one, answer=0.2)
+    np.testing.assert_allclose(one.held.offset, PACKET.offset[[1, 0, 2]], rtol=1e-6)
+    assert "the board now says -30.988 in place of 12.3457 (number 7 of its Cal1 line): other numb" in str(
+        refused.value
+    )
+    assert "still" not in str(refused.value)
+
+
+def test_digits_that_are_too_few_are_other_numbers() -> None:
+    with (
+        board(digits=1) as one,
+        pytest.raises(NotConfirmed, match=r"now says 12\.3 in place of 12\.3457 .*: other num"),
+    ):
+        sent(one, answer=0.2)
+    assert one.accepted == 3
+
+
+def test_without_an_echo_from_before_nothing_is_said_of_old_values() -> None:
+    with board(is_deaf=True, wakes=True) as one, pytest.raises(NotConfirmed, match=r"the board now says 1 in place of"):
+        sent(one, answer=0.2)
 
 
 def test_an_echo_that_cannot_be_read_is_no_success() -> None:

@@ -88,6 +88,13 @@ def run(line: str, code: int = 0, stdin: bytes | None = None) -> Result:
         ([f"{axis}{n}" for n in (1, 2) for axis in "xyz"], ["xyz1", "xyz2"]),
         (xyz("mag1_raw", "mag1_cal", "mag2_raw", "mag2_cal"), ["mag1", "mag2"]),
         (xyz("mag1", "mag2", "mag_ned"), ["mag1", "mag2"]),
+        (xyz("mag_ref", "mag1", "mag2", "mag1_lpf", "mag_filtered"), ["mag1", "mag2"]),
+        (xyz("mag1_cal", "mag2"), ["mag2", "mag1"]),
+        (xyz("mag_main", "mag_filtered", "mag_backup"), ["mag_main", "mag_backup"]),
+        (xyz("mag_int1", "mag_int2"), ["mag_int1", "mag_int2"]),
+        (xyz("mag_10", "mag_11", "mag_12"), ["mag_10", "mag_11", "mag_12"]),
+        (xyz("mag_mmc5603", "mag_mmc5983"), ["mag_mmc5603", "mag_mmc5983"]),
+        (xyz("unit1_mag", "unit2_mag"), ["unit1_mag", "unit2_mag"]),
     ],
 )
 def test_magnetometers_are_told_apart_by_number_place_letter_and_type(names: list[str], sensors: list[str]) -> None:
@@ -106,10 +113,23 @@ def test_magnetometers_are_told_apart_by_number_place_letter_and_type(names: lis
         (xyz("mag", "mag_filtered_5"), "mag_x"),
         (xyz("mag", "mag_lp10"), "mag_x"),
         (xyz("mag", "mag_cov", "mag_std", "mag_bias"), "mag_x"),
-        (xyz("mag_ned", "mag_body"), "mag_ned_x"),
+        (xyz("mag_filtered", "mag_main"), "mag_main_x"),
+        (xyz("mag_primary", "mag_corrected"), "mag_primary_x"),
+        (xyz("mag_main", "mag_filtered_5"), "mag_main_x"),
+        (xyz("mag_t0", "mag_t1"), "mag_t0_x"),
+        (xyz("mag_avg5", "mag_avg10"), "mag_avg5_x"),
+        (xyz("mag_lp1", "mag_lp2"), "mag_lp1_x"),
+        (xyz("mag_v1", "mag_v2"), "mag_v1_x"),
+        (xyz("mag_25", "mag_50"), "mag_25_x"),
+        (xyz("mag_25hz", "mag_26hz"), "mag_25hz_x"),
+        (xyz("mag", "mag_main_field"), "mag_x"),
+        (xyz("mag_int16", "mag"), "mag_x"),
+        (xyz("mag_a", "mag_b", "mag"), "mag_x"),
         (xyz("mag_r", "mag_c"), "mag_r_x"),
         (xyz("mag", "mag_a", "mag_b"), "mag_x"),
         (["x", "y", "z", *xyz("mag1")], "mag1_x"),
+        (["x", "y", "z", *xyz("mag_lpf")], "mag_lpf_x"),
+        (["mx", "my", "mz", *xyz("mag_lpf")], "mx"),
         ([*xyz("magnetometer"), *xyz("magnetometer_uncalibrated")], "magnetometer_uncalibrated_x"),
         ([*xyz("acc1", "acc2"), "mx", "my", "mz"], "mx"),
         (["time", "mag_x", "mag_y", "mag_z", "mag_x"], "mag_x"),
@@ -121,6 +141,77 @@ def test_one_magnetometer_twice_is_no_second_one(names: list[str], taken: str) -
     found = by_name(names, np.zeros((2, len(names))))
     assert found is not None
     assert (found.name, found.magnetometers, found.field.names[0]) == ("", (), taken)
+
+
+NO_READINGS: Final = (
+    "ref", "reference", "wmm", "wmm2025", "igrf", "igrf13", "ned", "enu", "earth", "world", "true", "model", "min",
+    "max", "diff", "status", "unit", "dir", "expected",
+)  # fmt: skip
+COPIES: Final = ("lpf", "hpf", "hp", "ema2", "avg", "mean", "smooth", "filt", "filtered", "prev", "cal", "corrected")
+
+
+@pytest.mark.parametrize("word", NO_READINGS + COPIES)
+@pytest.mark.parametrize("form", ["mag_{}_{}", "mag_{1}_{0}", "{}_mag_{}", "mag{}_{}"])
+@pytest.mark.parametrize("readings", ["mag", "mag_body"])
+def test_readings_are_taken_wherever_a_reference_or_a_copy_stands(word: str, form: str, readings: str) -> None:
+    """And it is said that the other one is there."""
+    other = [form.format(word, axis) for axis in "xyz"]
+    for names in (other + xyz(readings), xyz(readings) + other):
+        found = by_name(names, np.zeros((2, 6)))
+        assert found is not None
+        assert (found.field.names[0], found.magnetometers) == (f"{readings}_x", ())
+        assert len(found.passed_over) == 1
+
+
+@pytest.mark.parametrize("word", COPIES)
+def test_a_copy_is_read_where_there_is_nothing_else(word: str) -> None:
+    found = by_name(xyz(f"mag_{word}"), np.zeros((2, 3)))
+    assert found is not None
+    assert found.passed_over == ()
+
+
+def test_what_is_passed_over_is_named_and_so_is_what_it_is() -> None:
+    header = ",".join(xyz("mag_ref", "mag_lpf", "mag_25_uT", "mag"))
+    found = str(flinders.open_recording(write("many.csv", header, *[field_of(0)] * 4)))
+    assert found == (
+        "many.csv: columns mag_x, mag_y, mag_z in counts; comma-separated; "
+        "passed over: mag_ref (a reference), mag_lpf (corrected or filtered), mag_25_uT"
+    )
+
+
+def test_a_table_of_nothing_but_references_is_refused_unless_the_user_insists() -> None:
+    path = write("only.csv", ",".join(xyz("mag_ref", "mag_min")), field_of(0), field_of(1))
+    told = run(f"calibrate {path}", code=5).stderr
+    assert "mag_ref (a reference), mag_min (no readings)" in told
+    assert "--columns 'mag_ref_x,mag_ref_y,mag_ref_z'" in told
+    np.testing.assert_allclose(
+        flinders.read(path, columns="mag_min_x,mag_min_y,mag_min_z").field, field_of(1), atol=1e-6
+    )
+
+
+def test_readings_by_a_short_name_come_before_a_reference_by_a_long_one() -> None:
+    found = by_name([*xyz("mag_ref"), "mx", "my", "mz"], np.zeros((2, 6)))
+    assert found is not None
+    assert (found.field.names, found.passed_over) == (("mx", "my", "mz"), ("mag_ref (a reference)",))
+
+
+def test_an_acceleration_in_axes_of_the_earth_is_not_taken() -> None:
+    both = by_name(xyz("acc_ned", "mag", "acc"), np.zeros((2, 9)))
+    assert both is not None
+    acceleration = both.of_kind("acceleration")
+    assert acceleration is not None
+    assert acceleration.names[0] == "acc_x"
+    alone = by_name(xyz("acc_ned", "mag"), np.zeros((2, 6)))
+    assert alone is not None
+    assert (alone.of_kind("acceleration"), alone.left_out) == (None, ("acc_ned (in axes of the earth)",))
+
+
+@pytest.mark.parametrize("odd", ["mag_²_{}", "mag_٣_{}", "mag_" + "9" * 6000 + "_{}", "mag_{}_007", "(({}", "magref{}"])
+def test_an_odd_name_is_no_harm(odd: str) -> None:
+    names = [*(odd.format(axis) for axis in "xyz"), *xyz("mag")]
+    found = by_name(names, np.zeros((2, 6)))
+    assert found is not None
+    assert "mag_x" in [each.field.names[0] for each in found.magnetometers or (found,)]
 
 
 @pytest.mark.parametrize(
@@ -164,7 +255,7 @@ def test_the_first_is_read_and_names_the_others(two: Path) -> None:
 
 def test_columns_say_it_without_a_choice(two: Path) -> None:
     found = flinders.open_recording(two, columns="mag2_x,mag2_y,mag2_z")
-    assert str(found) == "two.csv: columns mag2_x, mag2_y, mag2_z in counts, time in t_s; comma-separated"
+    assert str(found) == "two.csv: mag2, columns mag2_x, mag2_y, mag2_z in counts, time in t_s; comma-separated"
     samples = flinders.read(two, columns="mag2_x,mag2_y,mag2_z")
     assert samples.acceleration is not None
     assert set(samples.acceleration[:, 2]) == {2.0}
@@ -294,6 +385,39 @@ def test_the_name_of_the_only_one_is_the_users() -> None:
     write("one.csv", "mag_x,mag_y,mag_z", field_of(0))
     run("calibrate one.csv --unit uT --sensor bow -o bow.json")
     assert flinders.Calibration.load("bow.json").sensor == "bow"
+
+
+def test_columns_keep_the_name_of_the_magnetometer_that_they_are(two: Path) -> None:
+    """So that the calibration is applied to it again, and not to the first."""
+    run(f"calibrate {two} --unit uT --columns mag2_x,mag2_y,mag2_z -o columns.json")
+    assert flinders.Calibration.load("columns.json").sensor == "mag2"
+    assert "two.csv: mag2 is the sensor that columns.json is for" in run(f"apply columns.json {two} -o o.csv").stderr
+    run(f"calibrate {two} --unit uT --columns 8,9,10 --sensor 2 -o same.json")
+    assert flinders.Calibration.load("same.json").sensor == "mag2"
+    run(f"calibrate {two} --unit uT --columns 8,9,10 --sensor bow -o bow.json")
+    assert flinders.Calibration.load("bow.json").sensor == "bow"
+
+
+def test_columns_of_a_copy_are_not_taken_for_the_magnetometer_itself() -> None:
+    header = ",".join(xyz("mag1", "mag2", "mag2_cal"))
+    path = write("copy.csv", header, field_of(0), field_of(1), field_of(1) - OFFSETS[1])
+    run(f"calibrate {path} --unit uT --columns mag2_cal_x,mag2_cal_y,mag2_cal_z -o copy.json")
+    assert flinders.Calibration.load("copy.json").sensor == "mag2_cal"
+    assert "copy.csv has no magnetometer mag2_cal" in run(f"apply copy.json {path} -o o.csv", code=2).stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("--columns mag2_x,mag2_y,mag2_z --sensor mag1", "is mag2 in two.csv, and --sensor mag1 says mag1"),
+        ("--columns mag2_x,mag2_y,mag2_z --sensor 1", "is mag2 in two.csv, and --sensor 1 says mag1"),
+        ("--columns mag1_x,mag1_y,mag2_z --sensor mag1", "is none of its magnetometers in two.csv, and --sensor mag1"),
+        ("swapped.csv --columns 2,3,4", "is not one magnetometer: mag1 in two.csv, mag2 in swapped.csv"),
+    ],
+)
+def test_columns_of_another_magnetometer_than_is_named_are_refused(words: str, says: str, two: Path) -> None:
+    write("swapped.csv", ",".join(["t_s", *xyz("mag2", "mag1")]), np.arange(ROWS) / 50, field_of(1), field_of(0))
+    assert says in run(f"calibrate {two} {words}", code=2).stderr
 
 
 # a calibration chooses its own

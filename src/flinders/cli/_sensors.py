@@ -33,7 +33,7 @@ def opened(recordings: Sequence[str], options: dict[str, Any], **reading: Any) -
     Raises
     ------
     UsageError
-        For a magnetometer that there is not.
+        For a magnetometer that there is not, and for columns that are one in one file and another in the next.
     """
     from flinders.readers import Choice, open_recording
     from flinders.samples import Joined
@@ -41,12 +41,15 @@ def opened(recordings: Sequence[str], options: dict[str, Any], **reading: Any) -
     found = open_recording(recordings, sensor=Choice(options["sensor"], is_name=True), **reading)
     parts = found.recordings if isinstance(found, Joined) else (found,)
     names = [getattr(part, "name", "") for part in parts]
-    if options["sensor"] is not None and any(names) and not all(names):
+    if reading.get("columns") is not None and len(set(filter(None, names))) > 1:
+        told = ", ".join(f"{name or 'the only one'} in {part.source}" for name, part in zip(names, parts, strict=True))
+        raise UsageError(f"--columns {reading['columns']} is not one magnetometer: {told}; calibrate them one by one")
+    if options["sensor"] is not None and reading.get("columns") is None and any(names) and not all(names):
         alone = next(part.source for part, name in zip(parts, names, strict=True) if not name)
         raise UsageError(
             f"--sensor chooses one of several magnetometers, and {alone} has just one: calibrate them one by one"
         )
-    options["sensor"] = names[0] or options["sensor"]
+    options["sensor"] = next(filter(None, names), options["sensor"])
     return found
 
 

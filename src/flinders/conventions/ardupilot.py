@@ -38,6 +38,8 @@ from flinders.arrays import Floats, floats, vectors
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.conventions._affine import VEHICLE, listed, single
+from flinders.conventions._driven import followed
+from flinders.conventions._driven import in_recorded_axes as driven_in_recorded_axes
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.conventions._rotations import ROTATIONS, euler, symmetric
 from flinders.errors import ArrayError, InputError, NotExportable, UnitError, UsageError, counted, figures
@@ -126,7 +128,8 @@ class Parameters:
             Rotation R from the axes of the sensor to those of the vehicle, `rotation` of COMPASS_ORIENT: what is
             written is R A Rᵀ and R b.
         motor : (3,) array-like, optional
-            COMPASS_MOT: what is added to a corrected reading, in mG for each A, or at full throttle.
+            COMPASS_MOT: what is added to a corrected reading, in mG for each A, or at full throttle; by default that
+            of the calibration, where it follows a current or, failing that, a throttle: −W P.
         motor_by : int
             COMPASS_MOTCT: `BY_THROTTLE` or `BY_CURRENT`, where there is a `motor`.
         orientation, external
@@ -147,11 +150,15 @@ class Parameters:
                 "the calibration is in counts, and ArduPilot's parameters are in mG: calibrate again with --unit mG "
                 "(or G, uT …), or with --scale where the microtesla in one count are known"
             )
+        plain, follows = followed(calibration)
+        matrix, centre = in_recorded_axes(plain)
+        turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
+        if motor is None and follows is not None:
+            motor = -turn @ matrix @ driven_in_recorded_axes(calibration, follows) / MG
+            motor_by = BY_CURRENT if follows.name == "current" else BY_THROTTLE
         motor = np.zeros(3) if motor is None else vectors(motor, "motor")
         if motor.any() and motor_by not in (BY_THROTTLE, BY_CURRENT):
             raise UsageError("a motor term needs what it depends on: motor_by=1 for throttle, 2 for current")
-        matrix, centre = in_recorded_axes(calibration)
-        turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
         held = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by="COMPASS_ORIENT or a custom rotation") @ turn.T
         scale = float(np.trace(held) / 3)
         if not 0 < scale < np.inf:

@@ -39,6 +39,8 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.calibration import Calibration
 from flinders.conventions._affine import listed, single
+from flinders.conventions._driven import followed
+from flinders.conventions._driven import in_recorded_axes as driven_in_recorded_axes
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.conventions._rotations import ROTATIONS, euler, symmetric
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
@@ -51,6 +53,11 @@ if TYPE_CHECKING:
 
 GAUSS: Final = PER_UNIT["G"]
 """µT in one gauss."""
+
+KILO: Final = 1000.0
+"""Amperes in the kA that PX4 counts in."""
+BY_THROTTLE, BY_CURRENT = 1, 2
+"""What CAL_MAG_COMP_TYP says that COMP is multiplied by: throttle, or the current of the first battery."""
 
 COMPASSES: Final = (0, 1, 2, 3)
 LEAST_SCALE, MOST_SCALE = 0.1, 3.0
@@ -125,7 +132,8 @@ class Parameters:
         rotation, device_id, priority : int, optional
             As the attributes of the same name; kept, and not used.
         compensation : (3,) array-like, optional
-            CAL_MAGn_COMP: what is added to a reading, in G for each kA or at full throttle.
+            CAL_MAGn_COMP: what is added to a reading, in G for each kA or at full throttle; by default that of the
+            calibration, where it follows a current or, failing that, a throttle: −P.
 
         Raises
         ------
@@ -141,7 +149,11 @@ class Parameters:
                 "the calibration is in counts, and PX4's parameters are in gauss: calibrate again with --unit G "
                 "(or mG, uT …), or with --scale where the microtesla in one count are known"
             )
-        matrix, centre = in_recorded_axes(calibration)
+        plain, follows = followed(calibration)
+        matrix, centre = in_recorded_axes(plain)
+        if compensation is None and follows is not None:
+            per_unit = KILO if follows.name == "current" else 1.0
+            compensation = -driven_in_recorded_axes(calibration, follows) * per_unit / GAUSS
         held = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROT or SENS_BOARD_ROT")
         mounting(rotation)
         found = cls(

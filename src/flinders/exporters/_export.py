@@ -67,6 +67,8 @@ class Written:
         What else to know.
     data : bytes, optional
         Content of the file, where it is no text.
+    driven : callable, optional
+        ``driven(readings, value)``: the formula at a value of the motors' current or throttle, where it follows one.
     """
 
     apply: Callable[[Floats], Floats]
@@ -74,6 +76,7 @@ class Written:
     values: Mapping[str, Any]
     notes: Sequence[str] = ()
     data: bytes | None = None
+    driven: Callable[[Floats, float], Floats] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +155,10 @@ class Deviation:
                 error=strength * share,
             )
         return deviation
+
+    def beside(self, other: Deviation) -> Deviation:
+        """The worse of two trials."""
+        return Deviation(self.vectors, max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
 
     @property
     def heading_deg(self) -> float:

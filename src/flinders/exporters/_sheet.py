@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 import numpy as np
 
 from flinders.conventions._affine import OWN, RECORDED, VEHICLE, Acts, acting, per_unit, refuse_mounted
+from flinders.conventions._driven import followed
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.errors import figures
 from flinders.exporters._export import DIP_DEG, Deviation, Export
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.drivers import Driver
     from flinders.exporters._export import Asked, Written
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
@@ -129,6 +131,8 @@ class Sheet:
         A key of `WHERE`.
     fed : bool
         The program around it chooses which readings it corrects: they may be those of the vehicle.
+    follows : str
+        What of that which drives an offset it has room for: nothing, one of current and throttle (``motors``), or all.
     lengths : str
         How long corrected readings are, where that is the target's own; empty where it is the calibration's.
     gives : str
@@ -149,6 +153,7 @@ class Sheet:
     source: str
     acts: Acts = "recorded"
     fed: bool = False
+    follows: Literal["", "motors", "all"] = ""
     lengths: str = ""
     gives: str = ""
     errors_in: str = ""
@@ -186,9 +191,16 @@ class Sheet:
         NotExportable
             Where the target's numbers cost more than a degree of heading, unless that was asked for.
         """
-        lacks = f"{self.title} holds {self.holds}" if self._loses(calibration) else ""
-        deviation = self._tried(calibration, written.apply, lacks=lacks, lossy=asked.lossy)
-        warnings = tuple(self._warnings(deviation, lacks))
+        plain, motor = self._followed(calibration)
+        lacks = f"{self.title} holds {self.holds}" if self._loses(plain) else ""
+        deviation = self._tried(plain, written.apply, lacks=lacks, lossy=asked.lossy)
+        if motor is not None and (driven := written.driven) is not None:
+            end = motor.farthest
+            far = calibration.at(**{motor.name: end})
+            tried = self._tried(far, lambda raw: driven(raw, end), lacks=lacks, lossy=asked.lossy)
+            deviation = deviation.beside(tried)
+        warnings = (*self._warnings(deviation, lacks), *self._left_out(calibration, motor))
+        calibration = plain
         checked = self._checked(calibration, deviation)
         told = [*about, *self._notes(calibration), *written.notes]
         remarks = [f"{self.title}: {self.formula}, in {self._unit(calibration)}", *told, *warnings, checked]
@@ -235,6 +247,23 @@ class Sheet:
     def _size_given(self, calibration: Calibration) -> float:
         """What one unit of a corrected reading is, in the unit of the calibration."""
         return per_unit(calibration, self.gives or self.unit, who=self.title)
+
+    def _followed(self, calibration: Calibration) -> tuple[Calibration, Driver | None]:
+        """The plain calibration that its numbers stand for, and the driver of motors that it follows."""
+        return followed(calibration) if self.follows == "motors" else (calibration.at(), None)
+
+    def _left_out(self, calibration: Calibration, motor: Driver | None) -> Iterable[str]:
+        """What a target costs that does not follow what the calibration follows."""
+        if self.follows == "all":
+            return
+        for driver in calibration.drivers:
+            if motor is None or driver.name != motor.name:
+                cost = min(calibration.driven_deg(driver, dip_deg=DIP_DEG), 180.0)
+                yield (
+                    f"{self.title} does not follow {driver.name} here: it is taken for "
+                    f"{driver.amount(driver.reference)}, and at {driver.amount(driver.farthest)} headings are "
+                    f"off by up to {figures(cost)}° (at any attitude, dip {DIP_DEG:.0f}°)"
+                )
 
     def _loses(self, calibration: Calibration) -> bool:
         """Whether the matrix has more to it than the target holds."""

@@ -34,6 +34,7 @@ SHEET: Final = Sheet(
     storage="float32; OFS up to 1800 long, DIA 0.2 to 5, ODI -1 to 1, SCALE 1/1.5 to 1.5",
     source="AP_Compass_Backend::correct_field, CompassCalibrator",
     acts="mapped",
+    follows="motors",
 )
 
 MOTORS: Final = (
@@ -41,6 +42,11 @@ MOTORS: Final = (
     "where it is not 0 and those change, run CompassMot again"
 )
 """MOT x is added after I and SCALE: with others it would have to be I' SCALE' (I SCALE)⁻¹ MOT."""
+
+COMPENSATED: Final = (
+    "COMPASS_MOT is in mG per A (COMPASS_MOTCT 2) or at full throttle (1), added after DIA, ODI and SCALE; "
+    "COMPASS_MOTCT is one for all compasses: set COMPASS_MOT of the others, or leave them 0"
+)
 
 
 def write(calibration: Calibration, asked: Asked) -> Written:
@@ -61,7 +67,9 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     parameters = Parameters.of(in_place, compass=compass).as_held()
     values = dict(parameters.rows())
     body = [f"{name},{value:.9g}" for name, value in values.items()]
-    return Written(parameters.apply, body, values, notes=(MOTORS,))
+    if not parameters.is_driven:
+        return Written(parameters.apply, body, values, notes=(MOTORS,))
+    return Written(parameters.apply, body, values, notes=(COMPENSATED,), driven=parameters.apply)
 
 
 def sniff(head: bytes) -> bool:

@@ -24,6 +24,9 @@ SHEET: Final = Sheet(
     lengths="as long as the sensor makes them",
 )
 
+RECORDED: Final = "for readings recorded with mag_calibration = 0,0,0: it replaces what the board holds"
+"""No log tells what was in force, and ``magADC`` has it taken off."""
+
 
 def write(calibration: Calibration, _asked: Asked) -> Written:
     """Write the line; a recording that was not in raw counts raises `UnitError`.
@@ -35,4 +38,4 @@ def write(calibration: Calibration, _asked: Asked) -> Written:
     """
     zero = MagZero.of(calibration)
     body = [f"set mag_calibration = {','.join(map(str, zero.counts))}", "save"]
-    return Written(zero.apply, body, {"mag_calibration": zero.counts})
+    return Written(zero.apply, body, {"mag_calibration": zero.counts}, [RECORDED])

@@ -17,14 +17,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.conventions._affine import OWN, RECORDED
+from flinders.conventions._affine import OWN, RECORDED, single
+from flinders.conventions._driven import in_recorded_axes
 from flinders.conventions.code import Q15, Q31, FixedPoint, Format, single_precision, unit_in, unit_out
 from flinders.exporters._export import Written
 from flinders.exporters._names import begun, guarded
 from flinders.exporters._sheet import BLOCK, HASH, Sheet, digits
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
@@ -40,21 +41,24 @@ HEADER: Final = Sheet(
     source="this program",
     acts="across",
     gives=OWN,
+    follows="all",
     comment=BLOCK,
 )
-SKETCH: Final = replace(HEADER, title="Arduino sketch")
+SKETCH: Final = replace(HEADER, title="Arduino sketch", follows="")
 MODULE: Final = replace(
-    HEADER, title="MicroPython module", storage="the float of the board, 30 bits or more", comment=HASH
+    HEADER, title="MicroPython module", follows="", storage="the float of the board, 30 bits or more", comment=HASH
 )
 SHORT: Final = replace(
     HEADER,
     title="C99 header, Q15",
+    follows="",
     storage="int16 readings, int16 matrix, offset in 2^-8 of a unit, 64-bit sums",
     gives=RECORDED,
 )
 LONG: Final = replace(
     HEADER,
     title="C99 header, Q31",
+    follows="",
     storage="int32 readings to +/-2^23, int32 matrix, offset in 2^-4 of a unit, 64-bit sums",
     gives=RECORDED,
 )
@@ -120,6 +124,7 @@ def write_header(calibration: Calibration, asked: Asked) -> Written:
         f"/* From {unit_in(calibration)} as recorded to {unit_out(calibration)}; both may be the same array. */",
         f"static inline void {name}_correct(const float raw[3], float corrected[3])",
         *FLOAT.format(name=name).splitlines(),
+        *_driven(calibration, name),
     ]
     return _written(calibration, numbers, guarded(name, body))
 
@@ -196,6 +201,43 @@ def _written(calibration: Calibration, numbers: Affine, body: Sequence[str]) -> 
         "unit_out": unit_out(calibration),
     }
     return Written(numbers.apply, body, values)
+
+
+def _driven(calibration: Calibration, name: str) -> Iterator[str]:
+    """A second function, for a calibration that follows something: the first holds at the references."""
+    if not calibration.drivers:
+        return
+    keys = [driver.kind.key for driver in calibration.drivers]
+    for driver, key in zip(calibration.drivers, keys, strict=True):
+        per_unit = single(in_recorded_axes(calibration, driver) / calibration.raw.scale)
+        yield ""
+        yield f"/* {driver} */".replace("°", "deg ").replace("−", "-")
+        yield (
+            f"static const float {name}_{key.lower()}[3] = {{{_listed(per_unit)}}}; "
+            f"/* {unit_in(calibration)} per unit of {key} */"
+        )
+    yield ""
+    yield f"/* The same where {' and '.join(keys)} are known; {name}_correct() takes them at their references. */"
+    arguments = ", ".join(f"float {key}" for key in keys)
+    yield f"static inline void {name}_correct_at(const float raw[3], {arguments}, float corrected[3])"
+    yield "{"
+    yield "    float settled[3];"
+    yield "    int axis;"
+    yield "    for (axis = 0; axis < 3; axis++) {"
+    terms = "".join(
+        f" - {name}_{key.lower()}[axis] * ({key} - {digits(driver.reference, 'f')})"
+        for driver, key in zip(calibration.drivers, keys, strict=True)
+    )
+    yield f"        settled[axis] = raw[axis]{terms};"
+    yield "    }"
+    yield f"    {name}_correct(settled, corrected);"
+    for driver, key in zip(calibration.drivers, keys, strict=True):
+        if driver.gain_per_unit:
+            yield "    for (axis = 0; axis < 3; axis++) {"
+            growth = f"1.0f + {digits(driver.gain_per_unit, 'f')} * ({key} - {digits(driver.reference, 'f')})"
+            yield f"        corrected[axis] /= {growth};".replace("/= ", "/= (").replace(";", ");")
+            yield "    }"
+    yield "}"
 
 
 def _fixed(calibration: Calibration, form: Format, whole: str, asked: Asked) -> Written:

@@ -23,6 +23,9 @@ SHEET: Final = Sheet(
     lengths="1024 long",
 )
 
+RECORDED: Final = "for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds"
+"""No log tells what was in force, and ``magADC`` is after it."""
+
 
 def write(calibration: Calibration, _asked: Asked) -> Written:
     """Write the lines; a recording that was not in raw counts raises `UnitError`.
@@ -35,4 +38,4 @@ def write(calibration: Calibration, _asked: Asked) -> Written:
     settings = Settings.of(calibration)
     values = dict(zip((*ZEROS, *GAINS), (*settings.zero, *settings.gain), strict=True))
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
-    return Written(settings.apply, body, values)
+    return Written(settings.apply, body, values, [RECORDED])

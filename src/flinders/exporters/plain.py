@@ -12,7 +12,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.conventions._affine import OWN, Affine
+from flinders.conventions._driven import in_recorded_axes
 from flinders.conventions._parsing import listed, loaded, numbers
+from flinders.drivers import KINDS, Driver
 from flinders.errors import DocumentError
 from flinders.exporters._export import Written
 from flinders.exporters._sheet import HASH, Sheet
@@ -30,6 +32,7 @@ JSON: Final = Sheet(
     storage="decimal, all digits",
     source="this program",
     acts="across",
+    follows="all",
     comment=None,
 )
 YAML: Final = replace(JSON, title="plain YAML", comment=HASH)
@@ -57,11 +60,29 @@ def _values(calibration: Calibration, correction: Affine) -> dict[str, Any]:
         "field_strength_known": calibration.field_strength_known,
         "offset": correction.offset.tolist(),
         "matrix": correction.matrix.tolist(),
+        **_drivers(calibration),
+    }
+
+
+def _drivers(calibration: Calibration) -> dict[str, Any]:
+    """What the offset follows, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
+    return {
+        key: {
+            "offset_per_unit": in_recorded_axes(calibration, driver).tolist(),
+            "reference": driver.reference,
+            "recorded": [driver.lowest, driver.highest],
+            "lag_s": driver.lag_s,
+            "scale_per_unit": driver.gain_per_unit,
+        }
+        for driver in calibration.drivers
+        for key in [driver.kind.key]
     }
 
 
 def _yaml(value: object) -> str:
-    """A scalar or list; numbers with a point and a signed exponent, as YAML 1.1 needs them."""
+    """A scalar, list or mapping; numbers with a point and a signed exponent, as YAML 1.1 needs them."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {_yaml(member)}' for name, member in value.items())}}}"
     if isinstance(value, list):
         return f"[{', '.join(map(_yaml, value))}]"
     return f"{value:.17e}" if isinstance(value, float) else json.dumps(value)
@@ -92,4 +113,20 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     (length,) = numbers(fields, ["field_strength"], source)
     found = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
     known = fields.get("field_strength_known") is True
-    return found.to_calibration(str(unit), known=known, strength=strength)
+    return replace(found.to_calibration(str(unit), known=known, strength=strength), drivers=_read(fields, source))
+
+
+def _read(fields: dict[str, Any], source: str) -> tuple[Driver, ...]:
+    """What the offset follows, where the file says so."""
+    drivers = []
+    for name, kind in KINDS.items():
+        if kind.key not in fields:
+            continue
+        if not isinstance(fields[kind.key], dict):
+            raise DocumentError(f"{source}: {kind.key} needs offset_per_unit, reference, recorded and lag_s")
+        record = fields[kind.key]
+        reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
+        low, high = listed(record, "recorded", 2, source)
+        per_unit = listed(record, "offset_per_unit", 3, source)
+        drivers.append(Driver(name, per_unit, float(reference), float(low), float(high), float(lag), float(gain)))
+    return tuple(drivers)

@@ -15,15 +15,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions._affine import Affine
+from flinders.conventions._driven import followed
 from flinders.conventions._parsing import chosen, decoded
 from flinders.conventions.ardupilot import parse
-from flinders.conventions.px4 import COMPASSES, INTERNAL, Parameters
+from flinders.conventions.px4 import BY_CURRENT, BY_THROTTLE, COMPASSES, INTERNAL, KILO, Parameters
 from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from flinders.arrays import Floats
     from flinders.calibration import Calibration
     from flinders.exporters._export import Asked
 
@@ -34,9 +36,16 @@ SHEET: Final = Sheet(
     keeps="symmetric",
     storage="float32; SCALE 0.1 to 3",
     source="Magnetometer.hpp and .cpp, sensors/module.yaml",
+    follows="motors",
 )
 FLOAT: Final = 9
 """MAV_PARAM_TYPE_REAL32, the last column of QGroundControl's file."""
+WHOLE: Final = 6
+"""MAV_PARAM_TYPE_INT32."""
+COMPENSATED: Final = (
+    "COMP is in G per kA (CAL_MAG_COMP_TYP 2, current of the first battery) or at full throttle (1), added to a "
+    "reading before OFF is taken off; CAL_MAG_COMP_TYP is one for all compasses"
+)
 
 
 def write(calibration: Calibration, asked: Asked) -> Written:
@@ -51,7 +60,7 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     UsageError
         For a compass that there is not.
     """
-    return _written(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{FLOAT}", asked)
+    return _written(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{_type(name)}", asked)
 
 
 def write_shell(calibration: Calibration, asked: Asked) -> Written:
@@ -63,13 +72,25 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: A
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, SHEET.unit, who=SHEET.title)  # refuses counts, and numbers beyond all bounds
     parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL).as_held()
-    values = dict(parameters.rows())
+    values: dict[str, float] = dict(parameters.rows())
+    driven: Callable[[Floats, float], Floats] | None = None
+    if (motor := followed(calibration)[1]) is not None:
+        values["CAL_MAG_COMP_TYP"] = BY_CURRENT if motor.name == "current" else BY_THROTTLE
+        size = KILO if motor.name == "current" else 1.0
+        driven = lambda raw, value: parameters.apply(raw, value / size)  # noqa: E731 - in the unit of COMP_TYP
+
     body = [line(name, f"{value:.9g}") for name, value in values.items()]
     ready = (
         f"CAL_MAG{compass}_ID must already be the device_id of this sensor, and CAL_MAG{compass}_ROT its mounting; "
         "restart the vehicle afterwards"
     )
-    return Written(parameters.apply, body, values, [ready])
+    notes = [ready] if driven is None else [ready, COMPENSATED]
+    return Written(parameters.apply, body, values, notes, driven=driven)
+
+
+def _type(name: str) -> int:
+    """MAV_PARAM_TYPE of a parameter."""
+    return WHOLE if name == "CAL_MAG_COMP_TYP" else FLOAT
 
 
 def sniff(head: bytes) -> bool:

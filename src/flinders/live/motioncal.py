@@ -136,6 +136,7 @@ def send(
     """
     heard = _Heard(source)
     heard.anything(boot)
+    heard.before = dict(heard.known)
     expected = echo_of(packet)
     content = packet.encode()
     lost: LinkError | None = None
@@ -189,6 +190,8 @@ class _Heard:
         The last of each kind since the packet was sent.
     known : dict of Echo
         The last of each kind at all.
+    before : dict of Echo
+        The last of each kind from before anything was sent.
     """
 
     source: ByteSource
@@ -197,6 +200,7 @@ class _Heard:
     garbled: str = ""
     echoes: dict[str, Echo] = field(default_factory=dict)
     known: dict[str, Echo] = field(default_factory=dict)
+    before: dict[str, Echo] = field(default_factory=dict)
 
     def anything(self, seconds: float) -> None:
         """Wait until the board says anything."""
@@ -228,10 +232,7 @@ class _Heard:
             found, wanted = echo.values[place], expected[name][place]
             wrong = f"{found:g} in place of {wanted:.6g} (number {place + 1} of its {name} line)"
             if name in self.echoes:
-                return (
-                    f"the board still says {wrong}, so it has not taken the packet: see that the sketch keeps a "
-                    "calibration that it is sent, as those of PJRC and Adafruit do, and send again"
-                )
+                return self._now(name, wrong)
             return (
                 f"the board said {wrong} before, and nothing of it since: {EITHER}; see what it prints with flinders "
                 "record, and send again"
@@ -253,6 +254,19 @@ class _Heard:
             f"the board prints no {missing} line, by which sketches tell what they hold: whether it has taken the "
             "packet is not known; see what it prints with flinders record, and that the sketch reads what MotionCal "
             "sends"
+        )
+
+    def _now(self, name: str, wrong: str) -> str:
+        """Say what an echo of other values means, and what to do: one from before tells old values from new ones."""
+        if name in self.before and self.before[name].values == self.known[name].values:
+            return (
+                f"the board still says {wrong}, as before it was sent anything: it has not taken the packet, or did so "
+                "before and keeps other numbers than it is sent; see that its sketch keeps a calibration as those of "
+                "PJRC and Adafruit do, and send again"
+            )
+        return (
+            f"the board now says {wrong}: other numbers than were sent; send again, or look at how its sketch keeps "
+            "and prints them"
         )
 
     def _take(self, until: float) -> None:

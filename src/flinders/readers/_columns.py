@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders import quaternions
-from flinders.errors import UsageError
+from flinders.errors import NoMagnetometer, UsageError
 from flinders.readers._beside import shares
 from flinders.readers._log import FIRST, Choice, numbered
 from flinders.readers._names import (
@@ -32,7 +32,7 @@ from flinders.readers._names import (
     Meaning,
     meaning,
 )
-from flinders.readers._several import Vector, companion, instruments, vectors
+from flinders.readers._several import Vector, beside, instruments, passed_over, vectors
 from flinders.samples import Samples
 from flinders.units import Unit
 
@@ -101,6 +101,8 @@ class Columns:
         Those of each of them, in order; empty where there is one.
     others : tuple of str
         Numbers and names of the other ones, where nobody has said which is meant.
+    passed_over : tuple of str
+        What else is named like a magnetometer and is none of its own, with what it is where that is known.
     """
 
     field: Column
@@ -112,6 +114,7 @@ class Columns:
     name: str = ""
     magnetometers: tuple[Columns, ...] = ()
     others: tuple[str, ...] = ()
+    passed_over: tuple[str, ...] = ()
 
     @property
     def time(self) -> Column | None:
@@ -121,6 +124,10 @@ class Columns:
     def of_kind(self, kind: str) -> Column | None:
         """Find the column of a kind."""
         return next((column for column in self.beside if column.kind == kind), None)
+
+    def only(self, *kinds: str) -> Columns:
+        """The field, and of what stands beside it only some kinds."""
+        return replace(self, beside=tuple(column for column in self.beside if column.kind in kinds))
 
     @property
     def cells(self) -> tuple[int, ...]:
@@ -154,9 +161,10 @@ class Columns:
         return f"{which}columns {', '.join(self.field.names)} in {unit}{time}"
 
     def told_besides(self) -> list[str]:
-        """Say what is left out, and which other magnetometers there are."""
+        """Say what is left out, which other magnetometers there are, and what is named like one."""
         told = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
-        return told + [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
+        told += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
+        return told + [f"passed over: {numbered(self.passed_over)}"] * bool(self.passed_over)
 
     def samples(self, values: Floats, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
         """Make samples of (N, len(cells)) values: the field, and what stands beside it in the units of `Samples`."""
@@ -215,7 +223,8 @@ def by_name(
     Returns
     -------
     Columns or None
-        Of several magnetometers those of the first, which knows them all; None where none is recognised.
+        Of several magnetometers those of the first, which knows them all; None where none is recognised. Those that
+        are wanted have the name of the magnetometer of several that they are, or of which they are a copy.
     """
     meanings = [_meaning(*column) for column in zip_longest(names, units[: len(names)], fillvalue="")]
     found = vectors(names, meanings, FIELD)
@@ -230,9 +239,11 @@ def by_name(
         values=values,
     )
     if wanted:
-        own = next((each for each in found if set(each.cells) == set(wanted)), Vector(tuple(wanted), 0, (), ""))
-        return around(own._replace(cells=tuple(wanted)))
-    made = [around(field) for field in fields]
+        own = next((each for each in found if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
+        name = own.name if own in fields else own.whole
+        return replace(around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
+    others = passed_over(found, fields)
+    made = [replace(around(field), passed_over=others) for field in fields]
     if len(made) < 2:
         return made[0] if made else None
     named = tuple(replace(columns, name=field.name) for columns, field in zip(made, fields, strict=True))
@@ -252,14 +263,17 @@ def _around(
     free = [Meaning("") if place in field.cells else found for place, found in enumerate(meanings)]
     stated = {meanings[cell].unit for cell in field.cells if meanings[cell].kind == FIELD}
     unit = stated.pop() if len(stated) == 1 else ""
-    found = [(kind, _goes_with(each, field, fields)) for kind, each in axes]
-    beside, left_out = _beside(names, free, values, [(kind, cells) for kind, cells in found if cells])
+    found = [(kind, beside(each, field, fields)) for kind, each in axes]
+    columns, left_out = _beside(names, free, values, [(kind, each.cells) for kind, each in found if each])
+    unread = [
+        one for (_, each), (_, taken) in zip(axes, found, strict=True) if not taken for one in each if one.instead
+    ]
     return Columns(
         field=Column(FIELD, field.cells, tuple(names[cell].strip() for cell in field.cells)),
         unit=unit or _by_convention(names, field.cells),
         stated=bool(unit),
-        beside=beside,
-        left_out=left_out,
+        beside=columns,
+        left_out=(*left_out, *(f"{one.whole} ({one.instead})" for one in unread)),
     )
 
 
@@ -313,8 +327,10 @@ def choose(
 
     Raises
     ------
+    NoMagnetometer
+        Where all that is named like one is not a magnetometer's readings.
     UsageError
-        For columns that there are not, or a magnetometer.
+        For columns that there are not, or a magnetometer; for columns of another magnetometer than `choice` names.
     """
     width = values.shape[1]
     if flat is not None and asked is None and width == 2:
@@ -322,14 +338,61 @@ def choose(
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
     if chosen is None:
+        _refuse_no_readings(names, source)
         return None
-    chosen = _chosen(chosen, choice, source, asked)
+    if asked is None:
+        chosen = _chosen(chosen, choice, source)
+    else:
+        every = by_name(names, values, units=units)
+        chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
 
 
-def _chosen(columns: Columns, choice: Choice, source: str, asked: str | None) -> Columns:
+def _refuse_no_readings(names: Sequence[str], source: str) -> None:
+    """Refuse a table of nothing but references and the like; of one without them too, nothing is said.
+
+    Raises
+    ------
+    NoMagnetometer
+    """
+    found = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
+    if found:
+        told = numbered([f"{each.whole} ({each.instead})" for each in found])
+        columns = ",".join(names[cell].strip() for cell in found[0].cells)
+        raise NoMagnetometer(
+            f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {told}; "
+            f"say which three columns are what the sensor read, such as --columns '{columns}' if those are it after all"
+        )
+
+
+def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
+    """Let the columns that the user asked for keep the name of the magnetometer that they are, or have the user's.
+
+    Raises
+    ------
+    UsageError
+        Where the user names another one of those that the table has.
+    """
+    if choice.sensor is None:
+        return columns
+    if not choice.is_name:
+        raise UsageError("--columns and --sensor both say which magnetometer it is: leave one of them out")
+    wanted = choice.sensor.strip().casefold()
+    for number, other in enumerate(magnetometers, 1):
+        if wanted in (str(number), other.name.casefold()):
+            if other.name == columns.name:
+                return columns
+            own = columns.name or "none of its magnetometers"
+            raise UsageError(
+                f"--columns {asked} is {own} in {source}, and --sensor {choice.sensor} says {other.name}: leave one of "
+                "them out, or name the sensor differently"
+            )
+    return replace(columns, name="")
+
+
+def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
     """Take the magnetometer that is meant; where nobody says, the first, which then knows the names of the others.
 
     Raises
@@ -338,8 +401,6 @@ def _chosen(columns: Columns, choice: Choice, source: str, asked: str | None) ->
         For one that there is not, or where there is nothing to choose from.
     """
     if not columns.magnetometers:
-        if asked is not None and choice.sensor is not None and not choice.is_name:
-            raise UsageError("--columns and --sensor both say which magnetometer it is: leave one of them out")
         choice.refuse_beside(source)
         return columns
     names = [each.name for each in columns.magnetometers]
@@ -408,14 +469,6 @@ def _place(asked: str, names: list[str], width: int) -> int:
         return int(asked) - 1
     there = f"its columns are {', '.join(names)}" if names else f"it has no header and {width} columns"
     raise UsageError(f"there is no column {asked!r}: {there}; give three names or numbers from 1 to {width}")
-
-
-def _goes_with(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> tuple[int, ...]:
-    """Pick the accelerometer or gyro that stands beside a magnetometer: where there is one of that, the best."""
-    if len(fields) > 1:
-        own = companion(found, field, fields)
-        return own.cells if own else ()
-    return min(found, key=lambda each: (each.rank, min(each.cells))).cells if found else ()
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:

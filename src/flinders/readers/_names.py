@@ -63,7 +63,26 @@ _REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
 """Where a strength comes from that is no length of the readings themselves."""
 _STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
 """What such a column is called besides; not ``h``, which is the horizontal part in geomagnetism."""
-_CALIBRATED: Final = re.compile(r"(cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filtered)$")
+_CORRECTED: Final = "cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filter|filtered"
+_SMOOTHED: Final = (
+    "lp|lpf|hp|hpf|bp|bpf|ema|sma|avg|average|averaged|mean|median|smooth|smoothed|prev|previous|kalman|decimated"
+)
+"""Filters; a number after one is its own, as in ``avg10``, and not that of a sensor."""
+_CALIBRATED: Final = re.compile(rf"({_CORRECTED})$")
+_DERIVED: Final = re.compile(rf"({_CORRECTED}|({_SMOOTHED})\d*)$")
+_NO_READINGS: Final = {
+    **dict.fromkeys((*_REFERENCES, "model", "true", "truth", "expected", "predicted"), "a reference"),
+    **dict.fromkeys(("ned", "enu", "nwu", "ecef", "earth", "world"), "in axes of the earth"),
+    **dict.fromkeys(("dir", "direction"), "a direction"),
+    **dict.fromkeys(("min", "max", "diff", "delta", "status", "innov", "innovation", "residual"), "no readings"),
+}
+"""Words of three columns that are none of a sensor's readings, and what they are instead."""
+_GLUED: Final = re.compile(rf"(mag|acc|gyro)(raw|{_CORRECTED}|{_SMOOTHED}|unit|{'|'.join(_NO_READINGS)})([xyz]?)")
+"""Such a word that nothing parts from the sensor's: ``magref``."""
+_MEASURES: Final = re.compile(
+    rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_SMOOTHED}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
+)
+"""Numbers that are not those of a sensor: of bits, of steps in time, of a filter, of a version."""
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 _TIMES: Final = re.compile(r"(t|time.*|.*time|timestamp|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
@@ -129,7 +148,7 @@ def meaning(name: str) -> Meaning:
     if any(_OTHERS.match(word) for word in folded):
         return Meaning("")
     kind, rank = _vector(folded, units) if axis else _scalar(folded, units)
-    if kind == FIELD and axis and any(_CALIBRATED.match(word) for word in folded):
+    if kind == FIELD and axis and any(_DERIVED.match(word.casefold()) for word in (*folded, *units)):
         rank += CALIBRATED
     return Meaning(kind, axis, _unit(kind, units), rank)
 
@@ -151,37 +170,63 @@ def label(name: str) -> tuple[str, ...]:
 
     >>> label("mag_x"), label("imu1.mag.x (uT)"), label("magX_left_raw"), label("mag_rm3100_x"), label("my2")
     ((), ('1',), ('left',), ('rm', '3100'), ('2',))
-    >>> label("mag_a_x")  # no ampere
-    ('a',)
+    >>> label("mag_a_x"), label("mag_x_t0"), label("mag_2_x_avg10")  # no ampere, no sensor 0, no sensor 10
+    (('a',), ('t0',), ('2',))
     """
-    words, units = _words(name)
-    foreign = [unit for unit in units if unit.casefold() not in _UNITS_OF_AXES]
-    words, _ = _without_axis([word.casefold() for word in words + foreign])
+    words = _words_of_sensor(name)
     kinds = [word for word in words if word.startswith(("mag", "compass", "acc", "gyr", "angular"))]
-    plain = (_COMMON, _RAW, _CALIBRATED)
-    kept = [word for word in words if not any(pattern.match(word) for pattern in plain)]
+    plain = (_COMMON, _RAW, _DERIVED)
+    measured = _MEASURES.sub(lambda found: found[0].replace(" ", ""), " ".join(words)).split()
+    kept = [word for word in measured if not any(pattern.match(word) for pattern in plain)]
     return tuple(word for word in kept if kinds or word not in _LETTERS)
 
 
-def sensor_name(name: str, axis: str) -> str:
+def no_readings(name: str) -> str:
+    """Tell what a three-axis column is where it is none of a sensor's readings; nothing where it may be one.
+
+    >>> no_readings("mag_x_wmm2025"), no_readings("magNedX"), no_readings("mag_unit_x"), no_readings("unit2_mag_x")
+    ('a reference', 'in axes of the earth', 'a direction', '')
+    """
+    words = _words_of_sensor(name)
+    if "main field" in " ".join(words):  # that of the core of the earth
+        return "a reference"
+    if "unit" in words and all(re.match("unit|vec|field|mag|acc", word) for word in words):  # no unit of a device
+        return "a direction"
+    return next((_NO_READINGS[word] for word in words if word in _NO_READINGS), "")
+
+
+def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
     """Take axis, unit, ``raw`` and the like out of a column's name: what is left is what the sensor is called.
 
     >>> sensor_name("mag1_x_uT", "x"), sensor_name("Imu1.Mag.X (µT)", "x"), sensor_name("raw_mag_x_2", "x")
     ('mag1', 'Imu1.Mag', 'mag_2')
     >>> sensor_name("mx0", "x"), sensor_name("x2", "x"), sensor_name("mag1[0]", "0")
     ('m0', 'xyz2', 'mag1')
+    >>> sensor_name("raw_mag_x_uT", "x", whole=True)  # the axis alone
+    'raw_mag_uT'
     """
-    bare = re.sub(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$", "", name.strip())
+    bare = name.strip() if whole else re.sub(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$", "", name.strip())
     place = _place_of_axis(bare.casefold(), axis)
     pieces = re.findall(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)", f"{bare[:place]}{bare[place + 1 :]}")
     kept = [
         f"{between[-1:] if between[-1:] in ' _.-' else '_'}{piece}"
         for number, (between, piece) in enumerate(pieces)
-        if not (number and piece.casefold() in _UNITS_OF_AXES)
-        and not (_RAW.match(piece.casefold()) or _CALIBRATED.match(piece.casefold()))
+        if whole
+        or not (
+            (number and piece.casefold() in _UNITS_OF_AXES)
+            or _RAW.match(piece.casefold())
+            or _DERIVED.match(piece.casefold())
+        )
     ]
     found = "".join(kept).lstrip(" _.-")
     return found if any(map(str.isalpha, found)) else f"xyz{found}"
+
+
+def _words_of_sensor(name: str) -> list[str]:
+    """Take a three-axis column's name apart, without axis and unit, in lower case."""
+    words, units = _words(name)
+    foreign = [unit for unit in units if unit.casefold() not in _UNITS_OF_AXES]
+    return _without_axis([word.casefold() for word in words + foreign])[0]
 
 
 def _place_of_axis(folded: str, axis: str) -> int:
@@ -211,7 +256,9 @@ def _words(name: str) -> tuple[list[str], list[str]]:
             parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+", piece)
             if len(parts) > 1 and parts[0].casefold() == "time" and parts[-1].casefold() in FACTORS[TIME]:
                 units.append(parts.pop())
-            words += parts
+            for part in parts:
+                glued = _GLUED.fullmatch(part.casefold())
+                words += filter(None, glued.groups()) if glued else [part]
     return words, units
 
 

@@ -1,7 +1,9 @@
-r"""Recordings of ROS that were cut short or damaged: all whole messages that come before the damage.
+r"""Recordings of ROS that were cut short or damaged: all whole messages before the damage, and after it where it ends.
 
 A recorder that loses its power leaves no index, and rosbags reads nothing without one. Here the container alone is
-gone through from its first byte, record by record; what a message holds is left to rosbags.
+gone through from its first byte, record by record; what a message holds is left to rosbags. Where bytes are no record,
+a bag of ROS 1 and an MCAP are taken up again after the record that they stand in, or where `CHAIN` records follow one
+another; of the messages before such a place the last is left out, as the damage may reach into it.
 
 >>> source = _Bytes(BytesIO(b"\x05\x00\x00\x00whole"), 9)
 >>> source.take(source.number(4)), source.left
@@ -16,7 +18,9 @@ Sources: the ROS wiki, *Bags/Format/2.0*; the MCAP specification, version 0; ros
 from __future__ import annotations
 
 import bz2
+import mmap
 import os
+import re
 from binascii import crc32
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,7 +28,7 @@ from functools import partial
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, BinaryIO, ClassVar, Final, NamedTuple, TypeAlias
 
 from flinders.errors import UnreadableInput, counted
 from flinders.readers._extras import needs, reading
@@ -39,6 +43,14 @@ MOST_UNPACKED: Final = 1 << 30
 MOST_RECORD: Final = 16 << 20
 """Bytes of a record that is looked into: a wanted message, or the definition of one."""
 CHUNK: Final = 1 << 20
+CHAIN: Final = 4
+"""Records that have to follow one another, so that a place after the damage is taken for the beginning of one."""
+MOST_GAPS: Final = 1000
+"""Damaged places after which a recording is taken up again."""
+MOST_TRIED: Final = 100_000
+"""Places after damage that are looked at, of one recording."""
+MOST_HEADER: Final = 1 << 16
+"""Bytes of the header of a record of ROS 1; that of a connection has the longest."""
 
 Foreign: TypeAlias = Any
 """Of rosbags, which has few types."""
@@ -52,9 +64,16 @@ class Message(NamedTuple):
     content: bytes
 
 
+class Gap(NamedTuple):
+    """A damaged place: its first byte, and the one at which records go on."""
+
+    begin: int
+    end: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Salvage:
-    """What comes before the damage; `connections` and `messages` are those that a reader of rosbags has.
+    """What is left beside the damage; `connections` and `messages` are those that a reader of rosbags has.
 
     Attributes
     ----------
@@ -76,7 +95,7 @@ class Salvage:
         """Yield the messages of these connections, in the order in which they were written."""
         wanted = {one.id: one for one in connections}
         left = self.count
-        for found in self.scan(frozenset(wanted)).found():
+        for found in _confirmed(self.scan(frozenset(wanted)).found()):
             if isinstance(found, Message):
                 if found.connection in wanted:
                     yield wanted[found.connection], found.recorded, found.content
@@ -85,8 +104,8 @@ class Salvage:
                     return
 
 
-def salvaged(name: str, path: Path, head: bytes) -> Salvage | None:
-    """Look for whole messages in a recording that rosbags refuses.
+def salvaged(name: str, path: Path, head: bytes, expected: int | None = None) -> Salvage | None:
+    """Look for whole messages in a recording that rosbags refuses, or gives fewer of than there should be.
 
     Parameters
     ----------
@@ -96,6 +115,8 @@ def salvaged(name: str, path: Path, head: bytes) -> Salvage | None:
         A bag of ROS 1, MCAP, or a database of ROS 2.
     head : bytes
         Its first ones.
+    expected : int, optional
+        Messages that it says it has, of all topics.
 
     Returns
     -------
@@ -121,19 +142,20 @@ def salvaged(name: str, path: Path, head: bytes) -> Salvage | None:
         pass  # what came before it is what is looked for
     if not count:
         return None
-    told = (
-        f"{scan.place(is_whole=is_whole)}: its {counted(count, 'whole message')} {'is' if count == 1 else 'are'} read"
-    )
+    read = f"its {counted(count, 'whole message')} {'is' if count == 1 else 'are'} read"
+    if expected is not None and expected > count and not (is_whole and scan.is_gapless):
+        read = f"{expected - count:,} of {counted(expected, 'message')} are missing, the rest is read"
+    told = f"{scan.place(is_whole=is_whole)}: {read}"
     return Salvage(tuple(connections.values()), partial(kind, path), count, told)
 
 
-def _confirmed(records: Iterator[Foreign | Message]) -> Iterator[Foreign | Message]:
-    """Yield each once the next has come: zeros that a file system leaves behind the damage may reach into the last."""
+def _confirmed(records: Iterator[Foreign | Message | Gap]) -> Iterator[Foreign | Message]:
+    """Yield each once the next has come, and none before a gap: zeros that a file system leaves may reach into it."""
     last = None
     for record in records:
-        if last is not None:
+        if last is not None and not isinstance(record, Gap):
             yield last
-        last = record
+        last = None if isinstance(record, Gap) else record
     if last is not None:
         yield last
 
@@ -154,8 +176,13 @@ class _Scan:
         self.at = 0
         """The first byte that does not belong to a whole record, as far as it was read."""
 
-    def found(self) -> Iterator[Foreign | Message]:
-        """Yield connections, and the messages that they belong to."""
+    @property
+    def is_gapless(self) -> bool:
+        """No damage was passed over."""
+        return True
+
+    def found(self) -> Iterator[Foreign | Message | Gap]:
+        """Yield connections, the messages that they belong to, and where damage was passed over."""
         raise NotImplementedError
 
     def place(self, *, is_whole: bool) -> str:
@@ -213,16 +240,81 @@ class _Bytes:
 class _Records(_Scan):
     """A recording whose records lie one after the other, some of them in packed pieces."""
 
-    def found(self) -> Iterator[Foreign | Message]:
+    LIKELY: ClassVar[re.Pattern[bytes]]
+    """What the first bytes of a record look like."""
+    TAIL = 0
+    """Bytes after the last record."""
+
+    def __init__(self, path: Path, wanted: frozenset[int]) -> None:
+        super().__init__(path, wanted)
+        self.gaps: list[Gap] = []
+        self.tried = 0
+        self.taken = 0
+        """Where the last packed piece ends: it gave what it has, and is not looked into again."""
+
+    @property
+    def is_gapless(self) -> bool:
+        """No damage was passed over."""
+        return not self.gaps
+
+    def found(self) -> Iterator[Foreign | Message | Gap]:
         """Yield connections and messages; `at` moves with the records that do not lie in a packed piece."""
         with self.path.open("rb") as stream:
             source = _Bytes(stream, self.size)
             self._open(source)
             while source.left:
                 self.at = source.place
-                last = yield from self._record(source)
+                try:
+                    with reading(self.path.name, KIND):
+                        last = yield from self._record(source)
+                except UnreadableInput:
+                    gap = Gap(self.at, self._resumed(source))
+                    if gap.end == self.size or len(self.gaps) == MOST_GAPS:
+                        raise
+                    self.gaps.append(gap)
+                    stream.seek(gap.end)
+                    yield gap
+                    continue
                 if last:
                     return
+
+    def place(self, *, is_whole: bool) -> str:
+        """Say where the damage is, and of several places where the first is."""
+        if not self.gaps:
+            return super().place(is_whole=is_whole)
+        first, more = self.gaps[0], len(self.gaps) - is_whole
+        others = f" and in {counted(more, 'more place')}" if more else ""
+        return f"it is damaged from byte {first.begin:,} to {first.end:,} of {self.size:,}{others}"
+
+    def _resumed(self, source: _Bytes) -> int:
+        """The byte at which records go on after the one at `at`: at its end, else where a chain of them begins."""
+        source.stream.seek(self.at)
+        if (end := self._skipped(source)) is not None and self._is_chain(source, end):
+            return end
+        with mmap.mmap(source.stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            begin = max(self.at + 1, self.taken)
+            while self.tried < MOST_TRIED and (likely := self.LIKELY.search(content, begin)) is not None:
+                begin = likely.start() + 1
+                self.tried += 1
+                if self._is_chain(source, likely.start()):
+                    return likely.start()
+        return self.size
+
+    def _is_chain(self, source: _Bytes, begin: int) -> bool:
+        """Tell whether as many records as make a chain follow one another from here on, or lead to the very end."""
+        for _ in range(CHAIN):
+            if begin >= self.size - self.TAIL:
+                return begin in (self.size - self.TAIL, self.size)
+            source.stream.seek(begin)
+            end = self._skipped(source)
+            if end is None:
+                return False
+            begin = end
+        return True
+
+    def _skipped(self, source: _Bytes) -> int | None:
+        """Pass over one record without looking into it: its end; None where none can stand here."""
+        raise NotImplementedError
 
     def _open(self, source: _Bytes) -> None:
         """Read what stands before the records."""
@@ -243,6 +335,8 @@ class _Bag(_Records):
     """A bag of ROS 1."""
 
     MESSAGE, CHUNK, CONNECTION = 2, 5, 7
+    KINDS = range(2, 8)
+    LIKELY = re.compile(rb"(?s)(?=..\x00\x00.\x00\x00\x00[a-z_]{2,}=)")
 
     def _open(self, source: _Bytes) -> None:
         if source.stream.readline(16) != b"#ROSBAG V2.0\n":
@@ -263,12 +357,26 @@ class _Bag(_Records):
             source.skip(length)
         return False
 
+    def _skipped(self, source: _Bytes) -> int | None:
+        try:
+            fields = _fields(source.take(source.number(4), MOST_HEADER))
+            if fields[b"op"][0] not in self.KINDS:
+                return None
+            length = source.number(4)
+            if fields.get(b"compression") != b"none":  # the records of such a chunk come next
+                source.skip(length)
+        except (ValueError, KeyError, IndexError):
+            return None
+        return source.place
+
     def _chunk(self, source: _Bytes, packing: bytes, length: int) -> Iterator[Foreign | Message]:
         """Unpack a chunk; one that was never closed says that it has no bytes, and goes on to the end."""
         if packing == b"none":
             return  # its records come next
         there = min(length or source.left, source.left, MOST_UNPACKED)
-        yield from self._inside(_unpacked(packing.decode(), source.take(there, MOST_UNPACKED)))
+        piece = source.take(there, MOST_UNPACKED)
+        self.taken = source.place
+        yield from self._inside(_unpacked(packing.decode(), piece))
         if length and there != length:
             raise ValueError("a chunk has no end")
 
@@ -283,12 +391,16 @@ class _Mcap(_Records):
     """A recording of ROS 2 in the container MCAP."""
 
     HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
+    KINDS = range(1, 16)
+    TAIL = len(MCAP)
     OVERHEAD = 22
     """Bytes of a message before its content."""
+    LIKELY = re.compile(rb"(?s)[\x01-\x0f](?=.{4}\x00{4})")
 
     def __init__(self, path: Path, wanted: frozenset[int]) -> None:
         super().__init__(path, wanted)
         self.schemas: dict[int, Foreign] = {}
+        self.channels: set[int] = set()
 
     def _open(self, source: _Bytes) -> None:
         source.skip(len(MCAP))
@@ -319,17 +431,43 @@ class _Mcap(_Records):
             source.skip(length)
         return kind in (self.DATA_END, self.FOOTER)
 
+    def _skipped(self, source: _Bytes) -> int | None:
+        try:
+            kind, length = source.number(1), source.number(8)
+            if kind not in self.KINDS or (kind == self.MESSAGE and length < self.OVERHEAD):
+                return None
+            end = source.place + length
+            if kind == self.MESSAGE and source.number(2) not in self.channels:
+                return None
+            if kind == self.CHUNK:
+                _, checked, packing, _ = self._chunk_header(source)
+                if not packing and not checked:
+                    return source.place
+            source.skip(end - source.place)
+        except ValueError:
+            return None
+        return source.place
+
     def _chunk(self, source: _Bytes) -> Iterator[Foreign | Message]:
         """Unpack a chunk, and check its sum; of one that is cut, as much as is there."""
-        source.skip(16)
-        size, checked, packing, length = source.number(8), source.number(4), source.text(), source.number(8)
+        size, checked, packing, length = self._chunk_header(source)
+        if not packing and not checked:
+            return  # its records come next
         there = min(length, source.left)
-        piece = _unpacked(packing, source.take(there, MOST_UNPACKED))
+        packed = source.take(there, MOST_UNPACKED)
+        self.taken = source.place
+        piece = _unpacked(packing, packed)
         if there == length and (len(piece) != size or (checked and crc32(piece) != checked)):
             raise ValueError("a chunk is not what it was")
         yield from self._inside(piece)
         if there != length:
             raise ValueError("a chunk has no end")
+
+    @staticmethod
+    def _chunk_header(source: _Bytes) -> tuple[int, int, str, int]:
+        """Size of what is in a chunk, its sum (0 for none), how it is packed, and the size of that."""
+        source.skip(16)
+        return source.number(8), source.number(4), source.text(), source.number(8)
 
     def _schema(self, content: _Bytes) -> Iterator[Foreign]:
         number = content.number(2)
@@ -339,6 +477,7 @@ class _Mcap(_Records):
 
     def _channel(self, content: _Bytes) -> Iterator[Foreign]:
         number, schema = content.number(2), self.schemas.get(content.number(2))
+        self.channels.add(number)
         definition = needs("rosbags.rosbag2.storage_mcap", "ros", KIND).get_msgdef(schema)
         yield _like_rosbags(number, content.text(), schema.name if schema else "", definition)
 

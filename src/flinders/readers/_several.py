@@ -3,8 +3,8 @@
 A table may hold ``mag1_x`` and ``mag2_x``, two instruments, or ``mag_raw_x`` and ``mag_cal_x``, one before and after
 its calibration. What is left of a name without axis, unit and the words that every magnetometer has tells them apart:
 numbers (``imu2.mag.x``), places (``mag_left_x``), letters in a row (``mag_a_x``, ``mag_b_x``) and type numbers
-(``mag_rm3100_x``) are instruments. Any other word, such as ``filtered`` or ``ned``, is the same instrument again: of
-that the rawest is taken.
+(``mag_rm3100_x``) are instruments. Any other word, such as ``filtered``, is the same instrument again: of that the
+rawest is taken, and of equals the one with the plainest name. A reference, ``mag_ref_x``, is no instrument at all.
 
 >>> from flinders.readers._names import FIELD, meaning
 >>> def told(*sensors):
@@ -12,6 +12,8 @@ that the rawest is taken.
 ...     return [found.name for found in instruments(vectors(names, [meaning(name) for name in names], FIELD))]
 >>> told("mag1", "mag2", "mag2_cal"), told("mag", "mag_raw", "mag_ned"), told("mag_left", "mag_right")
 (['mag1', 'mag2'], ['mag'], ['mag_left', 'mag_right'])
+>>> told("mag_ref", "mag"), told("mag_filtered", "mag_main"), told("mag_t0", "mag_t1"), told("mag_ref")
+(['mag'], ['mag_main'], ['mag_t0'], [])
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from flinders.readers._names import CALIBRATED, field_stem, label, sensor_name
+from flinders.readers._names import CALIBRATED, field_stem, label, no_readings, sensor_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -34,6 +36,12 @@ PLACES: Final = frozenset(
     )
 )  # fmt: skip
 """Words that say which of several sensors it is."""
+SMALL: Final = 10
+"""Sensors are numbered from 0 or 1 on; a bare number from here on is one of theirs where its neighbour is there."""
+BARE: Final = 2
+"""Clearness of ``x``, ``y`` and ``z``, which may be a position where something else is called a magnetometer."""
+LONGEST: Final = 9
+"""Digits of a number; what is longer is a word."""
 
 
 class Vector(NamedTuple):
@@ -49,12 +57,18 @@ class Vector(NamedTuple):
         The words of their names that are not those of any such sensor.
     name : str
         What they are called, without axis and unit.
+    whole : str
+        The same with ``raw``, ``filtered`` and the unit: what tells it from a copy of its readings.
+    instead : str
+        What they are, such as ``a reference``, where they are not a sensor's readings; else nothing.
     """
 
     cells: tuple[int, ...]
     rank: int
     label: tuple[str, ...]
     name: str
+    whole: str = ""
+    instead: str = ""
 
     @property
     def number(self) -> tuple[str, ...]:
@@ -77,13 +91,21 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
         if letters:
             cells = tuple(axes[letter] for letter in letters)
             first, again = names[cells[0]], (str(time),) if time > 1 else ()
-            name = " ".join((sensor_name(first, letters[0]), *again))
-            made.append(Vector(cells, meanings[cells[0]].rank, (*label(first), *again), name))
+            made.append(
+                Vector(
+                    cells,
+                    meanings[cells[0]].rank,
+                    (*label(first), *again),
+                    name=" ".join((sensor_name(first, letters[0]), *again)),
+                    whole=" ".join((sensor_name(first, letters[0], whole=True), *again)),
+                    instead=no_readings(first),
+                )
+            )
     return sorted(made, key=lambda vector: min(vector.cells))
 
 
 def instruments(found: Sequence[Vector]) -> tuple[Vector, ...]:
-    """Pick those that are magnetometers of their own, in the order of the columns; of each the rawest.
+    """Pick those that are magnetometers of their own, of each the rawest.
 
     Parameters
     ----------
@@ -93,18 +115,44 @@ def instruments(found: Sequence[Vector]) -> tuple[Vector, ...]:
     Returns
     -------
     tuple of Vector
-        Just the best where it is not clear that there are several: the smallest rank, then the first.
+        In the order of the columns, those that were corrected or filtered last. Just the best where it is not clear
+        that there are several: the rawest, of those the plainest name, then the first. None without readings.
     """
-    if not found:
+    readings = [vector for vector in found if not vector.instead]
+    readings = [vector for vector in readings if _clearness(vector) < BARE] or readings
+    if not readings:
         return ()
-    clearest = min(map(_clearness, found))
+    clearest = min(map(_clearness, readings))
     kinds: dict[tuple[str, ...], Vector] = {}
-    for vector in sorted(found, key=_quality):
+    for vector in sorted(readings, key=_quality):
         if _clearness(vector) == clearest:
             kinds.setdefault(vector.label, vector)
-    alike = [kind for kind in kinds.values() if not any(_is_made_of(kind, other) for other in kinds.values())]
-    several = _told_apart(alike)
-    return tuple(sorted(several, key=lambda vector: min(vector.cells))) or (min(found, key=_quality),)
+    rawer = [kind for kind in kinds.values() if kind.rank < CALIBRATED]
+    several = _told_apart([kind for kind in kinds.values() if not _is_copy(kind, rawer)])
+    ordered = sorted(several, key=lambda vector: (vector.rank >= CALIBRATED, min(vector.cells)))
+    return tuple(ordered) or (min(readings, key=_quality),)
+
+
+def passed_over(found: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
+    """Name those that are as plainly a magnetometer's as those that are taken, and what they are where that is clear.
+
+    >>> mag, copy = Vector((0, 1, 2), 1, (), "mag", "mag"), Vector((3, 4, 5), 11, (), "mag", "mag_cal")
+    >>> passed_over([mag, copy, Vector((6, 7, 8), 1, ("ref",), "mag_ref", "mag_ref", "a reference")], [mag])
+    ('mag_cal (corrected or filtered)', 'mag_ref (a reference)')
+    """
+    least = max(map(_clearness, fields), default=0)
+    others = [each for each in found if each not in fields and _clearness(each) <= least]
+    told = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
+    return tuple(f"{whole} ({what})" if what else whole for whole, what in told)
+
+
+def beside(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
+    """Pick the accelerometer or gyro that stands beside a magnetometer: of several its `companion`, else the best.
+
+    What is no readings, such as ``acc_ned_x``, is not taken.
+    """
+    readings = [each for each in found if not each.instead]
+    return companion(readings, field, fields) if len(fields) > 1 else min(readings, key=_quality, default=None)
 
 
 def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
@@ -128,11 +176,16 @@ def _told_apart(found: Sequence[Vector]) -> list[Vector]:
     """Pick two or more whose labels are numbers, places or nothing; else letters or type numbers, if all are."""
     shared = set.intersection(*(set(each.label) for each in found)) if found else set()
     rest = [(each, [word for word in each.label if word not in shared]) for each in found]
-    counted = [each for each, words in rest if all(map(_counts, words))]
+    numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
+
+    def counts(word: str) -> bool:
+        return word in PLACES or (_is_number(word) and (bool(shared) or _is_one_of(numbers, int(word))))
+
+    counted = [each for each, words in rest if all(map(counts, words))]
     if len(counted) > 1:
         return counted
     is_lettered = _in_a_row(words[0] if len(words) == 1 else "" for _, words in rest)
-    is_typed = all(any(map(str.isdigit, words)) and not words[0].isdigit() for _, words in rest if words)
+    is_typed = all(any(map(_is_number, words)) and not _is_number(words[0]) for _, words in rest if words)
     has_words = len(rest) > 1 and all(words for _, words in rest)
     return list(found) if has_words and (is_lettered or is_typed) else []
 
@@ -148,13 +201,36 @@ def _in_a_row(letters: Iterable[str]) -> bool:
 
 
 def _counts(word: str) -> bool:
-    return word.isdigit() or word in PLACES
+    return _is_number(word) or word in PLACES
 
 
-def _is_made_of(one: Vector, other: Vector) -> bool:
-    """Tell whether one is what was made of the other: corrected, and named after it."""
-    is_corrected = one.rank >= CALIBRATED > other.rank
-    return is_corrected and set(other.label) <= set(one.label)
+def _is_number(word: str) -> bool:
+    return word.isdecimal() and len(word) <= LONGEST
+
+
+def _is_one_of(numbers: set[int], number: int) -> bool:
+    """Tell whether a number is that of a sensor: a small one, or one in a row.
+
+    >>> _is_one_of({1, 3}, 3), _is_one_of({11, 12}, 12), _is_one_of({25, 50}, 25)
+    (True, True, False)
+    """
+    return number < SMALL or bool(numbers & {number - 1, number + 1})
+
+
+def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
+    """Tell whether corrected or filtered readings are those of a rawer one: named after it, or in another way than all.
+
+    Beside ``mag2`` a ``mag1_cal`` is another magnetometer; ``mag2_cal`` is not, nor is ``mag_cal``.
+    """
+    if one.rank < CALIBRATED or not rawer:
+        return False
+    is_named_after = any(set(other.label) <= set(one.label) for other in rawer)
+    return is_named_after or all(_manner(other) != _manner(one) for other in rawer)
+
+
+def _manner(vector: Vector) -> set[bool]:
+    """How it is told from others: by numbers, by words, by both or not at all."""
+    return set(map(_is_number, vector.label))
 
 
 def _clearness(vector: Vector) -> int:
@@ -162,5 +238,7 @@ def _clearness(vector: Vector) -> int:
     return vector.rank % CALIBRATED // 2
 
 
-def _quality(vector: Vector) -> tuple[int, int]:
-    return vector.rank, min(vector.cells)
+def _quality(vector: Vector) -> tuple[int, int, int, int]:
+    """Which is the best, as a key to sort by: the rawest, then the one whose name says least besides."""
+    foreign = sum(not _counts(word) for word in vector.label)
+    return vector.rank, foreign, len(vector.label), min(vector.cells)

@@ -53,6 +53,14 @@ MOTIONCAL: Final = ("ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz")
 
 FLOWN: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
 """What a blackbox of Betaflight or INAV does not say of its magnetometer."""
+OLD: Final = re.compile(
+    r'^\W*(mag_?(?:calibration|zero|gain)(?:_[xyz]|\[[012]\])?)"?\s*[,;:=\t]\s*"?'
+    r'([-+\d]+(?:[,;\s]+[-+\d]+)*)"?\s*$',
+    re.IGNORECASE,
+)
+"""A line of its headers with a calibration that was in force; no known firmware writes one, tools may."""
+NO_GAIN: Final = 1024
+"""INAV's ``maggain`` that changes nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +83,8 @@ class Layout:
         That line, as it is.
     prefix : str
         ``"Raw"`` or ``"Uni"``: only lines starting so are read.
+    in_force : str
+        The calibration of the board that readings are after, where the headers of a blackbox tell one.
     encoding, newline : str
         As Python calls them.
     """
@@ -86,6 +96,7 @@ class Layout:
     header_line: int = 0
     header_text: str = ""
     prefix: str = ""
+    in_force: str = ""
     encoding: str = "utf-8"
     newline: str = "\n"
 
@@ -126,7 +137,34 @@ class Layout:
         parts = [f"{self.prefix}: lines"] if self.prefix else [] if self.header else ["no header"]
         parts.append(f"{SPOKEN[self.grid.delimiter]}-separated")
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
-        return f"{written}; {FLOWN}" if self.columns.field.names[0].startswith("magADC") else written
+        written += f"; {FLOWN}" * is_flown(self.columns)
+        return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
+
+
+def is_flown(columns: Columns) -> bool:
+    """Tell the magnetometer of a blackbox, which is in the axes of the board.
+
+    >>> is_flown(Columns(Column(FIELD, (0, 1, 2), ("magADC[0]", "magADC[1]", "magADC[2]")), "counts"))
+    True
+    """
+    return columns.field.names[0].casefold().startswith("magadc")
+
+
+def in_force(above: Sequence[str]) -> str:
+    """Find the calibration of the board that the headers of a blackbox tell; nothing where it is none, or not told.
+
+    >>> in_force(['"Firmware revision","INAV 7.0.0"', '"magzero","12,13,14"', '"maggain","1024,1024,1024"'])
+    'magzero 12,13,14'
+    >>> in_force(["mag_calibration,0,0,0", "magHardware,1"])
+    ''
+    """
+    for text in above:
+        found = OLD.match(text)
+        numbers = re.findall(r"[-+]?\d+", found[2]) if found else []
+        neutral = NO_GAIN if found and "gain" in found[1].casefold() else 0
+        if found and any(int(each) != neutral for each in numbers):
+            return f"{found[1]} {','.join(numbers)}"
+    return ""
 
 
 def sniff(

@@ -103,15 +103,17 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
         For a unit that is not known.
     """
     needs("rosbags.highlevel", "ros", KIND)
-    given = None if unit is None else Unit.of(unit)
+    given, expected = None if unit is None else Unit.of(unit), None
     with reading(file.name, KIND):
         try:
             with _bag(file) as bag:
+                expected = bag.reader.message_count
                 topics = _topics(file.name, bag)
+                _count(file, topics, bag)
         except FlindersError:
             raise
         except Exception as error:  # noqa: BLE001 - of rosbags, and on a broken file that is anything
-            bag = _salvaged(file, error)
+            bag = _salvaged(file, error, expected)
             topics = _topics(file.name, bag)
         title = "ROS 1 bag" if bag.is_first else "MCAP recording" if bag.is_mcap else "ROS 2 recording"
     begun = min((int(topic.stamps[0]) for topic in topics if topic.is_magnetometer), default=0)
@@ -172,12 +174,31 @@ def _bag(file: File) -> Iterator[_Bag]:
         yield _Bag(reader, wanted, decode, head.startswith(BAG), head.startswith(MCAP), is_undefined)
 
 
-def _salvaged(file: File, error: Exception) -> _Bag:
-    """Take what comes before the damage in a recording that rosbags refuses; the refusal where that is nothing."""
+def _count(file: File, topics: Sequence[_Topic], bag: _Bag) -> None:
+    """See that all messages are there that the recording says it has: rosbags may end at the damage without a word.
+
+    Raises
+    ------
+    ValueError
+        Where there are fewer.
+    UnreadableInput
+        In its place for a folder, of which nothing is salvaged.
+    """
+    expected, read = sum(one.msgcount for one in bag.connections), sum(len(topic.stamps) for topic in topics)
+    if read >= expected:
+        return
+    found = f"{read:,} of {counted(expected, 'message')} are there"
+    if file.path.is_dir():
+        raise UnreadableInput(f"{file.name} is damaged: {found}; give the file in it, of which the rest can be read")
+    raise ValueError(found)
+
+
+def _salvaged(file: File, error: Exception, expected: int | None) -> _Bag:
+    """Take what is left beside the damage in a recording that rosbags refuses; the refusal where that is nothing."""
     if file.path.is_dir():
         raise error
     head = file.head()
-    found = salvaged(file.name, file.path, head)
+    found = salvaged(file.name, file.path, head, expected)
     wanted = [one for one in found.connections if _is_wanted(one) and _is_described(one)] if found else []
     if found is None or not any(one.msgtype in (FIELD, VECTOR) for one in wanted):
         if head.startswith(SQLITE) and isinstance(error.__cause__, needs("apsw", "ros", KIND).Error):

@@ -28,12 +28,13 @@ from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._log import FIRST, Choice
 from flinders.readers._magcc import is_magcc, table_of_datagrams
+from flinders.readers._names import CURRENT, TEMPERATURE, THROTTLE, TIME
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._paparazzi import is_paparazzi, table_of_messages
 from flinders.readers._replay import FRAME, is_replay, table_of_replay
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
-from flinders.readers._sniff import COMMENTS, Layout, sniff
+from flinders.readers._sniff import COMMENTS, Layout, in_force, is_flown, sniff
 from flinders.readers._source import File
 from flinders.readers._span import Span
 from flinders.samples import BLOCK
@@ -109,7 +110,7 @@ class TextRecording:
             settled = unit_of(columns, self.source, unit, scale)
             grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
             layout = replace(self.layout, columns=columns.with_strength_in(settled), grid=grid)
-            found.append(replace(self, layout=layout, unit=settled))
+            found.append(replace(self, layout=layout, unit=settled, frame=FRAME if is_flown(columns) else self.frame))
         return tuple(found)
 
     def blocks(self) -> Iterator[Samples]:
@@ -161,7 +162,7 @@ class TextRecording:
         self.layout = replace(layout, columns=known)
 
     def corrected_lines(
-        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False
+        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False, driven: bool = False
     ) -> Iterator[str]:
         """Yield the lines of the file with corrected readings in place of the recorded ones.
 
@@ -178,17 +179,19 @@ class TextRecording:
             Add three columns, named with ``_cal`` where there is a header, and keep the recorded ones.
         timed : bool
             Give `correct` the (N,) times of the readings too, or None where there are none.
+        driven : bool
+            Give `correct` `Samples` in place of the readings, with time, current, throttle and temperature.
 
         Raises
         ------
         UnreadableInput
             As `blocks`.
         """
-        for lines in self.corrected_blocks(correct, add=add, timed=timed):
+        for lines in self.corrected_blocks(correct, add=add, timed=timed, driven=driven):
             yield from lines
 
     def corrected_blocks(
-        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False
+        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False, driven: bool = False
     ) -> Iterator[list[str]]:
         """Yield the lines of `corrected_lines`, those that were read together at a time.
 
@@ -199,9 +202,15 @@ class TextRecording:
         yield list(rewriter.opening())
         time = self.layout.columns.time if timed else None
         alone = replace(self.layout.columns, beside=() if time is None else (time,))
+        if driven:
+            alone = self.layout.columns.only(TIME, CURRENT, THROTTLE, TEMPERATURE)
         for lines, rows, usable, _ in self._pass(alone):  # a reading without time is corrected all the same
             corrected = np.full((len(usable), 3), np.nan)
-            if usable.any():
+            if usable.any() and driven:
+                values = rows.values[usable]
+                samples = alone.samples(values, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
+                corrected[usable] = correct(samples) / self.unit.scale + 0.0
+            elif usable.any():
                 recorded = self.axes.apply(alone.taken(rows.values[usable], alone.field) * self.unit.scale)
                 times = (None if time is None else alone.taken(rows.values[usable], time)[:, 0] * time.factor,)
                 corrected[usable] = correct(recorded, *times[:timed]) / self.unit.scale + 0.0  # no −0
@@ -333,7 +342,8 @@ def open_text(
     Raises
     ------
     UnreadableInput
-        For a file that is not text, or not lines of numbers.
+        For a file that is not text, or not lines of numbers; for a blackbox whose headers tell that a calibration was
+        in force, unless `columns` say that it is wanted.
     NoMagnetometer
         Where it is not clear which columns are the magnetometer.
     UsageError
@@ -364,6 +374,10 @@ def open_text(
     layout = replace(sniff(file.name, opening, columns, names, flat, choice), encoding=encoding, newline=newline)
     settled = unit_of(layout.columns, file.name, unit, scale)
     layout = replace(layout, columns=layout.columns.with_strength_in(settled))
+    if is_flown(layout.columns):
+        frame, layout = FRAME, replace(layout, in_force=in_force(opening[: layout.start - 1]))
+        if layout.in_force and columns is None:
+            raise _not_raw(file.name, layout)
     recording = TextRecording(table, layout, settled, axes, frame)
     if is_all and not layout.columns.magnetometers:  # one of several may be dead
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
@@ -371,6 +385,15 @@ def open_text(
     recording.progress = progress
     recording.skipped = ()
     return recording
+
+
+def _not_raw(name: str, layout: Layout) -> UnreadableInput:
+    """Say that a blackbox was recorded with a calibration in force, and how other readings, or these, are had."""
+    return UnreadableInput(
+        f"{name} was recorded with {layout.in_force} in force, and magADC is after it: what is found from it would "
+        "come on top of that, and boards put it in its place. Set offsets to 0 (maggain to 1024) and record again; to "
+        f"use what was logged all the same, add --columns '{','.join(layout.columns.field.names)}'"
+    )
 
 
 def sniff_text(head: bytes) -> bool:

@@ -152,13 +152,16 @@ class _Bounded(io.BufferedReader):
 def _parsed(pyulog: Any, file: File) -> Any:  # noqa: ANN401 - pyulog has no types
     """Let pyulog read the topics that are wanted; what it would print is not printed."""
     with redirect_stdout(io.StringIO()), _Bounded(io.FileIO(file.path), file.name, file.size) as handle:
-        return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(TOPICS))
+        return _guarded(pyulog.ULog, handle)(handle, message_name_filter_list=list(TOPICS))
 
 
-def _guarded(ulog: type[Any]) -> type[Any]:
-    """A parser that refuses definitions which nest into more columns than memory holds; as pyulog does broken ones."""
+def _guarded(ulog: type[Any], handle: io.BufferedReader) -> type[Any]:
+    """A parser that refuses definitions which nest into more columns than memory holds; as pyulog does broken ones.
+
+    It also notes where the last message should end, as `ends`, so that a whole log is not gone through once more.
+    """
     left = MOST_FIELDS
-    whole = ulog._MessageAddLogged  # the one place where columns are made
+    whole, unpack = ulog._MessageAddLogged, ulog._unpack_ushort_byte  # the one place where columns are made
 
     class Subscription(whole):  # type: ignore[misc, valid-type]
         def _parse_format(self, message_formats: Mapping[str, Any]) -> None:
@@ -166,7 +169,23 @@ def _guarded(ulog: type[Any]) -> type[Any]:
             left -= _columns(self.message_name, message_formats, left)
             super()._parse_format(message_formats)
 
-    return type("Guarded", (ulog,), {"_MessageAddLogged": Subscription})
+    class Header:
+        """Of one message after the other; pyulog makes one for the definitions, and one for what comes then."""
+
+        __slots__ = ("end", "msg_size", "msg_type")
+
+        def __init__(self) -> None:
+            self.msg_size = self.msg_type = 0
+            self.end = handle.tell()
+            made.append(self)
+
+        def initialize(self, packed: bytes) -> None:
+            self.msg_size, self.msg_type = unpack(packed)
+            self.end += 3 + self.msg_size
+
+    made: list[Header] = []
+    ends = property(lambda _: made[-1].end if made else 0)
+    return type("Guarded", (ulog,), {"_MessageAddLogged": Subscription, "_MessageHeader": Header, "ends": ends})
 
 
 def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -> int:
@@ -589,7 +608,7 @@ def _damage(file: File, flight: _Flight) -> Iterator[str]:
     """What of it is not there."""
     if flight.log.file_corruption:
         yield "parts of it are broken and were left out: copy it again if you can"
-    elif not flight.log.has_data_appended and _is_cut(file):
+    elif not flight.log.has_data_appended and flight.log.ends != file.size and _is_cut(file):
         yield "it ends within a message, as after a loss of power: what comes before was read"
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)
