@@ -17,12 +17,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
+from msgspec import to_builtins
 
 from flinders.arrays import Floats, floats, matrix, vectors
 from flinders.axes import Axes
-from flinders.document import Correction, Document, Fitted, Provenance, Recorded, Rotation, read, write
+from flinders.document import Correction, Document, DriverRecord, Fitted, Provenance, Recorded, Rotation, read, write
+from flinders.drivers import KINDS, Driver, checked, effect, known
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
-from flinders.units import COUNTS, MICROTESLA, Unit
+from flinders.notebook import correction
+from flinders.units import COUNTS, MICROTESLA, Unit, label
 
 if TYPE_CHECKING:
     import os
@@ -59,6 +62,9 @@ class Calibration:
     frame : str
         What the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
         sensor is mounted, before they were logged. `axes` comes after either.
+    drivers : tuple of Driver
+        What the offset follows: a current, a throttle, a temperature. With any,
+        ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
 
     Raises
     ------
@@ -78,6 +84,7 @@ class Calibration:
     axes: Axes = AS_RECORDED
     sensor: str | None = None
     frame: str = "sensor"
+    drivers: tuple[Driver, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of them."""
@@ -86,6 +93,7 @@ class Calibration:
         object.__setattr__(self, "matrix", _frozen(_invertible(self.matrix, self.rotation)))
         object.__setattr__(self, "offset", _frozen(_triple(self.offset, "offset")))
         object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
+        object.__setattr__(self, "drivers", checked(self.drivers))
 
     @classmethod
     def identity(
@@ -161,7 +169,7 @@ class Calibration:
     @property
     def is_identity(self) -> bool:
         """Readings come out as they go in."""
-        return bool(not self.offset.any() and np.array_equal(self.matrix, np.eye(3)))
+        return bool(not (self.offset.any() or self.drivers) and np.array_equal(self.matrix, np.eye(3)))
 
     @property
     def inv(self) -> Calibration:
@@ -169,10 +177,18 @@ class Calibration:
 
         Its field strength is the geometric mean of the radii of the raw ellipsoid, so that ``c.inv.inv`` is ``c``.
 
+        Raises
+        ------
+        UsageError
+            Where the offset follows a driver: there is a way back from `at` each value of it only.
+
+        Examples
+        --------
         >>> there = Calibration(np.diag([2.0, 1.0, 0.5]), [10, 0, -10], 50.0, raw=Unit.of("uT"))
         >>> there.inv.apply(there.apply([1.0, 2.0, 3.0]))
         array([1., 2., 3.])
         """
+        self._refuse_driven("be inverted")
         radius = self.field_strength * float(np.exp(-np.linalg.slogdet(self.matrix)[1] / 3))
         return Calibration(
             floats(np.linalg.inv(self.matrix)),
@@ -185,13 +201,23 @@ class Calibration:
             frame=self.frame,
         )
 
-    def apply(self, raw: ArrayLike) -> Floats:
+    def apply(
+        self,
+        raw: ArrayLike,
+        *,
+        current: ArrayLike | None = None,
+        throttle: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
+    ) -> Floats:
         """Correct readings.
 
         Parameters
         ----------
         raw : (..., 3) in `unit`
             Raw readings in mapped axes (see `axes`); a reading with NaN in it comes out as NaN.
+        current, throttle, temperature : (...), A, 0 to 1 and °C, optional
+            What the offset follows, where there are `drivers`: those of a driver with a lag are taken so much before
+            the reading. What the calibration does not ask for is left alone.
 
         Returns
         -------
@@ -202,6 +228,8 @@ class Calibration:
         ------
         ArrayError
             For a wrong shape, or values that are no numbers.
+        UsageError
+            Where a driver is not given.
 
         Examples
         --------
@@ -209,18 +237,113 @@ class Calibration:
         >>> centred.apply([[10, 20, 80], [60, 20, 30]])
         array([[ 0.,  0., 50.],
                [50.,  0.,  0.]])
-        """
-        with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
-            return (vectors(raw, "raw", finite=False) - self.offset) @ self.matrix.T
 
-    def unapply(self, corrected: ArrayLike) -> Floats:
-        """Tell what the sensor reads in a field: (..., 3) in `unit` to (..., 3) in `unit`.
+        Motors that add half a microtesla for each ampere:
+
+        >>> flown = replace(centred, drivers=(Driver("current", [0.5, 0.0, 0.0], highest=20.0),))
+        >>> flown.apply([15, 20, 80], current=10.0)
+        array([ 0.,  0., 50.])
+        """
+        shift, gain = effect(self.drivers, {"current": current, "throttle": throttle, "temperature": temperature})
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
+            readings = vectors(raw, "raw", finite=False)
+            if not self.drivers:
+                return (readings - self.offset) @ self.matrix.T
+            corrected: Floats = (readings - self.offset - shift) @ self.matrix.T / gain[..., np.newaxis]
+            return corrected
+
+    def unapply(
+        self,
+        corrected: ArrayLike,
+        *,
+        current: ArrayLike | None = None,
+        throttle: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
+    ) -> Floats:
+        """Tell what the sensor reads in a field: (..., 3) in `unit` to (..., 3) in `unit`, with the drivers of `apply`.
 
         >>> Calibration(np.diag([2.0, 1.0, 0.5]), [10, 20, 30], 50.0).unapply([0, 0, 50])
         array([ 10.,  20., 130.])
         """
+        shift, gain = effect(self.drivers, {"current": current, "throttle": throttle, "temperature": temperature})
         with np.errstate(invalid="ignore", over="ignore"):
-            return vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T + self.offset
+            field = vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
+            if not self.drivers:
+                return field + self.offset
+            raw: Floats = field * gain[..., np.newaxis] + self.offset + shift
+            return raw
+
+    def at(self, **values: float) -> Calibration:
+        """The plain calibration at fixed values of its drivers, of each that is not given at its reference.
+
+        Raises
+        ------
+        UsageError
+            For a value of what is none of its drivers.
+
+        Examples
+        --------
+        >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
+        >>> Calibration(np.eye(3), [10, 20, 30], 50.0, drivers=(motors,)).at(current=10.0).offset
+        array([15., 20., 30.])
+        """
+        return replace(self.holding(**values), drivers=()) if self.drivers or values else self
+
+    def holding(self, **values: float) -> Calibration:
+        """The calibration at fixed values of some of its drivers; it goes on following the others.
+
+        Raises
+        ------
+        UsageError
+            For a value of what is none of its drivers, or is no number.
+        """
+        ours = {driver.name: driver for driver in self.drivers}
+        for name, value in values.items():
+            known(name)
+            if name not in ours:
+                raise UsageError(f"the calibration does not follow {name}: it follows {', '.join(ours) or 'nothing'}")
+            if not np.isfinite(value):
+                raise UsageError(f"{name} is {value:g}: need a number")
+        held = [ours[name] for name in values]
+        shift, gain = effect(held, {name: np.asarray(value, float) for name, value in values.items()})
+        left = tuple(driver for driver in self.drivers if driver.name not in values)
+        return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), drivers=left)
+
+    def driven_deg(self, driver: Driver, value: float | None = None, *, dip_deg: float = 60.0) -> float:
+        """Heading error, in degrees, of leaving a driver out at a value: at the worst attitude and heading.
+
+        Parameters
+        ----------
+        driver : Driver
+        value : float, optional
+            By default the end of its recorded range that is farther from its reference.
+        dip_deg : float
+            Inclination of the field: what stands across its level part turns the heading.
+
+        Returns
+        -------
+        float
+            180 where the driver is stronger than the level part of the field.
+
+        Examples
+        --------
+        >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
+        >>> round(Calibration(np.eye(3), [0, 0, 0], 50.0, drivers=(motors,)).driven_deg(motors), 1)
+        23.6
+        """
+        shift = driver.shift(driver.farthest if value is None else value)
+        across = float(np.linalg.norm(self.matrix @ shift)) / (self.field_strength * np.cos(np.deg2rad(dip_deg)))
+        return float(np.rad2deg(np.arcsin(across))) if across < 1.0 else 180.0
+
+    def _refuse_driven(self, what: str) -> None:
+        """Raise `UsageError` where the offset follows a driver, for what only a fixed one can."""
+        if self.drivers:
+            names = " and ".join(driver.name for driver in self.drivers)
+            example = self.drivers[0]
+            raise UsageError(
+                f"a calibration that follows {names} cannot {what}: take it at fixed values first, "
+                f"calibration.at({example.name}={example.reference:g})"
+            )
 
     def __matmul__(self, first: Calibration) -> Calibration:
         """``(b @ a).apply(x) == b.apply(a.apply(x))``: `first` acts first.
@@ -232,23 +355,29 @@ class Calibration:
         ------
         UnitError
             Where one is in µT and the other in counts.
+        UsageError
+            Where this one follows a driver, or the scale of `first` does.
         """
         if not isinstance(first, Calibration):
             return NotImplemented
         if self.unit != first.unit:
             raise UnitError(f"a calibration in {self.unit} cannot follow one in {first.unit}: give the scale of counts")
+        self._refuse_driven("follow another one")
         sensor = self.sensor if first.sensor is None else first.sensor
         if self.is_identity:
             return replace(first, sensor=sensor)
         recorded = replace(self, raw=first.raw, axes=first.axes, sensor=sensor)
         if first.is_identity:
             return recorded
+        if any(driver.gain_per_unit for driver in first.drivers):
+            first._refuse_driven("come before another one where its scale follows the temperature")
         return replace(
             recorded,
             matrix=self.matrix @ first.matrix,
             offset=first.offset + np.linalg.solve(first.matrix, self.offset),
             rotation="composed",
             frame=first.frame,
+            drivers=first.drivers,
         )
 
     def isclose(self, other: Calibration, *, tolerance: float = 1e-9) -> bool:
@@ -264,6 +393,7 @@ class Calibration:
             and abs(field - other.field_strength) <= tolerance * field
             and bool(np.abs(self.offset - other.offset).max() <= tolerance * field)
             and bool(np.abs(self.matrix - other.matrix).max() <= tolerance * gain)
+            and _drive_alike(self.drivers, other.drivers, tolerance * field)
         )
 
     @classmethod
@@ -310,14 +440,17 @@ class Calibration:
                 Axes.of(raw.axes),
                 raw.sensor,
                 raw.frame,
+                _drivers(correction),
             )
-        except (ArrayError, UnitError, AxesError) as error:
+        except (ArrayError, UnitError, AxesError, UsageError) as error:
             raise DocumentError(f"{source}: {error}") from None
 
     def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
+        if self.drivers:
+            content["drivers"] = {driver.kind.key: _record(driver) for driver in self.drivers}
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
         raw = Recorded(unit=unit, scale=self.raw.scale, axes=str(self.axes), sensor=self.sensor, frame=self.frame)
         return Document(calibration=Correction(**content), raw=raw, fit=fit, provenance=provenance)
@@ -335,15 +468,65 @@ class Calibration:
             "field_strength_known": self.field_strength_known,
             "unit": self.unit,
             "rotation": self.rotation,
+            **self._drivers_as_dict(),
         }
+
+    def _drivers_as_dict(self) -> dict[str, object]:
+        """The drivers by their names in files; no key where there are none."""
+        if not self.drivers:
+            return {}
+        return {"drivers": {driver.kind.key: to_builtins(_record(driver)) for driver in self.drivers}}
 
     def __repr__(self) -> str:
         rows = ", ".join(map(_short, self.matrix))
         strength = f"{self.field_strength:.4g} {self.unit}" + ", scale unknown" * (not self.field_strength_known)
+        follows = "".join(f", follows {driver.name}" for driver in self.drivers)
         return (
             f"Calibration(offset={_short(self.offset)} {self.unit}, matrix=[{rows}], "
-            f"field_strength={strength}, rotation {self.rotation})"
+            f"field_strength={strength}, rotation {self.rotation}{follows})"
         )
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        unit = label(self.unit)
+        length = f"corrected readings are {self.field_strength:.4g} {unit} long"
+        known = "" if self.field_strength_known else ", as none was given"
+        title = "Calibration" if self.sensor is None else f"Calibration of {self.sensor}"
+        follows = [f"the offset follows {driver}" for driver in self.drivers]
+        words = ("corrected = matrix · (raw − offset)", length + known, *follows)
+        return correction(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words)
+
+
+def _record(driver: Driver) -> DriverRecord:
+    """A driver as it stands in a file."""
+    x, y, z = driver.per_unit.tolist()
+    return DriverRecord(
+        offset_per_unit=(x, y, z),
+        reference=driver.reference,
+        recorded=(driver.lowest, driver.highest),
+        lag_s=driver.lag_s,
+        scale_per_unit=driver.gain_per_unit,
+    )
+
+
+def _drivers(correction: Correction) -> tuple[Driver, ...]:
+    """The drivers that stand in a file."""
+    names = {kind.key: name for name, kind in KINDS.items()}
+    return tuple(
+        Driver(names[key], np.array(one.offset_per_unit), one.reference, *one.recorded, one.lag_s, one.scale_per_unit)
+        for key, one in (correction.drivers or {}).items()
+    )
+
+
+def _drive_alike(ours: tuple[Driver, ...], theirs: tuple[Driver, ...], tolerance: float) -> bool:
+    """Whether both follow the same, to within `tolerance` over what was recorded."""
+    if [driver.name for driver in ours] != [driver.name for driver in theirs]:
+        return False
+    return all(
+        bool(np.abs(one.shift(end) - other.shift(end)).max() <= tolerance) and one.lag_s == other.lag_s
+        for one, other in zip(ours, theirs, strict=True)
+        for end in (one.lowest, one.highest)
+    )
 
 
 def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:

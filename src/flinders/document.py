@@ -43,7 +43,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
 from flinders.errors import DocumentError
 from flinders.files import read_bytes, write_text
@@ -66,10 +66,35 @@ WIDTH: Final = 110
 """Characters of text on a line, up to which a group of plain values stays on one line."""
 
 Triple: TypeAlias = tuple[float, float, float]
+Driving: TypeAlias = Literal["current_A", "throttle", "temperature_C"]
 Rotation: TypeAlias = Literal["symmetric", "estimated", "composed"]
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
 Count: TypeAlias = Annotated[int, Meta(ge=0)]
+
+
+class DriverRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What an offset follows: ``offset + offset_per_unit (value - reference)``.
+
+    Attributes
+    ----------
+    offset_per_unit : (3,) in the calibration's unit
+        For each A, at full throttle, or for each °C.
+    reference : float
+        Where the calibration's offset holds.
+    recorded : (2,) float
+        Lowest and highest value that it was found at.
+    lag_s : float, s
+        Readings follow so much later.
+    scale_per_unit : float
+        By which share the earth's part of a reading grows with each °C.
+    """
+
+    offset_per_unit: Triple
+    reference: float = 0.0
+    recorded: tuple[float, float]
+    lag_s: float = 0.0
+    scale_per_unit: float = 0.0
 
 
 class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -88,6 +113,8 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         ``uT``, or ``counts`` where the recording had no known unit.
     rotation : str
         ``symmetric``: not seen, set by convention; ``estimated`` by a fit that sees it; ``composed`` of others.
+    drivers : name to DriverRecord, optional
+        What the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``.
     """
 
     matrix: tuple[Triple, Triple, Triple]
@@ -96,6 +123,7 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     field_strength_known: bool = False
     unit: Literal["uT", "counts"]
     rotation: Rotation = "symmetric"
+    drivers: dict[Driving, DriverRecord] | UnsetType = UNSET
 
 
 class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -28,24 +28,31 @@ from flinders.estimators import (
     with_bias,
     within_range,
 )
+from flinders.estimators.aids import aided_by
+from flinders.estimators.driving import following, told
+from flinders.estimators.kept import concatenated
 from flinders.heading import alignment_error_deg, level_error
 from flinders.planar import down_of
 from flinders.repeats import Part, compared
 from flinders.result import Fit, Refused
-from flinders.samples import frame_of
+from flinders.samples import Samples, frame_of
 from flinders.terms.prior import SPREAD
 from flinders.units import Unit
 from flinders.verdict import judge
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike
 
     from flinders.estimators import Estimate, Estimator
+    from flinders.estimators.driving import Driving
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats
-    from flinders.result import Drift
+    from flinders.result import Aids, Drift
     from flinders.samples import Recording
     from flinders.summary import Summary
+    from flinders.terms.site import Site
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
@@ -62,6 +69,9 @@ def fit(
     unit: Unit | None = None,
     axes: Axes | None = None,
     sensor: str | None = None,
+    drivers: Sequence[str] = (),
+    aids: str | Sequence[str] = (),
+    site: Site | None = None,
     **options: Any,
 ) -> Fit:
     """Find the calibration, and say how far to trust it.
@@ -86,6 +96,13 @@ def fit(
         Of an array or a Summary; a recording brings its own.
     sensor : str, optional
         Name or serial number, kept with the calibration.
+    drivers : sequence of str
+        What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has.
+    aids : str or sequence of str
+        What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
+        its place. See docs/terms.md.
+    site : Site, optional
+        What is known of the field at the place, with `aids`.
     **options
         Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
@@ -97,12 +114,17 @@ def fit(
         For readings of the wrong shape.
     UsageError
         For a method or option that does not exist, or numbers out of range.
+    NotTurned, InputError
+        For `drivers` of a sensor that was not turned, or that were not recorded.
     """
     if alignment_sigma_deg is not None and not 0.0 <= alignment_sigma_deg <= 180.0:
         raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     estimator = estimator_of(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
+    driving = None
+    if drivers:
+        driving, source = following(source, drivers, spread=options.get("prior", SPREAD))
     readings = Readings.of(source)
     frame = "sensor"
     if hasattr(source, "blocks"):
@@ -110,21 +132,42 @@ def fit(
         _refuse_to_relabel(recording, unit, axes)
         unit, axes, frame = recording.unit, recording.axes, frame_of(recording)
     readings = within_range(readings)
-    estimate = estimator.estimate(readings)
-    readings = at_one_strength(readings, estimate)
+    found, told_by = _aided(readings, aids, site, method=method, dip_deg=dip_deg, options=options)
+    estimate = found or estimator.estimate(readings)
+    readings = readings if found else at_one_strength(readings, estimate)
     calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor, frame=frame)
+    calibration = _turned(calibration, told_by)
     likelihood = Auto(options.get("prior", SPREAD), dip_deg=dip_deg)
-    estimate, repeated = _widened(estimate, likelihood, readings, is_biased=estimator.is_biased)
+    if found is None:
+        estimate, repeated = _widened(estimate, likelihood, readings, is_biased=estimator.is_biased)
+    else:  # knows how its residuals hang together
+        repeated = _repeated(estimate, readings.summary)
+        estimate = replace(estimate, covariance=estimate.covariance * repeated)
     repeats = _repeats(readings, likelihood, estimate)
     if repeats is not None:
         estimate = replace(estimate, covariance=estimate.covariance + repeats.scatter)
-    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats, repeated)
-    if alignment_sigma_deg is not None:
-        dip = fitted.heading_error_deg.dip_deg
-        fitted = replace(fitted, alignment_error_deg=alignment_error_deg(alignment_sigma_deg, dip_deg=dip))
+    if driving is not None:
+        estimate = replace(estimate, covariance=driving.widened(estimate.covariance))
+    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats, repeated, driving, told_by)
+    fitted = _mounted(fitted, alignment_sigma_deg)
     if fitted.verdict == "refused":
         raise Refused(fitted)
     return fitted
+
+
+def _turned(calibration: Calibration, told_by: Aids | None) -> Calibration:
+    """Turn corrected readings into the axes of the body, where an aid saw how the sensor sits in them."""
+    if told_by is None or told_by.rotation is None:
+        return calibration
+    return replace(calibration, matrix=told_by.rotation @ calibration.matrix, rotation="estimated")
+
+
+def _mounted(fitted: Fit, sigma_deg: float | None) -> Fit:
+    """Add the heading error of a mounting of stated uncertainty, where it is stated."""
+    if sigma_deg is None:
+        return fitted
+    error = alignment_error_deg(sigma_deg, dip_deg=fitted.heading_error_deg.dip_deg)
+    return replace(fitted, alignment_error_deg=error)
 
 
 def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> Estimator:
@@ -159,6 +202,34 @@ def _refuse_to_relabel(source: Recording, unit: Unit | None, axes: Axes | None) 
             f"{source.source} is in {source.unit.name}, axes {source.axes}: "
             "unit and axes are for arrays and summaries; give them where the recording is read"
         )
+
+
+def _aided(
+    readings: Readings,
+    aids: str | Sequence[str],
+    site: Site | None,
+    *,
+    method: str,
+    dip_deg: float,
+    options: dict[str, Any],
+) -> tuple[Estimate | None, Aids | None]:
+    """Fit with what was recorded beside the magnetometer; no estimate where no aid was asked for, or none was kept.
+
+    Raises
+    ------
+    UsageError
+        For another method than the default one, or where only sums are left.
+    """
+    if not aids:
+        return None, None
+    if method != "auto" or set(options) - {"prior"}:
+        raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
+    if readings.recording is None:
+        raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
+    recording = readings.recording
+    samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    found, told_by = aided_by(samples, aids, site=site, dip_deg=dip_deg, spread=options.get("prior", SPREAD) or SPREAD)
+    return found.estimate() if found.aids else None, told_by
 
 
 def _calibration(
@@ -291,11 +362,21 @@ def _judged(
     dip_deg: float,
     repeats: Repeats | None,
     repeated: float,
+    driving: Driving | None = None,
+    told_by: Aids | None = None,
 ) -> Fit:
     """Put together what is known and judge it."""
     summary, covariance = readings.summary, estimate.covariance
     coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
-    dip, down = dip_deg if estimate.plane else coverage.facing(dip_deg), down_of(estimate.plane)
+    down = down_of(estimate.plane)
+    error = max(
+        (
+            level_error(estimate.ellipsoid, covariance, dip_deg=dip, down=down)
+            for dip in ((dip_deg,) if estimate.plane else coverage.facings(dip_deg))
+        ),
+        key=lambda error: error.worst,
+    )
+    dip = error.dip_deg
     fitted = Fit(
         calibration=calibration,
         method=estimate.method,
@@ -303,7 +384,7 @@ def _judged(
         noise=estimate.noise,
         samples=estimate.used or len(summary),
         coverage=coverage,
-        heading_error_deg=level_error(estimate.ellipsoid, covariance, dip_deg=dip, down=down),
+        heading_error_deg=error,
         distortion=_distortion(estimate),
         target_deg=target_deg,
         dip_deg=dip_deg,
@@ -317,6 +398,10 @@ def _judged(
         drift=_drift(estimate, readings, dip),
         repeats=repeats,
         plane=estimate.plane,
+        aids=told_by,
+        alignment_error_deg=None if told_by is None else told_by.alignment_error_deg(dip),
     )
     fitted = replace(fitted, heading_error_deg=fitted.heading_error_deg.beside(fitted.structure_deg))
+    if driving is not None:
+        fitted = told(fitted, driving)
     return replace(fitted, findings=judge(fitted, summary))

@@ -334,6 +334,11 @@ def _claim(part: Judged) -> Floats:
 def _refuse_alone(part: Judged) -> None:
     """Refuse a calibration that cannot be merged with any other."""
     _claim(part)
+    for driver in part.calibration.drivers:
+        raise UsageError(
+            f"{part.name} follows {driver.name}, and a mean of offset and matrix would lose that: fit the recordings "
+            f"together, flinders calibrate ONE TWO --with {driver.name}"
+        )
     if part.calibration.rotation != "symmetric":
         raise UsageError(
             f"{part.name} holds a rotation ({part.calibration.rotation}), of which its covariance says nothing: merge "

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 import numpy as np
 
 from flinders.coverage import CELLS
-from flinders.document import FindingRecord, Fitted, HeadingErrorRecord, write
+from flinders.document import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, write
 from flinders.errors import FitError, counted, figures
 from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
+from flinders.notebook import SIGNS, correction, refusal
 from flinders.planar import down_of
 from flinders.quadric import Ellipsoid
 from flinders.units import label
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.coverage import Coverage
     from flinders.document import Document, Provenance
+    from flinders.drivers import Driver
     from flinders.heading import HeadingError
     from flinders.planar import Plane
     from flinders.repeats import Repeats
@@ -150,6 +152,150 @@ class Drift:
     p_value: float
 
 
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """What is known of something that the offset follows.
+
+    Attributes
+    ----------
+    name : str
+        ``current``, ``throttle`` or ``temperature``.
+    driver : Driver, optional
+        None where it hardly changed, and nothing was found.
+    taken_deg : float
+        Heading error that following it takes away, at the far end of its recorded range, at the worst attitude.
+    left_deg : float
+        Heading error (1 σ) that its own uncertainty leaves there, at the worst heading.
+    shared : float
+        Share of what tells about it that the attitude could explain as well, 0 to 1.
+    chi_square : float
+        What it takes off the sum of squares, in the noise that is left.
+    lag_sigma_s : float, s
+        Of its lag; NaN where none was looked for.
+    """
+
+    name: str
+    driver: Driver | None = None
+    taken_deg: float = 0.0
+    left_deg: float = 0.0
+    shared: float = 0.0
+    chi_square: float = 0.0
+    lag_sigma_s: float = np.nan
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        fields = {name: getattr(self, name) for name in self.__slots__ if name != "driver"}
+        finite = {
+            name: value if isinstance(value, str) or np.isfinite(value) else None for name, value in fields.items()
+        }
+        return {**finite, "found": self.driver is not None}
+
+
+@dataclass(frozen=True, slots=True)
+class Aid:
+    """What one aid did to a fit.
+
+    Attributes
+    ----------
+    name : str
+        One of `flinders.estimators.aided.AIDS`.
+    kept : bool
+    changed_deg : float
+        By how much it changed the heading of a level vehicle, rms.
+    before_deg, after_deg : float
+        Worst heading error that is claimed without and with it.
+    words : str
+        Why it was left out.
+    """
+
+    name: str
+    kept: bool
+    changed_deg: float = 0.0
+    before_deg: float = 0.0
+    after_deg: float = 0.0
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """What does not fit together in a recording.
+
+    Attributes
+    ----------
+    code : str
+        Of the finding that it makes.
+    aid : str
+        Which aid it is about.
+    number, limit : float
+        As those of a finding.
+    words : str
+    drops : bool
+        The aid was left out for it.
+    """
+
+    code: str
+    aid: str
+    number: float
+    limit: float
+    words: str
+    drops: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aids:
+    """What gyro, accelerometer or attitude told beside the ellipsoid.
+
+    Attributes
+    ----------
+    each : tuple of Aid
+        In the order in which they were taken.
+    rotation : (3, 3) float, optional
+        From the magnetometer's axes to those of the body; None where nothing saw it.
+    rotation_covariance : (3, 3) float, optional, rad²
+        Of its rotation vector, in body axes.
+    gyro_bias, gyro_bias_sigma : (3,) float, optional, rad/s
+    delay_s, delay_sigma_s : float, optional
+        By how much the magnetometer is behind the gyro.
+    dip_deg, dip_sigma_deg : float, optional
+        Inclination of the field as the recording shows it.
+    creep : float
+        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
+    mistakes : tuple of Mistake
+    """
+
+    each: tuple[Aid, ...]
+    rotation: Floats | None = None
+    rotation_covariance: Floats | None = None
+    gyro_bias: Floats | None = None
+    gyro_bias_sigma: Floats | None = None
+    delay_s: float | None = None
+    delay_sigma_s: float | None = None
+    dip_deg: float | None = None
+    dip_sigma_deg: float | None = None
+    creep: float = 1.0
+    mistakes: tuple[Mistake, ...] = ()
+
+    def alignment_error_deg(self, dip_deg: float) -> float | None:
+        """Heading error (rms over a level turn, 1 σ) that the rotation's own uncertainty makes.
+
+        A turn about z goes straight into the heading, tilts mix the vertical field in: C₃₃ + ½ tan² I (C₁₁ + C₂₂).
+        """
+        if self.rotation_covariance is None:
+            return None
+        x, y, z = np.diag(self.rotation_covariance).tolist()
+        return float(np.rad2deg(np.sqrt(z + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x + y))))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        lists = ("rotation", "rotation_covariance", "gyro_bias", "gyro_bias_sigma")
+        arrays = {name: getattr(self, name) for name in lists}
+        return {
+            "each": [dataclasses.asdict(aid) for aid in self.each],
+            **{name: None if value is None else value.tolist() for name, value in arrays.items()},
+            **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg", "creep")},
+        }
+
+
 class Outcome:
     """A calibration with findings: it has a verdict, and a file it can be written to.
 
@@ -246,6 +392,14 @@ class Fit(Outcome):
     plane : str, optional
         ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of
         a turn about the third axis.
+    driven : tuple of Driven
+        What the offset was asked to follow.
+    drivers_covariance : (9 + K, 9 + K) float, optional
+        Of the nine of `covariance` and the offset per unit of each driver, with the growth of the scale last.
+    noise_undriven : float, optional
+        `noise` of the best ellipsoid that follows nothing.
+    aids : Aids, optional
+        What was recorded beside the magnetometer and helped.
     findings : tuple of Finding
         Gravest first.
     """
@@ -271,6 +425,10 @@ class Fit(Outcome):
     drift: Drift | None = None
     repeats: Repeats | None = None
     plane: Plane | None = None
+    driven: tuple[Driven, ...] = ()
+    drivers_covariance: Floats | None = None
+    noise_undriven: float | None = None
+    aids: Aids | None = None
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -280,8 +438,11 @@ class Fit(Outcome):
 
     @property
     def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that the calibration makes a sphere."""
-        return Ellipsoid(self.calibration.offset, self.calibration.shape)
+        """The ellipsoid that the calibration makes a sphere, in the magnetometer's own axes: it knows no rotation."""
+        if self.calibration.rotation == "symmetric":
+            return Ellipsoid(self.calibration.offset, self.calibration.shape)
+        squares, axes = np.linalg.eigh(self.calibration.shape @ self.calibration.shape.T)
+        return Ellipsoid(self.calibration.offset, (axes * np.sqrt(squares)) @ axes.T)
 
     @property
     def offset_sigma(self) -> Floats:
@@ -365,10 +526,31 @@ class Fit(Outcome):
             "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
+            **self._driven_as_dict(),
+            **({} if self.aids is None else {"aids": self.aids.as_dict()}),
             "findings": [finding.as_dict() for finding in self.findings],
         }
         untrusted = _ON_A_SURFACE if self.is_flat else _REFUSED if self.verdict == "refused" else ()
         return {**fields, **dict.fromkeys(untrusted)}
+
+    def _driven_as_dict(self) -> dict[str, Any]:
+        """What is known of the drivers; no key where it follows none."""
+        if not self.driven:
+            return {}
+        return {"driven": [each.as_dict() for each in self.driven], "noise_undriven": self.noise_undriven}
+
+    @property
+    def _covariance(self) -> Floats:
+        """That of all parameters, the drivers among them."""
+        return self.covariance if self.drivers_covariance is None else self.drivers_covariance
+
+    @property
+    def _parameters(self) -> tuple[str, ...]:
+        """What the rows of that stand for."""
+        drivers = self.calibration.drivers
+        named = [f"{driver.kind.key}_{axis}" for driver in drivers for axis in "xyz"]
+        growth = [f"{driver.kind.key}_scale" for driver in drivers if driver.name == "temperature"]
+        return (*PARAMETERS, *named, *growth)
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
         """The calibration file with all of this in it."""
@@ -376,7 +558,8 @@ class Fit(Outcome):
             method=self.method,
             samples=self.samples,
             noise=self.noise,
-            covariance=tuple(tuple(row) for row in self.covariance.tolist()),
+            covariance_of=self._parameters,
+            covariance=tuple(tuple(row) for row in self._covariance.tolist()),
             verdict=self.verdict,
             heading_error_deg=error_record(self.heading_error_deg, self.target_deg),
             coverage=self.coverage.as_dict(),
@@ -390,6 +573,24 @@ class Fit(Outcome):
         return (
             f"Fit({self.verdict}, {self.method}, heading error {error.rms:.2g}° rms, {error.worst:.2g}° worst, "
             f"noise {noise}, {counted(self.samples, 'reading')})"
+        )
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows; of a refused fit no number of the calibration."""
+        title = f"{SIGNS[self.verdict]} {self.verdict}: {self.method}, {counted(self.samples, 'reading')}"
+        told = [finding for finding in self.findings if finding.severity != "note"]
+        words = [f"{SIGNS[finding.severity]} {finding.advice}" for finding in told]
+        if self.verdict == "refused":
+            return refusal(title, words)
+        error, calibration = self.heading_error_deg, self.calibration
+        good = f"worst heading good to {figures(error.worst)}° (1 σ; the target is {self.target_deg:g}°), held level"
+        return correction(
+            calibration.matrix.tolist(),
+            calibration.offset.tolist(),
+            label(calibration.unit),
+            title=title,
+            words=[good, *words],
+            offset_sigma=self.offset_sigma.tolist(),
         )
 
 

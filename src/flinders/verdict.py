@@ -6,10 +6,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
+from flinders.drivers import KINDS
 from flinders.errors import counted, figures
 from flinders.guidance import guide
 from flinders.health import RAIL_SHARE
@@ -45,6 +47,7 @@ CODES: Final = {
     "structure": "residuals belong to the direction: `number` of the field that no ellipsoid takes off",
     "few-samples": "only `number` independent readings",
     "correlated": "residuals hang together: `number` is the share of readings that are independent",
+    "alternating": "a residual correlates with the next by `number`, as where readings of two sensors take turns",
     "strays": "`number` of the readings do not belong to the rest and were left out",
     "saturated": "`number` of the readings sit at the very end of an axis: the sensor was at its limit",
     "stale-repeats": "`number` of the readings repeat the one before: the log is faster than its sensor",
@@ -52,10 +55,19 @@ CODES: Final = {
     "time-gap": "nothing was recorded for `number` seconds in one stretch",
     "skipped-rows": "`number` rows could not be used",
     "typed-extremes": "no readings, only typed extremes: a turn that missed ends costs `number` degrees of heading",
+    "driver": "following a driver takes away `number` degrees of heading at the far end of its recorded range",
+    "driver-constant": "a driver that was asked for hardly changed: its range is `number`",
+    "driver-entangled": "`number` of what tells about a driver could be the attitude as well",
+    "driver-uncertain": "a driver leaves `number` degrees of heading (1 σ) at the far end of its recorded range",
     "composed": "turns in one plane after the other leave a rotation, which costs a level heading `number` degrees",
     "filtered": "the filter that readings went through moved the heading by `number` degrees at the worst",
     "axis-ratio": "the longest axis of the ellipsoid is `number` times the shortest",
     "field-strength": "the field found, `number` µT, is not one of the earth's",
+    "circular-attitude": "the yaw of the attitude has the `number` degrees of deviation of an uncorrected compass",
+    "gyro-unit": "the rate fits `number` times better in another unit than rad/s",
+    "swapped-axes": "an instrument fits `number` times better with its axes exchanged",
+    "one-axis": "the body turned about one axis: about the second `number` as much",
+    "site-differs": "the field dips by `number` degrees more or less than the site's",
     "mirrored-axes": "the axes mapping turns a right-handed frame into a left-handed one",
     "unit-unknown": "the readings are in counts of which nobody said what they are in µT",
     "scale-unknown": "no field strength was given, so the scale of corrected readings is by convention",
@@ -87,13 +99,55 @@ CHANGED_SHARE: Final = 0.25
 STRUCTURE: Final = 0.005
 FEW: Final = 20
 CORRELATED: Final = 0.5
+ALTERNATING: Final = -0.25
+"""Correlation of a residual with the next that neither noise has nor what changes slowly."""
 STRAYS: Final = 0.1
+ENTANGLED: Final = 0.95
 REPEATS: Final = 0.1
 SKIPPED: Final = 0.1
 LONG_STEP: Final = 20.0
 AXIS_RATIO: Final = 2.0
+NOTED: Final = frozenset({"one-axis"})
+"""Mistakes that are limits of a recording and cost what the heading error says."""
+
 EARTH_UT: Final = (22.0, 67.0)
 UPSIDE_DOWN: Final = 180.0
+
+
+def of_drivers(fit: Fit) -> Iterator[Finding]:
+    """What there is to know of each thing that the offset follows."""
+    for driven in fit.driven:
+        driver = driven.driver
+        if driver is None:
+            least = KINDS[driven.name]
+            yield Finding(
+                "driver-constant", "limits", 0.0, least.least,
+                f"{driven.name} hardly changed (by less than {least.least:g}{least.unit}), so that nothing can be told "
+                "of what it does: vary it over its whole range while turning the sensor",
+            )  # fmt: skip
+            continue
+        at = f"at {driver.amount(driver.farthest)}"
+        noise = "" if fit.noise_undriven is None else (
+            f"; without, readings lie {figures(fit.noise_undriven)} off instead of {figures(fit.noise)}"
+        )  # fmt: skip
+        yield Finding(
+            "driver", "note", driven.taken_deg, 0.0,
+            f"the offset follows {driver} ({label(fit.calibration.unit)}): that takes away up to "
+            f"{figures(driven.taken_deg)}° of heading {at}, {figures(driven.left_deg)}° of it left (1 σ){noise}",
+        )  # fmt: skip
+        if driven.left_deg > fit.target_deg:
+            yield Finding(
+                "driver-uncertain", "limits", driven.left_deg, fit.target_deg,
+                f"{at} the heading may be off by {figures(min(driven.left_deg, 180.0))}° (1 σ; the target is "
+                f"{fit.target_deg:g}°) from what is not known of {driver.name}: vary it while turning the sensor "
+                "through all directions",
+            )  # fmt: skip
+        if driven.shared > ENTANGLED:
+            yield Finding(
+                "driver-entangled", "limits", driven.shared, ENTANGLED,
+                f"{driven.shared:.1%} of what tells about {driver.name} could be the attitude as well: vary it in each "
+                "attitude, not in step with the turning",
+            )  # fmt: skip
 
 
 def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
@@ -117,7 +171,10 @@ def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
             *_evidence(fit),
             *_inflation(fit, summary.health),
             *_change(fit),
+            *_aids(fit),
+            *_mixed(fit),
             *_strays(fit, summary.health),
+            *of_drivers(fit),
             *of_calibration(fit),
         ]
     )
@@ -267,6 +324,23 @@ def _change(fit: Fit) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def _mixed(fit: Fit) -> Iterator[Finding]:
+    """Whether readings of two sensors take turns, whose mean is neither's calibration."""
+    found = 0.0 if fit.autocorrelation is None else fit.autocorrelation
+    limit = min(ALTERNATING, -4.0 / math.sqrt(max(fit.samples, 1)))
+    if found >= limit:
+        return
+    off = math.sqrt(-3.0 * found) * fit.noise  # of which a residual shows the part along the surface's normal
+    level = fit.ellipsoid.radius * math.cos(math.radians(fit.heading_error_deg.dip_deg))
+    off_deg = math.degrees(math.atan2(off, level))
+    yield Finding(
+        "alternating", "refuses" if off_deg > FAR_APART * fit.target_deg else "limits", found, limit,
+        f"what one reading is off, the next is off the other way (correlation {found:.2f}), by about "
+        f"{figures(off_deg)}° of heading: readings of two sensors are mixed, or something switches as fast as is read; "
+        "record one sensor alone",
+    )  # fmt: skip
+
+
 def contradiction(repeats: Repeats, target_deg: float, unit: str) -> Iterator[Finding]:
     """Whether recordings of one sensor contradict each other, told by the one that chance explains least."""
     part = repeats.farthest
@@ -312,6 +386,13 @@ def _at(tilt: float) -> str:
 
 def _angle(angle: float) -> str:
     return f"{figures(angle)}°" if angle < 90.0 else "any angle"
+
+
+def _aids(fit: Fit) -> Iterator[Finding]:
+    """What does not fit together among the instruments."""
+    for mistake in () if fit.aids is None else fit.aids.mistakes:
+        severity: Severity = "note" if mistake.code in NOTED else "limits"
+        yield Finding(mistake.code, severity, mistake.number, mistake.limit, mistake.words)
 
 
 def _strays(fit: Fit, health: Health) -> Iterator[Finding]:

@@ -85,8 +85,8 @@ def attempt(field: Floats, method: str) -> Fit | None:
         return None
 
 
-def test_nineteen_methods_are_tried() -> None:
-    assert len(METHODS) == 19
+def test_twenty_three_methods_are_tried() -> None:
+    assert len(METHODS) == 23
     assert {"level", "ellipse", "two-axis"} < set(METHODS)
 
 

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from flinders import simulate
 from flinders.estimators import METHODS, Estimator, Readings
+from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -58,6 +59,10 @@ LEVEL_TURNS: Final = [
     simulate.tumble(seed=11, motion="level", n=200, noise=1.0).samples.field,
     simulate.tumble(seed=12, motion="level", n=300, noise=0.3).samples.field,
 ]
+GYRO: Final = {"sar-ls", "sar-kf", "px4-observer", "magyc-ls"}
+"""Methods that go by how the body turned, which want its rate and the time."""
+
+TURNED: Final = [simulate.tumble(seed=13, motion="swayed", n=1000, noise=0.3).samples]
 LONG: Final = [simulate.tumble(seed=11, motion="uniform", n=800, noise=0.5).samples.field]
 """For methods that want many readings."""
 
@@ -70,10 +75,18 @@ quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(part * par
 few = settings(max_examples=8)
 
 
-def fields(name: str) -> list[Floats]:
-    if name in PLANES:
-        return LEVEL_TURNS
-    return TUMBLES if METHODS[name].unknowns < 20 else LONG
+def recordings(name: str) -> list[Samples]:
+    if name in GYRO:
+        return TURNED
+    fields = LEVEL_TURNS if name in PLANES else TUMBLES if METHODS[name].unknowns < 20 else LONG
+    return [Samples.of(field) for field in fields]
+
+
+def changed(recording: Samples, matrix: Floats, shift: Floats) -> Samples:
+    """x → M x + t, M a rotation times a size; what the gyro reads turns with the axes."""
+    size = float(np.cbrt(abs(np.linalg.det(matrix))))
+    rate = None if recording.rate is None else recording.rate @ matrix.T / size
+    return dataclasses.replace(recording, field=recording.field @ matrix.T + shift, rate=rate)
 
 
 def made(name: str, strength: float) -> Estimator:
@@ -83,18 +96,18 @@ def made(name: str, strength: float) -> Estimator:
     return METHODS[name](**known)
 
 
-def apart(name: str, field: Floats, matrix: Floats, shift: Floats) -> float:
+def apart(name: str, recording: Samples, matrix: Floats, shift: Floats) -> float:
     """How far the fit of what was changed is from the changed fit, as a share of the radius: x → M x + t."""
     size = float(np.cbrt(abs(np.linalg.det(matrix))))
-    one = made(name, 50.0).estimate(Readings.of(field)).ellipsoid
-    other = made(name, 50.0 * size).estimate(Readings.of(field @ matrix.T + shift)).ellipsoid
+    one = made(name, 50.0).estimate(Readings.of(recording)).ellipsoid
+    other = made(name, 50.0 * size).estimate(Readings.of(changed(recording, matrix, shift))).ellipsoid
     centre = np.abs(other.centre - matrix @ one.centre - shift).max()
     shape = np.abs(other.shape - matrix @ one.shape @ matrix.T / size).max()
     return float(max(centre, shape)) / (size * one.radius)
 
 
 def farthest(name: str, *changes: tuple[Floats, Floats]) -> float:
-    return max(apart(name, field, *change) for field in fields(name) for change in changes)
+    return max(apart(name, recording, *change) for recording in recordings(name) for change in changes)
 
 
 def turn(quaternion: tuple[float, float, float, float]) -> Floats:

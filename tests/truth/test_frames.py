@@ -148,6 +148,24 @@ def test_what_acts_before_the_mounting_does_not_get_numbers_from_after_it(target
     assert run("export", "--to", target, "c.json", "-o", "out").exit_code == 0
 
 
+def test_a_blackbox_goes_to_betaflight_and_not_to_inav() -> None:
+    """``magADC`` is after the alignment of the board, where Betaflight acts and INAV does not."""
+    field = np.rint(500 * simulate.uniform(np.random.default_rng(5), 400) + [100, -50, 30]).astype(int)
+    rows = "\n".join(f"{row},{1000 * row},{x},{y},{z}" for row, (x, y, z) in enumerate(field.tolist()))
+    Path("log.csv").write_text(f"loopIteration,time,magADC[0],magADC[1],magADC[2]\n{rows}\n", encoding="ascii")
+    assert run("calibrate", "log.csv", "-o", "c.json").exit_code == 0
+    assert Calibration.load("c.json").frame == "vehicle"
+    written = run("export", "--to", "betaflight", "c.json")
+    assert "set mag_calibration = 100,-50,30\n" in written.stdout
+    assert "for readings recorded with mag_calibration = 0,0,0" in written.stdout.replace("\n#  ", "")
+    refused = run("export", "--to", "inav", "c.json")
+    assert (refused.exit_code, refused.stdout) == (4, "")
+    assert "for readings in the axes of the vehicle, and INAV corrects them before the mounting" in refused.stderr
+    Path("dump.txt").write_text("set mag_calibration = 100,-50,30\n", encoding="ascii")
+    assert run("import", "dump.txt", "--field-strength", "500", "-o", "back.json").exit_code == 0
+    assert run("export", "--to", "inav", "back.json").exit_code == 4  # as a dump is treated
+
+
 def test_parameters_of_ardupilot_are_in_the_axes_of_the_vehicle_and_stay_so() -> None:
     Calibration(np.diag([1.1, 0.9, 1.0]), np.array([9.0, -12, 3]), 49.0, raw=Unit.of("mG")).save("c.json")
     assert run("export", "--to", "ardupilot", "c.json", "-o", "c.param").exit_code == 0

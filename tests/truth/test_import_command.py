@@ -248,6 +248,20 @@ def test_a_calibration_is_written_for_a_target_at_once() -> None:
     assert "ardupilot.param exists" in again.stderr
 
 
+def test_a_calibration_is_written_for_several_targets_and_each_refusal_is_said() -> None:
+    words = ["--export", "c", "--export", "inav", "--export", "ros-madgwick", "--export", "ardupilot:own.param"]
+    ended = run("calibrate", "tumble.csv", "-o", "new.json", *words)
+    assert ended.exit_code == 4  # of 2, for a unit, and 4, for what madgwick has no room for
+    assert Path("new.json").exists()
+    assert "flinders_correct(" in Path("c.h").read_text(encoding="ascii")
+    assert Path("own.param").read_text(encoding="ascii").startswith("#")
+    assert not Path("inav.txt").exists()
+    for target in ("inav", "ros-madgwick"):
+        assert f"! nothing was written for {target}; the calibration is in new.json" in ended.stderr
+    assert "! the recording was in uT" in ended.stderr
+    assert ended.stderr.splitlines()[-1].startswith("refused: imu_filter_madgwick holds")
+
+
 def test_to_standard_output_the_page_goes_beside_it() -> None:
     ended = run("calibrate", "tumble.csv", "--export", "json:-")
     assert set(json.loads(ended.stdout)) >= {"matrix", "offset"}
@@ -262,6 +276,9 @@ def test_to_standard_output_the_page_goes_beside_it() -> None:
         ("tumble.csv --export json:- --json", 2, "name a file with --export TARGET:FILE"),
         ("tumble.csv --export json:- -o -", 2, "both go to standard output"),
         ("tumble.csv --export json:new.json -o new.json", 2, "give them two names"),
+        ("tumble.csv --export c --export c", 2, "c.h is named for the export to c and for the export to c"),
+        ("tumble.csv --export json:- --export c:-", 2, "the export to json and the export to c would both go"),
+        ("tumble.csv --export c --export px5", 2, "target 'px5' is not known"),
         ("tumble.csv --export json:tumble.csv --force", 2, "would be written over"),
         ("tumble.csv --export betaflight", 2, "calibrate again with --unit counts"),
         ("--minmax=-1,2,-1,2,-1,2 --export c", 2, "--export does not go with --minmax"),

@@ -6,6 +6,7 @@ import base64
 import contextlib
 import json
 import os
+import resource
 import secrets
 import signal
 import socket
@@ -197,13 +198,40 @@ def test_killed_ten_times_at_random_moments_it_loses_at_most_a_second_and_goes_o
     npt.assert_allclose(found.calibration.matrix, uninterrupted.calibration.matrix, rtol=1e-12, atol=1e-15)
 
 
+def test_a_full_disk_is_said_and_what_came_meanwhile_is_there_when_there_is_room(start: Start, tmp_path: Path) -> None:
+    path = tmp_path / "full.csv"
+    program = start("--simulate", "-o", str(path))
+
+    def until(is_so: Callable[[], bool]) -> None:
+        end = time.monotonic() + 20.0
+        while not is_so():
+            assert time.monotonic() < end, program.said
+            time.sleep(0.02)
+
+    until(lambda: len(recorded(path)) > 20)
+    resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (path.stat().st_size, resource.RLIM_INFINITY))
+    until(lambda: "cannot be written" in program.said)
+    assert program.get("static/app.js")
+    resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    until(lambda: "is written again, and nothing is missing" in program.said)
+    program.signal(signal.SIGINT)
+    program.wait()
+    times = flinders.read(path).time
+    assert times is not None
+    assert np.diff(times).max() < 0.1
+    assert "not whole" not in program.said
+
+
 def test_what_was_done_by_hand_outlives_a_crash(start: Start, tmp_path: Path) -> None:
     session = tmp_path / "session.csv"
     program = start("--simulate", "-o", str(session))
+    end = time.monotonic() + 10.0
+    while len(recorded(session)) < 30:
+        assert time.monotonic() < end
+        time.sleep(0.01)
     page = Page(program.address)
     page.send({"type": "target", "deg": 2.0})
     page.send({"type": "exclude", "start_s": 0.0, "end_s": 0.25})
-    end = time.monotonic() + 10.0
     while "[0.0,0.25]" not in session.read_text(encoding="utf-8"):
         assert time.monotonic() < end
         time.sleep(0.01)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import socket
 import struct
+import threading
 import time
 import warnings
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -18,17 +21,21 @@ import pytest
 from starlette.websockets import WebSocketDisconnect
 
 import flinders
-from flinders import simulate
+from flinders import fitting, simulate
 from flinders.axes import Axes
 from flinders.document import loads
 from flinders.exporters import EXPORTERS
+from flinders.judged import Judged
+from flinders.live import motioncal, server
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name
 from flinders.live.feeds import Kept, Replay
 from flinders.live.messages import MAGIC, SourceState, typescript
-from flinders.live.server import STATIC, UPLOAD_BYTES, Hub, Supply, application
-from flinders.live.session import Session
+from flinders.live.server import STATIC, UPLOAD_BYTES, Hub, Supply, application, listening
+from flinders.live.session import Session, state
 from flinders.live.sinks import ToFile
+from flinders.live.sources import Scripted
 from flinders.live.store import Edits, default_path
+from flinders.units import Unit
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # that its client may be another one some day
@@ -40,6 +47,8 @@ if TYPE_CHECKING:
 
     from starlette.testclient import WebSocketTestSession
 
+    from flinders.conventions.motioncal import Packet
+    from flinders.live.sources import ByteSource
     from flinders.samples import Samples
 
 HOST = "127.0.0.1:8410"
@@ -50,13 +59,20 @@ class Bench:
     """A server with a page's client."""
 
     def __init__(
-        self, folder: Path, samples: Samples, *, host: str = "127.0.0.1", tokens: Tokens | None = None
+        self,
+        folder: Path,
+        samples: Samples,
+        *,
+        host: str = "127.0.0.1",
+        tokens: Tokens | None = None,
+        board: ByteSource | None = None,
     ) -> None:
         self.path = folder / "session.csv"
         self.sink = ToFile(self.path)
         feed = Kept(Replay(samples, speed=None), self.sink)
-        supply = Supply(feed, self.sink, self.path, Axes())
-        self.hub = Hub(Session(source=SourceState("bench", "serial", "waiting", "")), supply)
+        supply = Supply(feed, self.sink, self.path, Axes(), board=board)
+        source = SourceState("bench", "serial", "waiting", "")
+        self.hub = Hub(Session(source=source, has_board=board is not None), supply)
         self.said: list[str] = []
         self.app = application(self.hub, Gate.of(host, 8410, ("bench",)), tokens, self.said.append)
         self.client = TestClient(self.app, base_url=f"http://{HOST}")
@@ -79,7 +95,7 @@ def has_fit(session: Session) -> bool:
 def running(folder: Path) -> Iterator[Bench]:
     found = Bench(folder, simulate.tumble(seed=1).samples)
     with found.client:
-        found.until(has_fit)
+        found.until(lambda session: has_fit(session) and session.source.link == "ended")
         yield found
     found.sink.close()
 
@@ -335,6 +351,132 @@ def test_a_source_that_is_no_board_takes_no_calibration(wall: Bench) -> None:
     answer = wall.client.post("/send", headers=OWN)
     assert answer.status_code == 422
     assert "flinders send" in answer.json()["words"]
+
+
+def test_a_calibration_of_another_sensor_is_not_sent_to_the_board(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is shown is a colleague's log: the board gets nothing of it, and gets its own once that is closed."""
+    sent: list[Packet] = []
+    monkeypatch.setattr(motioncal, "send", lambda _, packet, **_more: sent.append(packet))
+    bench = Bench(tmp_path, simulate.tumble(seed=9).samples, board=Scripted([]))
+    own = simulate.tumble(seed=9).sensor
+    other = simulate.Sensor.random(np.random.default_rng(77))
+    buffer = "t_s,mx_uT,my_uT,mz_uT\n" + "".join(
+        f"{time:.3f},{x:.3f},{y:.3f},{z:.3f}\n"
+        for time, (x, y, z) in zip(
+            np.arange(3000) / 50.0, simulate.tumble(seed=77, sensor=other).samples.field.tolist(), strict=True
+        )
+    )
+    with bench.client:
+        bench.until(has_fit)
+        assert state(bench.hub.session).can_send
+        assert bench.client.post("/open?name=colleague.csv", content=buffer.encode(), headers=OWN).status_code == 200
+        bench.until(has_fit)
+        assert not state(bench.hub.session).can_send
+        answer = bench.client.post("/send", headers=OWN)
+        assert answer.status_code == 409
+        assert "colleague.csv is shown" in answer.json()["words"]
+        assert sent == []
+        with bench.page() as socket:
+            socket.send_json({"type": "back_to_live"})
+            bench.until(lambda session: session.opened is None)
+        assert bench.client.post("/send", headers=OWN).status_code == 200
+    assert len(sent) == 1
+    npt.assert_allclose(sent[0].offset, own.offset, atol=1.0)
+    assert np.abs(np.subtract(sent[0].offset, other.offset)).max() > 5.0
+    bench.sink.close()
+
+
+def test_a_preview_of_what_a_target_refuses_is_an_answer_and_the_file_is_an_error(tmp_path: Path) -> None:
+    samples = simulate.tumble(seed=1).samples
+    bench = Bench(tmp_path, replace(samples, field=16.0 * samples.field, unit=Unit.of("counts")))
+    with bench.client:
+        bench.until(has_fit)
+        refused = 0
+        for target in EXPORTERS:
+            answer = bench.client.get(f"/export/{target}", headers={"accept": "application/json"})
+            assert answer.status_code == 200, (target, answer.text)
+            if "refusal" in answer.json():
+                refused += 1
+                plain = bench.client.get(f"/export/{target}")
+                assert plain.status_code in (400, 409), target
+                assert plain.json()["words"] == answer.json()["refusal"]
+        assert refused > 0
+    bench.sink.close()
+
+
+def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Path) -> None:
+    """The file has a hole: the calibration is made of what is in memory."""
+    samples = simulate.tumble(seed=1).samples
+    bench = Bench(tmp_path, samples)
+    bench.hub.supply = replace(bench.hub.supply, unrecorded=lambda: "the disk is full")
+    with bench.client:
+        bench.until(has_fit)
+        with bench.page() as socket:
+            assert "not-recorded" in str(json.loads(socket.receive_text())["state"]["reasons"])
+        bench.path.write_text("t_s,mx,my,mz\n", encoding="utf-8")
+        document = loads(bench.client.get("/calibration.json").content, source="the page")
+    found = Judged.from_document(document, name="the page").calibration
+    npt.assert_allclose(found.offset, fitting.fit(samples).calibration.offset, rtol=1e-6)
+    bench.sink.close()
+
+
+@pytest.fixture
+def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A server at a real port, which waits half a second for a head and takes ten connections."""
+    monkeypatch.setattr(server, "HEAD_S", 0.5)
+    monkeypatch.setattr(server, "MOST_CONNECTIONS", 10)
+    opened = listening("127.0.0.1", 0)
+    number = int(opened.getsockname()[1])
+    bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)
+    app = application(bench.hub, Gate.of("127.0.0.1", number))
+    running = server.server_of(app)
+    thread = threading.Thread(target=running.run, args=([opened],))
+    thread.start()
+    yield number
+    running.should_exit = True
+    thread.join(10.0)
+    opened.close()
+    bench.sink.close()
+
+
+def is_closed(connection: socket.socket) -> bool:
+    try:
+        return connection.recv(100) == b""
+    except ConnectionError:
+        return True
+
+
+def test_who_never_says_what_he_wants_is_not_waited_for(listener: int) -> None:
+    def connected(head: bytes) -> socket.socket:
+        found = socket.create_connection(("127.0.0.1", listener), timeout=5.0)
+        found.sendall(head)
+        return found
+
+    slow = [connected(head) for head in (b"", b"GET / HTTP/1.1\r\nHost: 127.0", b"POST /open HTTP/1.1\r\nX: ")]
+    assert httpx.get(f"http://127.0.0.1:{listener}/session.csv").status_code in (200, 404)
+    begun = time.monotonic()
+    assert all(is_closed(one) for one in slow)
+    assert time.monotonic() - begun < 4.0
+    crowd = [connected(b"") for _ in range(30)]
+    assert is_closed(crowd[-1])
+    time.sleep(1.0)
+    assert httpx.get(f"http://127.0.0.1:{listener}/session.csv").status_code in (200, 404)
+    for one in [*slow, *crowd]:
+        one.close()
+
+
+def test_a_browser_that_goes_away_in_an_upload_is_no_fault(listener: int, caplog: pytest.LogCaptureFixture) -> None:
+    own = f"127.0.0.1:{listener}"
+    head = f"POST /open?name=a.csv HTTP/1.1\r\nHost: {own}\r\nOrigin: http://{own}\r\nContent-Length: 1000\r\n\r\n1,2"
+    with socket.create_connection(("127.0.0.1", listener), timeout=5.0) as upload:
+        upload.sendall(head.encode())
+        time.sleep(0.2)
+    time.sleep(0.2)
+    assert httpx.get(f"http://{own}/session.csv").status_code in (200, 404)
+    assert "Traceback" not in caplog.text
+    assert "ClientDisconnect" not in caplog.text
 
 
 def test_nothing_can_be_made_of_nothing(tmp_path: Path) -> None:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.testing as npt
 import pytest
 
 from flinders import fitting, simulate
 from flinders.axes import Axes
 from flinders.judged import Judged
-from flinders.live.messages import Reason, SetGoal, SourceState, State, Target
+from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SetGoal, SourceState, State, Target
 from flinders.live.session import (
     Arrived,
     Asked,
@@ -22,6 +25,7 @@ from flinders.live.session import (
     Session,
     Stretch,
     Ticked,
+    Unrecorded,
     begin_fit,
     rows_of,
     snapshot,
@@ -32,6 +36,11 @@ from flinders.live.snapshot import evaluate
 from flinders.live.track import Track
 from flinders.samples import Samples
 from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
 
 SENSOR = SourceState("/dev/ttyACM0", "serial", "connected", "")
 
@@ -46,8 +55,10 @@ def after(samples: Samples, session: Session | None = None, **changes: object) -
 
 
 def fitted(session: Session) -> Session:
+    """Fitted, and a second later, in which nothing came."""
     session = begin_fit(session)
-    return step(session, Fitted(session.at, evaluate(snapshot(session)), 0.01))[0]
+    session, _ = step(session, Fitted(session.at, evaluate(snapshot(session)), 0.01))
+    return step(session, Ticked(session.at + 1.0))[0]
 
 
 def codes(shown: State) -> list[str]:
@@ -224,3 +235,141 @@ def test_a_long_session_is_fitted_from_a_spread_of_its_readings() -> None:
     assert found.numbers is not None
     assert 16_000 <= len(found.samples) <= 20_000
     assert (np.diff(found.numbers) == 3).all()
+
+
+def growing(rows: Floats, every_s: float) -> Iterator[State]:
+    """What is shown of a sensor that is turned, after each of its fits."""
+    session = Session(source=SENSOR)
+    for at in np.arange(every_s, rows[-1, 0], every_s).tolist():
+        new = rows[(rows[:, 0] > session.at) & (rows[:, 0] <= at)]
+        session, _ = step(session, Arrived(at, new, Unit.of("uT")))
+        session, _ = step(begin_fit(session), Fitted(at, evaluate(snapshot(session)), 0.01))
+        yield state(session)
+
+
+@pytest.mark.parametrize(("every_s", "fits"), [(0.5, 2), (2.0, 1)])
+def test_a_target_is_reached_when_several_fits_say_so(every_s: float, fits: int) -> None:
+    shown = list(itertools.islice(growing(rows_of(simulate.tumble(seed=1).samples), every_s), int(24 / every_s)))
+    almost = [one.words.startswith("Almost: ") for one in shown]
+    first = almost.index(True)
+    assert {one.phase for one in shown[: first + 1]} == {"collecting"}
+    held = "".join("a" if is_almost else one.phase[0] for is_almost, one in zip(almost, shown, strict=True))
+    assert re.search(rf"[cw]a{{{fits}}}[gl]", held), held
+    assert not re.search(r"c[gl]", held), held
+    assert shown[-1].phase == "good"
+    assert "° (1 σ), the target 1°" in shown[-1].words
+
+
+def test_a_stricter_target_has_to_be_reached_anew() -> None:
+    rows = rows_of(simulate.tumble(seed=1).samples)
+    session = Session(source=SENSOR)
+    for cut in (2000, 2100, 2200):
+        session, _ = step(session, Arrived(float(rows[cut, 0]), rows[session.live.track.total : cut], Unit.of("uT")))
+        session, _ = step(begin_fit(session), Fitted(session.at, evaluate(snapshot(session)), 0.01))
+    assert state(session).phase == "good"
+    session, _ = step(session, Asked(session.at, Target(0.5)))
+    assert state(session).words.startswith("Almost: ")
+
+
+def test_a_limited_calibration_says_up_to_which_tilt_it_holds() -> None:
+    shown = state(after(simulate.tumble(seed=1, motion="tilted").samples))
+    assert shown.phase == "limited"
+    assert re.search(r"up to \d+° of tilt; for more tilt than that, turn it", shown.words), shown.words
+
+
+def test_who_turned_it_level_is_told_to_tilt_it_and_not_to_keep_it_level() -> None:
+    session = after(simulate.tumble(seed=1, motion="level", noise=0.05).samples)
+    assert state(session).phase == "limited"
+    assert "held level" in state(session).words
+    assert session.view is not None
+    assert session.view.guidance is not None
+    assert session.view.guidance.words.endswith("turn it tilted and upside down too")
+
+
+def test_a_broken_sensor_is_called_wrong_however_far_from_its_target_it_is() -> None:
+    """Two sensors that are far apart, in turn: no calibration is near, and more turning would not help."""
+    one, other = (simulate.tumble(seed=3, sensor=simulate.Sensor.random(np.random.default_rng(k))) for k in (5, 77))
+    rows = rows_of(one.samples)
+    rows[1::2, 1:4] = other.samples.field[1::2]
+    shown = list(growing(rows[:2200], 21.0))
+    assert shown[-1].phase == "wrong", shown[-1].words
+
+
+def test_an_axis_that_stops_is_named_while_the_others_move() -> None:
+    rows = rows_of(simulate.tumble(seed=3).samples)
+    rows[1000:, 2] = rows[1000, 2]
+    for total, is_said in ((1000, False), (1050, False), (1110, True), (2000, True)):
+        shown = state(after(Samples.of(rows[:total, 1:4], time=rows[:total, 0])))
+        assert ("frozen-axis" in codes(shown)) == is_said, (total, shown.words)
+    assert shown.words.startswith("Axis y has been the same for 20.0 s while the others change")
+
+
+@pytest.mark.parametrize("motion", ["hand", "tilted", "level", "sweeps"])
+def test_a_sound_sensor_that_is_turned_is_never_called_wrong(motion: str) -> None:
+    """Seeds 1 and 2, also with a resolution far coarser than the noise."""
+    for seed in (1, 2):
+        rows = rows_of(simulate.tumble(seed=seed, motion=motion).samples)
+        for step_ut in (0.0, 0.3):
+            coarse = rows.copy()
+            if step_ut:
+                coarse[:, 1:4] = np.round(rows[:, 1:4] / step_ut) * step_ut
+            for shown in growing(coarse, 12.0):
+                assert shown.phase != "wrong", (seed, step_ut, shown.words)
+
+
+def test_what_is_fitted_keeps_the_acceleration() -> None:
+    samples = simulate.tumble(seed=1, n=500).samples
+    down = np.tile([0.0, 0.0, 9.81], (500, 1))
+    session = after(replace(samples, acceleration=down))
+    kept = snapshot(session).samples.acceleration
+    assert kept is not None
+    npt.assert_array_equal(kept, down)
+    assert snapshot(after(replace(samples, acceleration=None))).samples.acceleration is None
+
+
+@pytest.mark.parametrize("together", [1, 3, 7])
+@pytest.mark.parametrize("speed", [1.0, 10.0])
+def test_the_rate_is_that_of_the_readings_however_they_come(together: int, speed: float) -> None:
+    """50 Hz in batches, also played back ten times as fast."""
+    rows = rows_of(simulate.tumble(seed=1).samples)
+    session = Session(source=SENSOR)
+    for start in range(0, 1000, together):
+        new = rows[start : start + together]
+        session, _ = step(session, Arrived(float(new[-1, 0]) / speed, new, Unit.of("uT")))
+    rate = state(session).rate_hz
+    assert rate == pytest.approx(50.0, rel=1e-6)
+    silent, _ = step(session, Ticked(session.at + 2.0))
+    assert state(silent).rate_hz is None
+
+
+def test_what_cannot_be_recorded_is_said_and_the_page_goes_on() -> None:
+    session = after(simulate.tumble(seed=1).samples)
+    broken, told = step(session, Unrecorded(61.0, "full.csv: cannot be written: the disk is full"))
+    assert [(one.severity, one.words) for one in told if isinstance(one, Notice)] == [("error", broken.unrecorded)]
+    assert (state(broken).phase, codes(state(broken))) == ("good", ["not-recorded"])
+    mended, told = step(broken, Unrecorded(62.0, ""))
+    assert codes(state(mended)) == []
+    assert told == [Notice("info", "what arrives is recorded again")]
+
+
+def test_a_calibration_can_be_sent_to_the_board_that_it_is_of() -> None:
+    samples = simulate.tumble(seed=1).samples
+    board = Session(source=SENSOR, has_board=True)
+    assert not state(board).can_send
+    assert not state(after(samples[:60], board)).can_send
+    assert not state(after(samples)).can_send
+    ready = after(samples, board)
+    assert state(ready).can_send
+    track = Track.empty().extended(rows_of(samples))
+    opened, _ = step(ready, Opened(61.0, "a.csv", track, samples.unit, samples.axes, "sensor", "a.csv: 3,000 readings"))
+    assert not state(opened).can_send
+    assert not state(fitted(opened)).can_send
+    assert state(step(opened, Asked(62.0, BackToLive()))[0]).can_send
+
+
+def test_a_span_beyond_all_sense_is_clipped_to_the_session() -> None:
+    session = after(simulate.tumble(seed=1).samples)
+    taken, _ = step(session, Asked(61.0, Exclude(-1e308, 1.0)))
+    assert state(taken).excluded == ((0.0, 1.0),)
+    nothing, _ = step(session, Asked(61.0, Exclude(1e6, 1e308)))
+    assert (state(nothing).excluded, state(nothing).can_undo) == ((), False)

@@ -303,6 +303,41 @@ def test_a_blackbox_log_has_a_block_of_headers(tmp_path: Path) -> None:
     told = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
     assert told in str(flinders.open_recording(path))
     assert told in flinders.open_log(path).notes[0]
+    assert samples.frame == "vehicle"
+    assert flinders.read(path, columns="magADC[0],magADC[1],magADC[2]").frame == "vehicle"
+    assert flinders.read(path, columns="3,4,5", unit="counts").frame == "sensor"  # the gyro, as somebody wants
+
+
+BLACKBOX = "loopIteration,time,magADC[0],magADC[1],magADC[2]\n" + "".join(f"{n},{n},{n},7,-{n}\n" for n in range(20))
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ('"magzero","12,13,14"', "magzero 12,13,14"),
+        ("magzero_x,-5", "magzero_x -5"),
+        ('"mag_calibration","1,0,0"', "mag_calibration 1,0,0"),
+        ('"maggain","1024,1000,1024"', "maggain 1024,1000,1024"),
+    ],
+)
+def test_a_blackbox_whose_headers_tell_a_calibration_in_force_is_refused(tmp_path: Path, line: str, told: str) -> None:
+    path = tmp_path / "blackbox.csv"
+    path.write_text(f'"Firmware revision","INAV 7.0.0"\n{line}\n{BLACKBOX}')
+    with pytest.raises(UnreadableInput, match=rf"was recorded with {told} in force, and magADC is after it"):
+        flinders.read(path)
+    asked = flinders.open_recording(path, columns="magADC[0],magADC[1],magADC[2]")
+    assert str(asked).endswith(f"recorded with {told} in force")
+    assert len(flinders.read(path, columns="magADC[0],magADC[1],magADC[2]")) == 20
+
+
+@pytest.mark.parametrize(
+    "line", ['"magzero","0,0,0"', '"mag_calibration","0,0,0"', '"maggain","1024,1024,1024"', '"mag_hardware","1"']
+)
+def test_a_blackbox_whose_headers_tell_none_in_force_is_read(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "blackbox.csv"
+    path.write_text(f'"Firmware revision","INAV 7.0.0"\n{line}\n{BLACKBOX}')
+    assert len(flinders.read(path)) == 20
+    assert "in force" not in str(flinders.open_recording(path))
 
 
 # archives

@@ -64,7 +64,7 @@ def test_a_level_heading_needs_no_way_overhead() -> None:
 @pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
 def test_the_words_turn_the_field_the_way_that_is_meant(axis: list[float]) -> None:
     """A body that turns by ω sees a fixed field turn by −ω."""
-    told = {
+    told: dict[tuple[int, ...], str] = {
         (1, 0, 0): "roll it to its right", (-1, 0, 0): "roll it to its left",
         (0, 1, 0): "raise its nose", (0, -1, 0): "lower its nose",
         (0, 0, 1): "turn it to its right", (0, 0, -1): "turn it to its left",

@@ -78,13 +78,38 @@ def test_figures_of_eight_see_nearly_all_directions() -> None:
     assert all(Coverage.of(tumble(seed, motion="eight").directions).fraction > 0.85 for seed in range(5))
 
 
-@pytest.mark.parametrize(("motion", "limit"), [("drive", 6.0), ("flight", 35.0), ("tilted", 35.0)])
+@pytest.mark.parametrize(("motion", "limit"), [("drive", 6.0), ("flight", 35.0), ("swayed", 35.0), ("tilted", 35.0)])
 def test_vehicles_see_all_headings_and_stay_within_their_tilt(motion: str, limit: float) -> None:
     for seed in range(3):
         recording = tumble(seed, motion=motion)
         assert headings_seen(recording) == 12
         assert 0.6 * limit < tilts_deg(recording).max() < limit
     assert 1.0 < tilts_deg(tumble(1, motion=motion, tilt_deg=2.0)).max() < 2.0
+
+
+def test_a_swayed_body_leans_to_all_sides_and_feels_nothing_but_gravity() -> None:
+    """As widely as `tilted`, whose tilts are even from 0° to 35°: their mean is 17.5°."""
+    leans = []
+    for seed in range(5):
+        recording = tumble(seed, motion="swayed", imu=Imu(acceleration_noise=0.0))
+        assert recording.attitudes is not None
+        assert recording.samples.acceleration is not None
+        npt.assert_allclose(np.linalg.norm(recording.samples.acceleration, axis=1), 9.81, atol=1e-9)
+        leans.append(tilts_deg(recording).mean())
+        level = recording.attitudes[:, 2, :2]  # which way the body leans
+        assert np.histogram(np.arctan2(*level.T), bins=6, range=(-np.pi, np.pi))[0].min() > 100
+    assert 14.0 < np.mean(leans) < 21.0
+
+
+def test_a_rocked_body_stays_within_its_amplitudes_and_rates() -> None:
+    for amplitudes in ((5.0, 45.0, 360.0), (5.0, 5.0, 90.0)):
+        turning = simulate.rocked(np.random.default_rng(4), rate_hz=10.0, amplitudes_deg=amplitudes)
+        assert turning.attitudes.shape == (6000, 3, 3)
+        pitch = np.degrees(np.arcsin(-turning.attitudes[:, 2, 0]))
+        roll = np.degrees(np.arctan2(turning.attitudes[:, 2, 1], turning.attitudes[:, 2, 2]))
+        assert 0.99 * amplitudes[1] < np.abs(pitch).max() <= amplitudes[1] + 1e-9
+        assert 0.99 * amplitudes[0] < np.abs(roll).max() <= amplitudes[0] + 1e-9
+        assert np.abs(turning.rate).max() < 0.08 + 0.3 + 0.4
 
 
 def test_a_floor_is_level() -> None:
@@ -254,7 +279,7 @@ def test_saturation_comes_after_all_that_moves_the_reading() -> None:
     [
         ({"held": 1.2}, r"held is 1\.2: need a share of the readings, 0 to 1"),
         ({"rate_hz": 0.0}, "rate_hz is 0"),
-        ({"tilt_deg": 10.0}, "tilt goes with the motions tilted, drive, flight: leave it out for hand"),
+        ({"tilt_deg": 10.0}, "tilt goes with the motions tilted, drive, flight, swayed: leave it out for hand"),
         ({"motion": "drive", "tilt_deg": 100.0}, "tilt is 100°"),
         ({"dip_deg": 91.0}, "dip is 91°"),
         ({"disturbances": [Step(-1.0)]}, "by is -1 µT"),

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
+import subprocess
 from dataclasses import replace
+from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -11,6 +16,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders import fitting, simulate
+from flinders.errors import figures
 from flinders.report.view import matrix_sigma, tile_errors_deg, view
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
@@ -146,6 +152,22 @@ def test_readings_at_a_rail_are_left_out_and_do_not_shift_the_numbers() -> None:
     assert sum(seen.tiles_seen) == 3000 - np.count_nonzero(out)
 
 
+def test_good_readings_between_strays_are_counted_as_the_fit_counts_them() -> None:
+    """Ten single strays, each with good readings between it and the next: told as one run, but not left out as one."""
+    recording = simulate.tumble(seed=9, n=2000, motion="uniform")
+    field = recording.samples.field.copy()
+    field[700:730:3] += 60.0
+    rail = float(np.quantile(field[:, 1], 0.98))
+    field[field[:, 1] >= rail, 1] = rail
+    field[710, 1] = rail
+    samples = Samples(field, unit=Unit.of("uT"))
+    fit = fitted(samples)
+    assert sum(stray.last - stray.first + 1 - stray.rows for stray in fit.strays) > 5
+    seen = view(fit, samples)
+    assert seen.residuals is not None
+    assert sum(seen.tiles_seen) == sum(seen.residuals.counts) == seen.samples == fit.samples
+
+
 def test_a_refused_fit_shows_no_number_to_copy_but_a_picture() -> None:
     samples = simulate.tumble(seed=6, n=60, motion="clumped").samples
     fit = fitted(samples, target_deg=0.01)
@@ -184,3 +206,74 @@ def test_what_is_not_finite_is_null_in_json() -> None:
     seen = view(fitted(samples), samples)
     finding = msgspec.structs.replace(seen.findings[0], number=float("inf"))
     assert b'"number":null' in msgspec.json.encode(msgspec.structs.replace(seen, findings=(finding,)))
+
+
+def test_residuals_of_one_plane_are_those_in_it() -> None:
+    samples = simulate.tumble(seed=1, motion="level").samples
+    fit = fitting.fit(samples)
+    counted = view(fit, samples).residuals
+    assert counted is not None
+    edges, counts = np.array(counted.edges), np.array(counted.counts)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    assert np.sqrt(counts @ middles**2 / counts.sum()) == pytest.approx(fit.noise, rel=0.1)
+
+
+def test_what_is_beyond_the_target_is_not_called_good() -> None:
+    samples = simulate.tumble(seed=1, motion="tilted").samples
+    assert "may be off by 0.27°" in view(fitting.fit(samples, target_deg=0.1), samples).sentence
+    assert "are good to 0.27°" in view(fitting.fit(samples, target_deg=1.0), samples).sentence
+
+
+def run_of_page(program: str) -> object:
+    """What a program says that has the modules of the finish panel at hand."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no Node.js to run the page's modules with")
+    static = files("flinders").joinpath("static")
+    modules = [static.joinpath(*name.split("/")).read_text(encoding="utf-8") for name in MODULES]
+    source = re.sub(r"^import .*;$", "", "\n".join(modules), flags=re.MULTILINE)
+    done = subprocess.run(
+        [node, "--input-type=module"], input=source + program, capture_output=True, text=True, check=True, timeout=60
+    )
+    return json.loads(done.stdout)
+
+
+MODULES = ("views/words.js", "store.js", "finish.js")
+
+
+def test_angles_have_the_same_digits_on_the_page_as_in_sentences() -> None:
+    angles = [*np.geomspace(1e-3, 89.0, 300).tolist(), 0.084, 0.0995, 0.996, 9.97]
+    found = run_of_page(f"console.log(JSON.stringify({json.dumps(angles)}.map((deg) => degrees(deg))));")
+    assert found == [f"{figures(angle)}°" for angle in angles]
+
+
+REASON = {"code": "structure", "advice": "the readings lie 9% off", "severity": "warning"}
+GONE = {"code": "gone", "advice": "the cable is out", "severity": "warning"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "state", "kind", "title"),
+    [
+        ({}, {}, "good", "Good"),
+        ({"verdict": "limited"}, {}, "limited", "Good with limits"),
+        ({"verdict": "limited"}, {"target_deg": 0.2}, "limited", "Misses the target"),
+        ({"verdict": "good"}, {"goal": "attitude"}, "limited", "Misses the target"),
+        ({"verdict": "limited"}, {"phase": "wrong", "reasons": [REASON]}, "refused", "Something is wrong"),
+        ({"verdict": "good"}, {"phase": "wrong", "reasons": [GONE]}, "good", "Good"),
+        ({"verdict": "refused"}, {"target_deg": 0.2}, "refused", "Not to be used"),
+    ],
+)
+def test_the_finish_panel_never_says_better_than_the_page(
+    changes: dict[str, str], state: dict[str, object], kind: str, title: str
+) -> None:
+    errors = {"heading_error_deg": {"worst": 0.4, "rms": 0.3}, "any_attitude_deg": {"worst": 3.0, "rms": 2.0}}
+    seen = {"verdict": "good", "sentence": "S.", **errors, **changes}
+    now = {"phase": "good", "goal": "heading", "target_deg": 1.0, "reasons": [], **state}
+    found = run_of_page(f"console.log(JSON.stringify(judged({json.dumps(seen)}, {json.dumps(now)})));")
+    assert isinstance(found, dict)
+    assert (found["kind"], found["title"]) == (kind, title)
+    reasons = now["reasons"]
+    assert isinstance(reasons, list)
+    for reason in reasons:
+        assert found["words"].casefold().startswith(reason["advice"])
+    assert ("3.0°" in found["words"]) == (now["goal"] == "attitude")

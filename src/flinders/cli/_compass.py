@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _drivers, _options
 from flinders.cli._calibration import agree, is_calibration, load
 from flinders.errors import UsageError
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.cli._filters import Smoother
     from flinders.compass import Compass, Headings, Voyage
+    from flinders.driven import Settler
     from flinders.geomag import SiteField
     from flinders.judged import Judged
     from flinders.samples import Recording, Samples
@@ -77,6 +78,8 @@ class Log:
     site : SiteField, optional
     smoother : Smoother, optional
         What the readings go through.
+    settler : Settler, optional
+        What takes off that which drives their offset, before that.
     """
 
     judged: Judged
@@ -84,6 +87,7 @@ class Log:
     compass: Compass
     site: SiteField | None
     smoother: Smoother | None = None
+    settler: Settler | None = None
 
     def __str__(self) -> str:
         """What was recognised, and which columns are taken for the accelerometer."""
@@ -97,7 +101,8 @@ class Log:
 
     def blocks(self) -> Iterator[tuple[Floats, Samples]]:
         """Readings, smooth where that was asked for, and the numbers of their lines."""
-        for numbers, samples in self._numbered():
+        for numbers, recorded in self._numbered():
+            samples = recorded if self.settler is None else self.settler(recorded)
             yield numbers, samples if self.smoother is None else self.smoother.smoothed(samples)
 
     def _numbered(self) -> Iterator[tuple[Floats, Samples]]:
@@ -186,6 +191,7 @@ def open_log(
     place: str | None,
     date: str | None,
     declination_deg: float | None = None,
+    held: tuple[str, ...] = (),
     **options: Any,
 ) -> Log:
     """Open a recording with a calibration, and find out where it was made.
@@ -207,7 +213,7 @@ def open_log(
     turned = Axes.of(acceleration_axes)
     if place is not None and date is not None:
         site_of(place, date)  # what is wrong with them is said before anything is read
-    judged = load(command, calibration, [recording])
+    judged, settler = _drivers.settler_of(load(command, calibration, [recording]), held)
     if is_calibration(recording):
         raise UsageError(f"{recording} is a calibration too: give a recording after it")
     opened = open_recording(recording, axes=str(judged.calibration.axes), once=True, **options)
@@ -219,7 +225,7 @@ def open_log(
     site = None if place is None else site_of(place, date, opened)
     declination = declination_deg if site is None else site.declination_deg
     compass = Compass(judged.calibration, LEVEL if is_level else formula, turned, declination)
-    return Log(judged, opened, compass, site)
+    return Log(judged, opened, compass, site, settler=settler)
 
 
 def site_of(place: str, date: str | None, recording: Recording | None = None) -> SiteField:

@@ -110,6 +110,22 @@ def judgement(function: Function) -> Function:
     return function
 
 
+def shown(function: Function) -> Function:
+    """What a calibration that is shown is held against, where that is not what its file says."""
+    for option in (
+        click.option(
+            "--dip", "dip_deg", type=within(-89, 89, "degrees from -89 to 89"), metavar="DEG",
+            help="Inclination of the field at the site [default: the calibration's].",
+        ),
+        click.option(
+            "--target", "target_deg", type=within(0, 180, "degrees above 0, up to 180"), metavar="DEG",
+            help="Worst heading error that is good enough [default: the calibration's].",
+        ),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
 def refuse_to_overwrite(output: str | None, inputs: Iterable[str]) -> None:
     """Keep what is read from being written over, also with ``--force`` and through ``>``.
 

@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _filters, _options
+from flinders.cli import _drivers, _filters, _options
 from flinders.cli._calibration import agree, choice, load, say_sensor, sensor_option
 from flinders.cli._talk import print_json, progress, say
 from flinders.errors import InputError, UsageError, counted
@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
+    from flinders.driven import Settler
     from flinders.filters import Filter
     from flinders.readers import TextRecording
-    from flinders.samples import Recording
+    from flinders.samples import Recording, Samples
 
 FOREIGN: Final = 3.0
 """Readings that come out so many times too long or too short are of another sensor or unit: refused."""
@@ -46,6 +47,7 @@ Example:
 @click.option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
 @click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
 @_filters.option
+@_drivers.hold
 @_options.columns
 @sensor_option
 @_options.log
@@ -57,6 +59,7 @@ def command(
     output: str,
     add: bool,
     by: Filter | None,
+    held: tuple[str, ...],
     force: bool,
     as_json: bool,
     sensor: str | None,
@@ -67,7 +70,8 @@ def command(
     Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
     readings are in the calibration's axes. RECORDING is a file, or - for standard input, which may go on as
     long as it likes: lines are corrected as they come, and memory does not grow. What is no text, such as a
-    vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known.
+    vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
+    calibration follows, such as a current, has to be among the columns.
     """
     from flinders.files import refuse_existing
     from flinders.readers import TextRecording, open_recording
@@ -77,7 +81,8 @@ def command(
     _options.refuse_to_overwrite(output, [calibration, recording])
     if output != "-":
         refuse_existing(output, force=force)
-    correction = load("apply", calibration, [recording]).calibration
+    judged, settler = _drivers.settler_of(load("apply", calibration, [recording]), held)
+    correction = judged.calibration
     with progress("correcting") as watch:
         wanted = choice(correction, sensor)
         source = open_recording(
@@ -93,7 +98,7 @@ def command(
         lines = _rewritten if is_text else _tabulated
         encoding = source.layout.encoding if isinstance(source, TextRecording) else "utf-8"
         with _output(output, encoding, force=force, live=not Path(recording).is_file()) as file:
-            for line in lines(source, corrector, smoother, add=add):  # type: ignore[arg-type]
+            for line in lines(source, corrector, smoother, settler, add=add):  # type: ignore[arg-type]
                 file.write(line)
     left_out = getattr(source, "skipped", ())
     for skipped in left_out:
@@ -101,6 +106,7 @@ def command(
     say(str(corrector))
     if smoother is not None:
         say(str(smoother))
+    _drivers.say_beyond(settler)
     if not corrector.is_plausible:
         say(f"! {_doubt(calibration, recording)}")
     if output != "-":
@@ -116,21 +122,29 @@ def _is_part(reading: dict[str, Any]) -> bool:
 
 
 def _rewritten(
-    source: TextRecording, corrector: Corrector, smoother: _filters.Smoother | None, *, add: bool
+    source: TextRecording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Settler, *, add: bool
 ) -> Iterator[str]:
     """Yield the lines of a text with corrected readings in them."""
+    if settler.calibration.drivers:
+
+        def correct(samples: Samples) -> Floats:
+            settled = settler(samples)
+            return corrector(settled.field) if smoother is None else smoother(settled.field, settled.time)
+
+        return source.corrected_lines(correct, add=add, driven=True)
     return source.corrected_lines(smoother or corrector, add=add, timed=smoother is not None)
 
 
 def _tabulated(
-    source: Recording, corrector: Corrector, smoother: _filters.Smoother | None, *, add: bool
+    source: Recording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Settler, *, add: bool
 ) -> Iterator[str]:
     """Yield the lines of a table of corrected readings, with what stands beside them."""
     from flinders.simulate import table
 
     for number, block in enumerate(source.blocks()):
         if len(block):
-            corrected = corrector(block.field) if smoother is None else smoother(block.field, block.time)
+            settled = settler(block)
+            corrected = corrector(settled.field) if smoother is None else smoother(settled.field, block.time)
             written = block if add else replace(block, field=corrected)
             header, *rows = table.lines(written, corrected=corrected if add else None)
             yield from (f"{line}\n" for line in ([header] if number == 0 else []) + rows)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _convergence, _extremes, _filters, _options, _sensors, export
+from flinders.cli import _aids, _convergence, _drivers, _extremes, _filters, _options, _reports, _sensors, export
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._sources import Counted, provenance, saying_what_was_skipped
 from flinders.cli._talk import print_fit, print_json, progress, say
-from flinders.errors import FitError, UsageError
+from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,6 +20,50 @@ if TYPE_CHECKING:
     from flinders.filters import Filter
     from flinders.result import Fit
     from flinders.samples import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class _Results:
+    """Where each result goes: a file, ``-`` for standard output, or nowhere.
+
+    Attributes
+    ----------
+    calibration, report, words, convergence : str, optional
+        The report is HTML, the words are plain text.
+    exports : tuple of (str, str)
+        Target and file of each.
+    force : bool
+        Write over what is there.
+    as_json : bool
+        The fit goes to standard output as JSON.
+    plots : bool
+        It is drawn above its page, where that is printed on a terminal.
+    """
+
+    calibration: str | None
+    report: str | None
+    words: str | None
+    convergence: str | None
+    exports: tuple[tuple[str, str], ...]
+    force: bool
+    as_json: bool
+    plots: bool
+
+    @property
+    def paths(self) -> list[tuple[str, str | None]]:
+        """With what they are called in a message."""
+        return [
+            ("the calibration", self.calibration),
+            ("the HTML report", self.report),
+            ("the report", self.words),
+            ("the convergence", self.convergence),
+            *((f"the export to {target}", path) for target, path in self.exports),
+        ]
+
+    @property
+    def is_printed(self) -> bool:
+        """Whether standard output belongs to one of the files."""
+        return "-" in (self.calibration, *(path for _, path in self.exports))
 
 
 def _spread(value: str) -> float | str:
@@ -36,6 +81,8 @@ Example:
   flinders calibrate monday.csv tuesday.csv --columns mx,my,mz --unit mG -o calibration.json
   flinders calibrate tumble.csv --method minmax --option variant=largest
   flinders calibrate flight.bin --sensor all -o compass-{sensor}.json
+  flinders calibrate flight.bin --with current -o calibration.json
+  flinders calibrate bench.csv --with current --previous calibration.json -o flown.json
 """,
 )
 @click.argument("recordings", nargs=-1, metavar="RECORDING...")
@@ -44,7 +91,10 @@ Example:
     help="Calibration file to write, or - for standard output; without it nothing is written.",
 )  # fmt: skip
 @click.option(
-    "--report-text", "report", metavar="FILE",
+    "--report", metavar="FILE.html", help="Also write a report with figures, in one HTML file.",
+)  # fmt: skip
+@click.option(
+    "--report-text", "words", metavar="FILE",
     help="Also write a page of plain words for those who will use the compass, or - for standard output.",
 )  # fmt: skip
 @click.option("--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.")
@@ -75,15 +125,31 @@ Example:
     "--sensor", metavar="NAME|all",
     help="Name or serial number to keep; of a log, which magnetometer, by number or name, or all of them.",
 )  # fmt: skip
+@click.option(
+    "--with", "aids", multiple=True, metavar="NAME,…",
+    help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows; "
+    "rate, dip, tilt, attitude, or auto.",
+)  # fmt: skip
+@click.option(
+    "--at", "place", metavar="LAT,LON[,ALT]",
+    help="Site of the recording, for --with: its dip and strength then count (World Magnetic Model; with --date).",
+)  # fmt: skip
+@click.option("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
+@click.option(
+    "--previous", metavar="CALIBRATION",
+    help="With --with and a sensor that was not turned: the calibration that the drivers found belong to.",
+)  # fmt: skip
 @_filters.option
 @click.option(
     "--convergence", metavar="FILE",
     help="Also draw (FILE.svg) or list (FILE.csv) how the estimate settles, for methods that can be watched.",
 )  # fmt: skip
 @click.option(
-    "--export", "exported", metavar="TARGET[:FILE]",
-    help="Also write it for one of `flinders targets` [FILE: the target's name with its ending].",
+    "--export", "exported", multiple=True, metavar="TARGET[:FILE]",
+    help="Also write it for one of `flinders targets` [FILE: the target's name with its ending]; may be given several "
+    "times.",
 )  # fmt: skip
+@click.option("--plot/--no-plot", "plots", default=True, help="Draw the readings, on a terminal.")
 @_options.judgement
 @_options.recording
 @_options.force
@@ -92,15 +158,21 @@ def command(
     recordings: tuple[str, ...],
     output: str | None,
     report: str | None,
+    words: str | None,
+    plots: bool,
     force: bool,
     as_json: bool,
     prior: float | str | None,
     robust: bool,
     method_options: tuple[str, ...],
+    aids: tuple[str, ...],
+    place: str | None,
+    date: str | None,
+    previous: str | None,
     minmax: str | None,
     by: Filter | None,
     convergence: str | None,
-    exported: str | None,
+    exported: tuple[str, ...],
     **options: Any,
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
@@ -110,13 +182,12 @@ def command(
     phone logger or MotionCal, a table, a vehicle's log, or - for standard input: see `flinders info`. Several
     recordings of one sensor are fitted together.
     """
-    from flinders.samples import Joined
-
     if prior is not None:
         options["prior"] = None if prior == "none" else prior
     if robust:
         options["robust"] = True
-    target, to = export.named(exported)
+    _reports.refuse(report, "--report")
+    results = _Results(output, report, words, convergence, export.named(exported), force, as_json, plots)
     if minmax is not None:
         export.refuse_with(exported, "--minmax")
         return _extremes.calibrate(
@@ -126,21 +197,53 @@ def command(
             output=output,
             force=force,
             as_json=as_json,
-            options={**options, "report": report, "filter": by, "convergence": convergence},
+            options={**options, "report_html": report, "report": words, "filter": by, "convergence": convergence},
         )
     if not recordings:
         raise click.MissingParameter(param_hint="'RECORDING...'", param_type="argument")
     _check(recordings, options)
     _add(options, method_options)
     _convergence.refuse(convergence, options["method"])
-    files = {"the calibration": output, "the report": report, "the convergence": convergence, "the export": to}
+    _drivers.add(options, _aids.add(options, aids, place, date), previous)
+    asked = {**options, "filter": by}
     reading = {name: options.pop(name) for name in _options.READING}
     if _sensors.is_all(recordings, options["sensor"]):
-        beside = {"--report-text": report, "--convergence": convergence, "--export": exported}
+        beside = {"--report": report, "--report-text": words, "--convergence": convergence}
+        beside["--export"] = ", ".join(exported) or None
         return _sensors.calibrate(
             recordings, output, beside, by=by, reading=reading, options=options, force=force, as_json=as_json
         )
-    _check_outputs(recordings, files, force=force, as_json=as_json)
+    _check_outputs(recordings, results)
+    try:
+        fit, parts = _fit(recordings, by, reading, options, results, asked)
+    except NotTurned:
+        if previous is None:
+            raise
+        opened = _sensors.opened(recordings, options, **reading)
+        return _drivers.bench(opened, options["drivers"], previous, output, force=force, as_json=as_json)
+    _write(fit, parts, results)
+    _convergence.write(convergence, _filters.through(parts, by), options, force=force)
+    _tell(fit, parts, by, results, asked)
+    return GOOD if fit.verdict == "good" else LIMITED
+
+
+def _fit(
+    recordings: tuple[str, ...],
+    by: Filter | None,
+    reading: dict[str, Any],
+    options: dict[str, Any],
+    results: _Results,
+    asked: dict[str, Any],
+) -> tuple[Fit, list[Counted]]:
+    """Read the recordings and fit them together; of a refusal, write the reports and how far the estimate came.
+
+    Raises
+    ------
+    FitError
+        Where no calibration can be given.
+    """
+    from flinders.samples import Joined
+
     with progress("reading") as watch:
         opened = _sensors.opened(recordings, options, progress=watch, **reading)
         parts = [Counted(part) for part in (opened.recordings if isinstance(opened, Joined) else (opened,))]
@@ -148,24 +251,34 @@ def command(
             say(str(part.recording))
         try:
             with saying_what_was_skipped(part.recording for part in parts):
-                fit = _fitted(parts, by, options)
+                return _fitted(parts, by, options), parts
         except FitError as refusal:
-            _report(refusal, report, parts, force=force)
-            _convergence.write(convergence, _filters.through(parts, by), options, force=force)
+            _report(refusal, parts, by, results, asked)
+            _convergence.write(results.convergence, _filters.through(parts, by), options, force=results.force)
             raise
-    _write(fit, output, parts, force=force)
-    _convergence.write(convergence, _filters.through(parts, by), options, force=force)
-    if target and to:
-        export.beside(fit, target, to, files=provenance(parts).files, force=force)
-    if as_json:
+
+
+def _tell(fit: Fit, parts: list[Counted], by: Filter | None, results: _Results, asked: dict[str, Any]) -> None:
+    """Print the fit, write its reports, and last what may fail although the fit is good: the file for a target."""
+    if not results.as_json and results.words != "-":
+        if results.plots:
+            _reports.plot(fit, _filters.through(parts, by), err=results.is_printed)
+        print_fit(fit, err=results.is_printed)
+        for line in _aids.told(fit).splitlines():
+            say(line)
+    _report(fit, parts, by, results, asked)
+    if results.calibration != "-":
+        nothing = "nothing" if not results.exports and results.convergence is None else "no calibration file"
+        say(
+            f"written to {results.calibration}"
+            if results.calibration
+            else f"{nothing} was written: name a file with -o calibration.json"
+        )
+    if results.exports:
+        files = provenance(parts).files
+        export.beside(fit, results.exports, files=files, force=results.force, calibration=results.calibration)
+    if results.as_json:
         print_json(fit.as_dict())
-    elif report != "-":
-        print_fit(fit, err="-" in {output, to})
-    _report(fit, report, parts, force=force)
-    if output != "-":
-        nothing = "nothing" if to is None and convergence is None else "no calibration file"
-        say(f"written to {output}" if output else f"{nothing} was written: name a file with -o calibration.json")
-    return GOOD if fit.verdict == "good" else LIMITED
 
 
 def _fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
@@ -219,8 +332,8 @@ def _add(options: dict[str, Any], words: tuple[str, ...]) -> None:
     options.update(own)
 
 
-def _check_outputs(recordings: tuple[str, ...], results: dict[str, str | None], *, force: bool, as_json: bool) -> None:
-    """Find what could not be written before anything is read; `results` names where each goes.
+def _check_outputs(recordings: tuple[str, ...], results: _Results) -> None:
+    """Find what could not be written before anything is read.
 
     Raises
     ------
@@ -231,42 +344,45 @@ def _check_outputs(recordings: tuple[str, ...], results: dict[str, str | None], 
     """
     from flinders.files import refuse_existing
 
-    printed = ["--json"] * as_json + [name for name, path in results.items() if path == "-"]
+    printed = ["--json"] * results.as_json + [name for name, path in results.paths if path == "-"]
     if len(printed) > 1:
-        options = {"the calibration": "-o", "the report": "--report-text", "the export": "--export TARGET:FILE"}
-        option = next(option for name, option in options.items() if results.get(name) == "-")
+        options = {"the calibration": "-o", "the report": "--report-text"}
+        option = options.get(printed[results.as_json], "--export TARGET:FILE")
         raise UsageError(f"{' and '.join(printed)} would both go to standard output: name a file with {option}")
     files: dict[Path, str] = {}
-    for name, path in results.items():
+    for name, path in results.paths:
         if not path or path == "-":
             continue
         _options.refuse_to_overwrite(path, recordings)
-        refuse_existing(path, force=force)
+        refuse_existing(path, force=results.force)
         if other := files.get(Path(path).resolve()):
             raise UsageError(f"{path} is named for {other} and for {name}: give them two names")
         files[Path(path).resolve()] = name
 
 
-def _write(fit: Fit, output: str | None, parts: list[Counted], *, force: bool) -> None:
+def _write(fit: Fit, parts: list[Counted], results: _Results) -> None:
     """Write the calibration where it was asked for."""
     from flinders.document import dumps
 
-    if output == "-":
+    if results.calibration == "-":
         click.echo(dumps(fit.to_document(provenance(parts))), nl=False)
-    elif output:
-        fit.save(output, force=force, provenance=provenance(parts))
+    elif results.calibration:
+        fit.save(results.calibration, force=results.force, provenance=provenance(parts))
 
 
-def _report(outcome: Fit | FitError, path: str | None, parts: list[Counted], *, force: bool) -> None:
-    """Write the page of plain words where it was asked for."""
+def _report(
+    outcome: Fit | FitError, parts: list[Counted], by: Filter | None, results: _Results, asked: dict[str, Any]
+) -> None:
+    """Write the page of plain words, and the one with figures, where they were asked for."""
     from flinders.files import write_text
     from flinders.report.plain import page
 
-    if path is None:
-        return
-    text = page(outcome, provenance(parts))
-    if path == "-":
-        click.echo(text, nl=False)
-    else:
-        write_text(text, path, force=force)
-        say(f"report written to {path}")
+    if results.words == "-":
+        click.echo(page(outcome, provenance(parts)), nl=False)
+    elif results.words is not None:
+        write_text(page(outcome, provenance(parts)), results.words, force=results.force)
+        say(f"report written to {results.words}")
+    if results.report is not None:
+        recording = _filters.through(parts, by)
+        _reports.write(outcome, recording, provenance(parts), results.report, asked=asked, force=results.force)
+        say(f"report written to {results.report}")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _drivers, _options
 from flinders.cli._calibration import agree, choice, is_calibration, load, made_from, say_sensor, sensor_option
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._sources import saying_what_was_skipped
@@ -17,6 +17,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.comparison import Strength
+    from flinders.estimators.walk import Walk
     from flinders.result import Fit
     from flinders.samples import Joined
 
@@ -39,7 +40,9 @@ Exit codes:
 )
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
+@click.option("--drift", "is_followed", is_flag=True, help="Also follow the offset through the recording.")
 @_options.judgement
+@_drivers.hold
 @_options.columns
 @sensor_option
 @_options.log
@@ -49,6 +52,8 @@ def command(
     recordings: tuple[str, ...],
     target_deg: float,
     dip_deg: float,
+    held: tuple[str, ...],
+    is_followed: bool,
     as_json: bool,
     **reading: Any,
 ) -> int:
@@ -59,19 +64,23 @@ def command(
     input; several recordings are fitted together.
     """
     from flinders.comparison import compare
+    from flinders.driven import settled
+    from flinders.estimators.walk import walk_through
     from flinders.fitting import fit
     from flinders.judged import Judged
     from flinders.report.comparison import page
     from flinders.result import Refused
 
-    known = load("check", calibration, recordings)
+    known, settler = _drivers.settler_of(load("check", calibration, recordings), held)
     with progress("reading") as watch:
-        recording = _open(calibration, known.calibration, recordings, progress=watch, **reading)
+        as_recorded = opened(calibration, known.calibration, recordings, progress=watch, **reading)
+        recording = cast("Joined", settled(as_recorded, settler.calibration))
+        _drivers.say_beyond(_drivers.seen(as_recorded, settler))
         found = _strength(known.calibration, recording)
         if known.covariance is None:
             say(f"{calibration} states no uncertainty: it is taken as exact")
         try:
-            with saying_what_was_skipped(recording.recordings):
+            with saying_what_was_skipped(as_recorded.recordings):
                 fresh = fit(recording, target_deg=target_deg, dip_deg=dip_deg)
         except Refused:
             say(
@@ -82,19 +91,25 @@ def command(
         renewed = _strength(fresh.calibration, recording)
     dip = _dip(known.calibration, recording, fresh)
     comparison = compare(known, Judged.from_fit(fresh, name="fresh fit"), dip_deg=dip, target_deg=target_deg)
-    own = made_from(calibration, recording.recordings)
+    own = made_from(calibration, as_recorded.recordings)
+    walk = walk_through(recording, fresh.ellipsoid) if is_followed else None
     if as_json:
         residual = {"calibration": found.as_dict(), "fresh": renewed.as_dict()}
-        print_json({**comparison.as_dict(), "residual": residual, "own_recordings": own, "fresh": fresh.as_dict()})
+        walked = {"drift": walk.as_dict()} if walk is not None else {}
+        print_json(
+            {**comparison.as_dict(), "residual": residual, "own_recordings": own, "fresh": fresh.as_dict(), **walked}
+        )
     else:
         click.echo(drawn(page(comparison, fresh=fresh, strengths=(found, renewed), own=own), sys.stdout))
+        if walk is not None:
+            click.echo(_told(walk, fresh, target_deg))
     if comparison.verdict == "contradict":
         return REFUSED
     holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good" and not own
     return GOOD if holds else LIMITED
 
 
-def _open(
+def opened(
     path: str, calibration: Calibration, recordings: tuple[str, ...], *, sensor: str | None, **options: Any
 ) -> Joined:
     """Open recordings in the unit and axes of the calibration.
@@ -129,6 +144,19 @@ def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
         return dip
     down = sum(float(calibration.apply(block.field)[:, 2].sum()) for block in recording.blocks())
     return -dip if down * dip < 0.0 else dip
+
+
+def _told(walk: Walk, fresh: Fit, target_deg: float) -> str:
+    """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
+    from flinders.cli._reports import can_show
+    from flinders.estimators.walk import BARS
+    from flinders.units import label
+
+    words = walk.words(
+        label(fresh.calibration.unit), level_deg=target_deg, dip_deg=abs(fresh.heading_error_deg.dip_deg)
+    )
+    bars = f"\n{walk.drawn()}  0 to {walk.moved:.2g}" if walk.is_proven and can_show(sys.stdout.encoding, BARS) else ""
+    return f"drift: {words}{bars}"
 
 
 def _strength(calibration: Calibration, recording: Joined) -> Strength:

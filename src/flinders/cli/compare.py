@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _drivers, _options
 from flinders.cli._calibration import is_calibration, is_recording
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._talk import drawn, print_json, say
@@ -50,6 +50,7 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     for one in (a, b):
         if one.covariance is None:
             say(f"{one.name} states no uncertainty: it is taken as exact")
+    _drivers.say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
         say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
     if as_json:

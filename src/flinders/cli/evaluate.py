@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _drivers, _options
 from flinders.cli._calibration import is_calibration, load
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._talk import drawn, print_json, say
@@ -54,6 +54,7 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     from flinders.report.evaluation import page
 
     found, known = _load(calibration, truth)
+    _drivers.say_references(found)
     told = evaluate(found, known, dip_deg=dip_deg, target_deg=target_deg)
     if found.covariance is None:
         say(f"{calibration} states no uncertainty: there is no claim to hold against the truth")

@@ -187,8 +187,8 @@ def placed(judged: Judged, exporter: Exporter, asked: int | None = None) -> tupl
     return asked, [f"for compass {asked}, as asked; it was made from compass {there} of the vehicle{device}"]
 
 
-def named(value: str | None) -> tuple[str | None, str | None]:
-    """Split the value of ``calibrate --export``: the target, and the file, which has the target's name by default.
+def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
+    """Split the values of ``calibrate --export``: targets, and their files, which have the target's name by default.
 
     Raises
     ------
@@ -197,53 +197,65 @@ def named(value: str | None) -> tuple[str | None, str | None]:
 
     Examples
     --------
-    >>> named("ardupilot"), named("c:mag.h"), named(None)
-    (('ardupilot', 'ardupilot.param'), ('c', 'mag.h'), (None, None))
+    >>> named(["ardupilot", "c:mag.h"]), named([])
+    ((('ardupilot', 'ardupilot.param'), ('c', 'mag.h')), ())
     """
-    if value is None:
-        return None, None
     from flinders.exporters import find
 
-    target, _, path = value.partition(":")
-    exporter = find(target)
-    return exporter.name, path or f"{exporter.name}{exporter.suffix}"
+    split = [value.partition(":") for value in values]
+    exporters = [(find(target), path) for target, _, path in split]
+    return tuple((exporter.name, path or f"{exporter.name}{exporter.suffix}") for exporter, path in exporters)
 
 
-def refuse_with(value: str | None, option: str) -> None:
+def refuse_with(values: Sequence[str], option: str) -> None:
     """Refuse ``calibrate --export`` beside an option that it does not go with.
 
     Raises
     ------
     UsageError
     """
-    if value is not None:
+    if values:
         raise UsageError(f"--export does not go with {option}: write the calibration with -o, then use flinders export")
 
 
 def beside(
-    fit: Fit, target: str, path: str, *, files: Sequence[SourceFile], force: bool, calibration: str | None
+    fit: Fit, exports: Sequence[tuple[str, str]], *, files: Sequence[SourceFile], force: bool, calibration: str | None
 ) -> None:
-    """Write a fit for a target, after its `calibration` file; `files` are what it was made from.
+    """Write a fit for targets, after its `calibration` file; `files` are what it was made from.
 
     Raises
     ------
     FlindersError
-        Where the target cannot hold it, nobody knows for which compass it is, or it cannot be written. What has become
-        of the calibration, which is written by then, is said before.
+        Where a target cannot hold it, nobody knows for which compass it is, or it cannot be written; the gravest, once
+        all were tried. What has become of the calibration, which is written by then, is said before.
     """
-    from flinders.exporters import find
     from flinders.judged import Judged
 
     judged = replace(Judged.from_fit(fit, name=", ".join(file.name for file in files)), files=tuple(files))
-    try:
-        export, told = rendered(judged, find(target))
-        if path == "-":
-            show(export)
-        else:
-            save(export, path, force=force)
-    except FlindersError:
-        say(f"! nothing was written for {target}; {_kept(calibration)}")
-        raise
+    failed: list[FlindersError] = []
+    for target, path in exports:
+        try:
+            _beside(judged, target, path, force=force)
+        except FlindersError as error:
+            say(f"! nothing was written for {target}; {_kept(calibration)}")
+            failed.append(error)
+    gravest = max(failed, key=lambda error: error.exit_code, default=None)
+    for each in failed:
+        if each is not gravest:
+            say(f"! {each}")
+    if gravest is not None:
+        raise gravest
+
+
+def _beside(judged: Judged, target: str, path: str, *, force: bool) -> None:
+    """Write it for one target, and say what that costs; raises as `beside`."""
+    from flinders.exporters import find
+
+    export, told = rendered(judged, find(target))
+    if path == "-":
+        show(export)
+    else:
+        save(export, path, force=force)
     for line in (*told, export.checked):
         say(f"{target}: {line}")
     for warning in export.warnings:

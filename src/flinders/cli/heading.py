@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _compass, _filters, _options
+from flinders.cli import _compass, _drivers, _filters, _options
 from flinders.cli._calibration import choice, load, say_sensor, sensor_option
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import UsageError
@@ -51,6 +51,7 @@ Example:
     help="How tilt is taken off; all but exact are for comparison.",
 )  # fmt: skip
 @_compass.sensors
+@_drivers.hold
 @sensor_option
 @_options.log
 @_filters.option
@@ -98,6 +99,8 @@ def command(
         say(f"{opened.recording.source}: {skipped}")
     if opened.smoother is not None:
         say(str(opened.smoother))
+    if opened.settler is not None:
+        _drivers.say_beyond(opened.settler)
     told = claims(opened, watched.voyage, dip_deg=dip_deg)
     _tell(opened, watched.voyage, told, plausible=watched.corrector.is_plausible)
     if output != "-":

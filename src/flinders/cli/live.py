@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options, _wires
-from flinders.cli._talk import say
+from flinders.cli._talk import print_json, say
 from flinders.errors import MissingExtra, OutputError, UsageError, counted
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.live.messages import Kind
     from flinders.live.server import Supply
     from flinders.live.session import Session
-    from flinders.live.sinks import Resumed, Sink, ToFile
+    from flinders.live.sinks import Patient, Resumed, Sink
     from flinders.live.sources import ByteSource
     from flinders.live.store import Edits
     from flinders.live.track import Clock
@@ -38,6 +38,8 @@ ANY_PORT: Final = "?"
 PORT: Final = 8410
 OF_LINES: Final = ("columns", "unit", "scale")
 """Options of what arrives as lines, or is played back."""
+SWITCH_S: Final = 0.0005
+"""Seconds that a fit may keep the interpreter from whoever waits for a datagram."""
 SEED: Final = 1
 """Of the simulation, always the same sensor: a session of it can be resumed."""
 
@@ -95,6 +97,7 @@ Example:
     help="Port of the page; 0 for any that is free.",
 )  # fmt: skip
 @click.option("--open/--no-open", "opens", default=None, help="Open a browser [default: where there is a screen].")
+@_options.as_json
 def command(
     target_deg: float | None,
     dip_deg: float | None,
@@ -105,6 +108,7 @@ def command(
     web_port: int,
     opens: bool | None,
     axes: str,
+    as_json: bool,
     **source: Any,
 ) -> None:
     """Calibrate a sensor on a page in the browser, while you turn it.
@@ -113,6 +117,7 @@ def command(
     arrives is recorded as it comes; Ctrl-C ends it, and `flinders calibrate` reads the recording.
     """
     _refuse_unclear(source, output, resume, host)
+    sys.setswitchinterval(SWITCH_S)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
     from flinders.axes import Axes
     from flinders.judged import Judged
@@ -130,12 +135,28 @@ def command(
         gate = Gate.of(host, number, _own_names())
         tokens = Tokens() if gate.is_open else None
         hub = Hub(session, supply, timeline=timeline)
-        _announce(host, number, tokens, session, opens=opens)
+        _announce(host, number, tokens, session, opens=opens, tell=say if as_json else click.echo)
         serve(application(hub, gate, tokens, say), listener)
         if hub.failure is not None:
             raise hub.failure
     is_there = supply.path is not None and supply.path.exists()
     say(f"recorded in {supply.path}: flinders calibrate {supply.path}" if is_there else "nothing came to be recorded")
+    if as_json:
+        print_json(_ended(hub.session, str(supply.path) if is_there else None))
+
+
+def _ended(session: Session, recording: str | None) -> dict[str, Any]:
+    """What there was when the page was closed: the recording, how far it had come, and the newest fit."""
+    from flinders.live.session import state
+
+    found, told = session.shown.found, state(session)
+    return {
+        "recording": recording,
+        "readings": told.readings,
+        "phase": told.phase,
+        "words": told.words,
+        "fit": None if found is None or found.fit is None else found.fit.as_dict(),
+    }
 
 
 def _refuse_unclear(source: dict[str, Any], output: str | None, resume: str | None, host: str) -> None:
@@ -191,30 +212,48 @@ def _begun(
     """Open source and file, and take up what a session that is continued holds."""
     from flinders.live.messages import SourceState
     from flinders.live.server import Supply
-    from flinders.live.sinks import Resumed, ToFile
+    from flinders.live.sinks import Patient, Resumed, ToFile
     from flinders.live.store import Edits, default_path
 
     resumed = None if resume is None else Resumed.of(resume)
     edits = Edits() if resume is None else Edits.read(resume)
     found = _source(source, stack)
     path = Path(resume or output or default_path(datetime.now(UTC)))
-    sink = ToFile(path, resume=resume is not None)
+    sink = Patient(ToFile(path, resume=resume is not None), say)
     stack.callback(_close, sink, path)
     reading = {**found.reading, "axes": str(axes)}
     has_rows = resumed is not None and resumed.header is not None
     session, timeline = _continued(path if has_rows else None, edits, axes, reading)
     feed = found.feed(sink, resumed)
     state = SourceState(feed.name, found.kind, "waiting", "")
-    supply = Supply(feed, sink, path, axes, board=found.board, reading=reading, hint=lambda: _hint(feed))
-    return supply, replace(session, source=state, recording=str(path)), timeline
+    supply = Supply(
+        feed,
+        sink,
+        path,
+        axes,
+        board=found.board,
+        reading=reading,
+        hint=lambda: _hint(feed),
+        unrecorded=lambda: sink.why,
+    )
+    session = replace(session, source=state, recording=str(path), has_board=found.board is not None)
+    return supply, session, timeline
 
 
-def _close(sink: ToFile, path: Path) -> None:
-    """Close the recording; one with nothing in it goes."""
-    sink.close()
-    with contextlib.suppress(OSError):
-        if not path.stat().st_size:
-            path.unlink()
+def _close(sink: Patient, path: Path) -> None:
+    """Close the recording; one with nothing in it goes.
+
+    Raises
+    ------
+    OutputError
+        Where not all that came is in it.
+    """
+    try:
+        sink.close()
+    finally:
+        with contextlib.suppress(OSError):
+            if not path.stat().st_size:
+                path.unlink()
 
 
 def _source(source: dict[str, Any], stack: contextlib.ExitStack) -> _Source:
@@ -294,7 +333,7 @@ def _only_port(*, is_asked: bool) -> str | None:
 
 
 def _vehicle(source: dict[str, Any], stack: contextlib.ExitStack) -> _Source:
-    from flinders.cli.send import _opened as link_of
+    from flinders.cli.send import opened as link_of
     from flinders.live.feeds import Kept
     from flinders.live.telemetry import Telemetry
 
@@ -352,7 +391,15 @@ def _own_names() -> tuple[str, ...]:
     return (name, name.partition(".")[0])
 
 
-def _announce(host: str, port: int, tokens: Tokens | None, session: Session, *, opens: bool | None) -> None:
+def _announce(
+    host: str,
+    port: int,
+    tokens: Tokens | None,
+    session: Session,
+    *,
+    opens: bool | None,
+    tell: Callable[[str], object],
+) -> None:
     """Say where the page is, and open it where there is somebody to see it."""
     query = f"?token={tokens.current}" if tokens else ""
     shown = _reached_at() if host in ("0.0.0.0", "::") else host
@@ -361,7 +408,7 @@ def _announce(host: str, port: int, tokens: Tokens | None, session: Session, *, 
     say(f"{session.source.name}, recorded in {session.recording}")
     if tokens:
         say("for one browser; who opens it next needs the address that is printed then:")
-    click.echo(address)
+    tell(address)
     if has_screen() if opens is None else opens:
         threading.Thread(target=_open_browser, args=(address,), daemon=True).start()
 

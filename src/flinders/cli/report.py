@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -109,15 +110,18 @@ def pictured(
     DocumentError, InputError, UnitError
         For what cannot be read, or does not belong together.
     """
+    from flinders.driven import settled
     from flinders.report.revisited import doubts, revisited
 
     judged = load(name, calibration, recordings)
     with progress("reading") as watch:
-        recording = opened(calibration, judged.calibration, recordings, progress=watch, **reading)
+        as_recorded = opened(calibration, judged.calibration, recordings, progress=watch, **reading)
+        recording = cast("Joined", settled(as_recorded, judged.calibration))
         fit = revisited(judged, recording, target_deg=target_deg, dip_deg=dip_deg)
-        own = made_from(calibration, recording.recordings)
-        notes = [] if len(own) == len(recording.recordings) else doubts(judged, recording)
-    if judged.files and len(own) < len(recording.recordings):
+        own = made_from(calibration, as_recorded.recordings)
+        plain = replace(judged, calibration=judged.calibration.at())
+        notes = [] if len(own) == len(as_recorded.recordings) else doubts(plain, recording)
+    if judged.files and len(own) < len(as_recorded.recordings):
         notes.append(OTHER)
     for note in notes:
         say(f"! {note}")

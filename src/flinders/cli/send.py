@@ -94,7 +94,7 @@ def command(
     judged = for_use("send", calibration)
     refuse_on_top(judged, "the vehicle")
     with contextlib.ExitStack() as stack:
-        source = _opened(str(mavlink), baud)
+        source = opened(str(mavlink), baud)
         stack.callback(source.close)
         _to_vehicle(
             judged,
@@ -175,7 +175,7 @@ def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: b
 # vehicles
 
 
-def _opened(address: str, baud: int) -> ByteSource:
+def opened(address: str, baud: int) -> ByteSource:
     """Open what ``--mavlink`` names.
 
     Raises

@@ -28,6 +28,8 @@ MOTIONS: Final = {
     "level": "all headings in no order, level: a boat, a robot on a floor",
     "drive": "through bends and over hills for five minutes, 6° at most",
     "flight": "banked turns, climbs and descents for five minutes, 35° at most",
+    "swayed": "all headings in a minute, leaning by up to 35° to all sides",
+    "rocked": "sines in roll (5°), pitch (45°) and heading (360°): ten minutes",
     "sweeps": "around in the plane xy, then in yz, then in zx: a minute",
     "sweep-xy": "around in the plane xy alone: half a minute",
     "sweep-yz": "around in the plane yz alone",

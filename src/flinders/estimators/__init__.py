@@ -22,6 +22,10 @@ sequential      5          the same reading by reading: the offset, or all where
 ekf             10         how a Kalman filter on board would settle
 forgetting      10         a stream whose offset wanders: old readings fade
 ladder          40         parity with firmware of NXP's and Freescale's, and when it takes what
+sar-ls          5          field and gyro, the offset alone: parity with Troni and Whitcomb
+sar-kf          5          the same by a Kalman filter
+px4-observer    5          field and gyro: what PX4's online observer would learn
+magyc-ls        13         field and gyro, offset and soft iron: parity with MAGYC's differentiated form
 ellipse         6          one plane, of any axis: uneven turns, arcs
 two-axis        6          one plane, points equally spaced: parity with the ADIS recipe
 ==============  =========  ==============================================================================
@@ -31,7 +35,8 @@ names to classes.
 
 >>> sorted(METHODS)
 ['algebraic', 'alonso-shuster', 'auto', 'axes', 'consistent', 'ekf', 'ellipse', 'ellipsoid', 'forgetting', \
-'ladder', 'level', 'li', 'likelihood', 'minmax', 'robust', 'sequential', 'sphere', 'two-axis', 'two-step']
+'ladder', 'level', 'li', 'likelihood', 'magyc-ls', 'minmax', 'px4-observer', 'robust', 'sar-kf', 'sar-ls', \
+'sequential', 'sphere', 'two-axis', 'two-step']
 """
 
 from __future__ import annotations
@@ -56,10 +61,14 @@ from flinders.estimators.ladder import Ladder
 from flinders.estimators.level import Level
 from flinders.estimators.li import Li
 from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.magyc_ls import MagycLs
 from flinders.estimators.minmax import MinMax
+from flinders.estimators.px4_observer import Px4Observer
 from flinders.estimators.rails import within_range
 from flinders.estimators.readings import Readings
 from flinders.estimators.robust import Robust
+from flinders.estimators.sar_kf import SarKf
+from flinders.estimators.sar_ls import SarLs
 from flinders.estimators.sequential import Sequential
 from flinders.estimators.sphere import Sphere
 from flinders.estimators.strays import strays_of
@@ -88,6 +97,10 @@ METHODS: Final[dict[str, type[Estimator]]] = {
         TwoAxisRecipe,
         Forgetting,
         Ladder,
+        SarLs,
+        SarKf,
+        Px4Observer,
+        MagycLs,
     )
 }
 """Every method by name, the one to try first at the top."""
@@ -110,9 +123,13 @@ __all__ = [
     "Level",
     "Li",
     "Likelihood",
+    "MagycLs",
     "MinMax",
+    "Px4Observer",
     "Readings",
     "Robust",
+    "SarKf",
+    "SarLs",
     "Sequential",
     "Sphere",
     "TwoAxisRecipe",

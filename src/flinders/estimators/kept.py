@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from flinders.samples import Recording
 
 HELD: Final = 500_000
-"""Readings that are kept in memory, 16 MB with their times; what is longer is gone through again."""
+"""Readings that are kept in memory, 16 MB with times, 76 MB with all columns; what is longer is gone through again."""
 
 
 class Kept(Wrapped):
@@ -73,14 +73,20 @@ def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recor
 
 
 def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
-    """Field, time and strength of the blocks of a recording; no time or strength where one has none."""
+    """All columns of the blocks of a recording; none of those that one of them lacks."""
     filled = [block for block in blocks if len(block)]
     return Samples(
         np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
         unit=recording.unit,
         axes=recording.axes,
         time=_whole([block.time for block in filled]),
+        acceleration=_whole([block.acceleration for block in filled]),
+        rate=_whole([block.rate for block in filled]),
+        temperature=_whole([block.temperature for block in filled]),
+        current=_whole([block.current for block in filled]),
         strength=_whole([block.strength for block in filled]),
+        throttle=_whole([block.throttle for block in filled]),
+        attitude=_whole([block.attitude for block in filled]),
         source=recording.source,
     )
 

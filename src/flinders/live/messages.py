@@ -103,6 +103,8 @@ class State(Struct, frozen=True, tag_field="type", tag="state"):
     previous : PreviousState or None
     opened : str or None
         Name of the log that is shown in place of the sensor.
+    can_send : bool
+        The calibration that is shown can be sent to the board that the readings come from.
     """
 
     revision: int
@@ -129,6 +131,7 @@ class State(Struct, frozen=True, tag_field="type", tag="state"):
     recording: str | None
     previous: PreviousState | None
     opened: str | None
+    can_send: bool
 
 
 class FitMessage(Struct, frozen=True, tag_field="type", tag="fit"):

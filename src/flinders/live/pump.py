@@ -33,8 +33,8 @@ Result = TypeVar("Result")
 
 ASK_S: Final = 0.05
 """Longest wait of one question."""
-FULL: Final = 500
-"""Answers that wait to be taken, at most: a recording played back as fast as possible waits for the server then."""
+FULL: Final = 250_000
+"""Readings that wait to be taken, at most: a recording played back as fast as possible waits for the server then."""
 FULL_S: Final = 0.01
 STOPPING_S: Final = 10.0
 """Seconds that a feed has to let go: longer than any of them waits for a host."""
@@ -55,13 +55,14 @@ class Pump(threading.Thread):
         self._jobs: deque[Callable[[], None]] = deque()
         self._stopping = threading.Event()
         self._is_over = False
+        self._put = self._got = 0
 
     def run(self) -> None:
         """Ask; a feed that fails for good is one that has gone, and its reason is told."""
         try:
             while not self._stopping.is_set() and not self._is_over:
                 self._do_jobs()
-                if len(self._box) >= FULL:
+                if self._put - self._got >= FULL:
                     self._stopping.wait(FULL_S)
                 else:
                     self._ask()
@@ -80,6 +81,7 @@ class Pump(threading.Thread):
         found = []
         while self._box:
             found.append(self._box.popleft())
+            self._got += _size(found[-1])
         return found
 
     def do(self, job: Callable[[], Result]) -> Future[Result]:
@@ -106,6 +108,7 @@ class Pump(threading.Thread):
     def _ask(self) -> None:
         found = self._feed.next(ASK_S)
         if found:
+            self._put += _size(found)
             self._box.append(found)
         if isinstance(found, Event) and found.kind == "ended":
             self._is_over = True
@@ -117,3 +120,7 @@ class Pump(threading.Thread):
             except IndexError:
                 return
             job()
+
+
+def _size(found: list[Reading] | Event) -> int:
+    return 1 if isinstance(found, Event) else len(found)

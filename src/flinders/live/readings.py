@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 Vector: TypeAlias = tuple[float, float, float]
 
-Kind: TypeAlias = Literal["connected", "settled", "nothing", "garbage", "gone", "back", "ended"]
+Kind: TypeAlias = Literal["connected", "settled", "nothing", "garbage", "lost", "gone", "back", "ended"]
 """It is there; how its lines are written is known; nothing usable has come for a while; lines that are not like the
-first ones; it went away; it is there again; nothing more will come."""
+first ones; this machine was too busy to take all; it went away; it is there again; nothing more will come."""
 
 
 class Reading(NamedTuple):

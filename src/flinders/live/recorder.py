@@ -33,7 +33,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import LinkError, UnreadableInput
+from flinders.errors import LinkError, UnreadableInput, counted
 from flinders.live.readings import Event
 from flinders.live.sinks import title
 from flinders.live.transcript import Recorded, Taken, Transcript
@@ -50,6 +50,8 @@ SYNC_S: Final = 1.0
 WAIT_S: Final = 0.1
 """Longest wait for bytes: how soon the end of a recording is noticed."""
 WATCH_S: Final = 0.5
+TOGETHER: Final = 5000
+"""Datagrams that are taken together, at most."""
 FIRST_RETRY_S, LAST_RETRY_S = 0.1, 2.0
 """Seconds between tries to open a lost port again: each twice the one before, up to the last."""
 
@@ -119,6 +121,7 @@ class Recorder:
         self._title = title(source.name, is_new=resumed is None)
         self._synced = self._watched = 0.0
         self._retry: tuple[float, float] | None = None
+        self._lost = 0
         self._is_closed = False
         self._waiting: deque[list[Reading] | Event] = deque([Event("connected", 0.0, f"{source.name} is open")])
 
@@ -146,6 +149,7 @@ class Recorder:
                 self._try_again(timeout)
             if self._now() - self._synced >= SYNC_S:
                 self._synced = self._now()
+                self._note_lost()
                 self._sink.sync()
         return self._waiting.popleft() if self._waiting else []
 
@@ -209,7 +213,7 @@ class Recorder:
     def _listen(self, timeout: float) -> None:
         """Take what comes, and note where the other end goes away."""
         try:
-            content = self._source.read(timeout)
+            content = self._read(timeout)
         except LinkError as error:
             self._keep(self._transcript.lost(self._now()))
             self._sink.sync()
@@ -220,6 +224,27 @@ class Recorder:
             self._sink.write(self._title)
             self._title = ""
         self._keep(self._transcript.take(content, self._now()))
+
+    def _read(self, timeout: float) -> bytes:
+        """Wait for what comes; of datagrams take all that wait, for there is only so much room for them."""
+        content = self._source.read(timeout)
+        if not content or not self._source.is_framed:
+            return content
+        together = [content]
+        while len(together) < TOGETHER and (content := self._source.read(0.0)):
+            together.append(content)
+        return b"\n".join(together)
+
+    def _note_lost(self) -> None:
+        """Say where the system has thrown datagrams away, which nobody took in time."""
+        lost = getattr(self._source, "lost", 0)
+        new, self._lost = lost - self._lost, lost
+        if new <= 0:
+            return
+        self._transcript.told.datagrams_lost += new
+        words = f"{counted(new, 'datagram')} {'was' if new == 1 else 'were'} lost by this machine, which was too busy"
+        self._sink.write(f"# {words}, before {self._now():.4f} s\n")
+        self._waiting.append(Event("lost", self._now(), f"{words}: send several readings in one, or fewer a second"))
 
     def _keep(self, taken: Taken) -> None:
         """Write the text, and put in line what follows from it: what was recognised, the readings, what is amiss."""
@@ -248,4 +273,5 @@ class Recorder:
 
     def _end(self) -> None:
         self._keep(self._transcript.end(self._now()))
+        self._note_lost()
         self._sink.sync()

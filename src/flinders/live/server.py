@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
+import logging
 import secrets
 import signal
 import socket
@@ -23,17 +24,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qs
 
+import h11
 import uvicorn
 from starlette.applications import Starlette
 from starlette.datastructures import Headers
+from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from flinders.conventions.motioncal import Packet
 from flinders.document import Provenance, dumps, loads
-from flinders.errors import DocumentError, FitError, FlindersError, LinkError, OutputError, UsageError
+from flinders.errors import DocumentError, FitError, FlindersError, LinkError, NotSent, OutputError, UsageError
 from flinders.exporters import EXPORTERS, find
 from flinders.files import reason
 from flinders.judged import Judged
@@ -55,6 +59,7 @@ from flinders.live.session import (
     Said,
     Session,
     Ticked,
+    Unrecorded,
     begin_fit,
     points,
     snapshot,
@@ -94,7 +99,6 @@ MOST_NOTICES: Final = 50
 """Notices that wait for a page, at most; older ones go."""
 UPLOAD_BYTES: Final = 64 << 20
 CALIBRATION_BYTES: Final = 4 << 20
-SPOOLED: Final = 1 << 20
 LINKS: Final[dict[str, Link]] = {
     "connected": "connected", "back": "connected", "nothing": "waiting", "gone": "gone", "ended": "ended"
 }  # fmt: skip
@@ -103,6 +107,10 @@ UNCLEAR_S: Final = 3.0
 """Seconds without a reading after which the supply is asked why."""
 STOPPING_S: Final = 1
 """Seconds that pages have to let go, when the server stops."""
+HEAD_S: Final = 10.0
+"""Seconds that the head of a request may take to come."""
+MOST_CONNECTIONS: Final = 200
+"""Open at one time; a further one is closed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +133,8 @@ class Supply:
         How `path` is read again, as `flinders.open_recording` takes it.
     hint : callable
         Says why no reading comes of what arrives; nothing where it does not know.
+    unrecorded : callable
+        Says why what arrives cannot be written down at present; nothing where it can.
     """
 
     feed: Feed
@@ -134,6 +144,7 @@ class Supply:
     board: ByteSource | None = None
     reading: dict[str, Any] = field(default_factory=dict)
     hint: Callable[[], str] = str
+    unrecorded: Callable[[], str] = str
 
 
 @dataclass(slots=True, eq=False)
@@ -241,12 +252,16 @@ class Hub:
         )
 
     async def final(self) -> Finished:
-        """The calibration of all readings, made once for each state of the session."""
+        """The calibration of all readings, made once for each state of the session.
+
+        From the file; where that has a hole, from what is in memory.
+        """
         async with self._finishing:
             session = self.session
+            path = None if session.unrecorded else self.supply.path
             kept = self._final
             if kept is None or kept.key != session.shown.key:
-                kept = await asyncio.to_thread(finished, session, self.supply.path, self.supply.reading)
+                kept = await asyncio.to_thread(finished, session, path, self.supply.reading)
                 self._final = kept
         return kept
 
@@ -266,6 +281,8 @@ class Hub:
                 rows.append(found)
         self._arrive(rows)
         self.take(Ticked(self.now))
+        if (why := self.supply.unrecorded()) != self.session.unrecorded:
+            self.take(Unrecorded(self.now, why))
         if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.track.total:
             self._is_asked = True
             if words := self.supply.hint():
@@ -360,12 +377,24 @@ class Guard:
         answer = None if refusal is None else _told(refusal, 403)
         if answer is None and self._tokens is not None:
             answer = self._without_cookie(scope, headers)
-        if answer is None:
-            await self._app(scope, receive, send if is_socket else _with_headers(send))
+        if answer is None and is_socket:
+            await self._app(scope, receive, send)
+        elif answer is None:
+            await self._answered(scope, receive, _with_headers(send))
         elif is_socket:
             await _refuse_socket(receive, send)
         else:
             await answer(scope, receive, _with_headers(send))
+
+    async def _answered(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request; one that the browser has given up, or that is under way at the end, is no fault."""
+        try:
+            await self._app(scope, receive, send)
+        except ClientDisconnect:
+            return
+        except asyncio.CancelledError:
+            with contextlib.suppress(Exception):
+                await _told("flinders live has been stopped", 503)(scope, receive, send)
 
     def _without_cookie(self, scope: Scope, headers: Headers) -> Response | None:
         """What a browser without a cookie gets: one for a token, or a refusal."""
@@ -499,11 +528,18 @@ async def _export(request: Request) -> Response:
         exporter = find(request.path_params["target"])
     except UsageError as error:
         return _told(str(error), 404)
+    is_preview = "application/json" in request.headers.get("accept", "")
     found = await hub.final()
-    export = await asyncio.to_thread(exporter.render, found.fit.calibration, about=found.about)
+    calibration, about = found.fit.calibration, found.about
+    try:
+        export = await asyncio.to_thread(exporter.render, calibration, about=about)
+    except FlindersError as error:
+        if is_preview:  # looking whether a target can hold it is no mistake of the page
+            return JSONResponse({"refusal": str(error)})
+        raise
     filename = f"{exporter.name}{exporter.suffix}"
     content = export.text.encode() if export.data is None else export.data
-    if "application/json" in request.headers.get("accept", ""):
+    if is_preview:
         binary = None if export.data is None else base64.b64encode(export.data).decode()
         fields = {"text": export.text, "filename": filename, "warnings": [*export.warnings, *found.limits]}
         return JSONResponse({**fields, "checked": export.checked, "binary_base64": binary})
@@ -579,10 +615,28 @@ async def _send(request: Request) -> Response:
         raise LinkError(
             "this source takes no calibration: save it and use flinders send, or paste what the export shows"
         )
+    _refuse_a_log(hub.session)
     found = await hub.final()
+    _refuse_a_log(hub.session)
+    if found.key < hub.session.live.since:
+        return _told("the session was begun anew meanwhile: look at the new calibration, and send that", 409)
     packet = Packet.of(found.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
+
+
+def _refuse_a_log(session: Session) -> None:
+    """See that what is shown is the calibration of the board, and not of the sensor that a log is of.
+
+    Raises
+    ------
+    NotSent
+        While a log is open.
+    """
+    if session.opened is not None:
+        raise NotSent(
+            f"{session.opened_name} is shown, and its calibration is not this board's: go back to live, and send then"
+        )
 
 
 async def _socket(socket: WebSocket) -> None:
@@ -687,6 +741,11 @@ def _why_not(host: str, port: int, error: Exception) -> str:
     return f"{host} port {port} cannot be opened: {error}"
 
 
+def _is_ours(record: logging.LogRecord) -> bool:
+    """Whether uvicorn tells of a fault; that it stops waiting for somebody at the end is none."""
+    return "graceful shutdown exceeded" not in str(record.msg)
+
+
 class _Server(uvicorn.Server):
     """Stops on a signal, cleanly, and is then done; a second one ends it at once."""
 
@@ -707,10 +766,51 @@ class _Server(uvicorn.Server):
         self.should_exit = True
 
 
+class _Patient(H11Protocol):
+    """A connection that has to say what it wants before long, so that none can be held open for nothing."""
+
+    _deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take the connection, unless there are too many."""
+        super().connection_made(transport)
+        if len(self.connections) > MOST_CONNECTIONS:
+            transport.abort()
+        else:
+            self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what came, and see whether the head of a request is whole."""
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Wait no longer."""
+        self._forget()
+        super().connection_lost(exc)
+
+    def _watch(self) -> None:
+        if self.conn.their_state is not h11.IDLE:
+            self._forget()
+        elif self._deadline is None:
+            self._deadline = self.loop.call_later(HEAD_S, self.transport.abort)
+
+    def _forget(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+        self._deadline = None
+
+
 def serve(app: ASGIApp, listener: socket.socket) -> None:
     """Serve until Ctrl-C, or whatever else ends a program from outside."""
+    server_of(app).run(sockets=[listener])
+
+
+def server_of(app: ASGIApp) -> uvicorn.Server:
+    """A server that waits for nobody for long."""
     config = uvicorn.Config(
         app,
+        http=_Patient,
         ws="websockets-sansio",
         ws_max_size=LONGEST,
         ws_per_message_deflate=False,
@@ -722,4 +822,5 @@ def serve(app: ASGIApp, listener: socket.socket) -> None:
         timeout_graceful_shutdown=STOPPING_S,
         h11_max_incomplete_event_size=32_768,
     )
-    _Server(config).run(sockets=[listener])
+    logging.getLogger("uvicorn.error").addFilter(_is_ours)
+    return _Server(config)

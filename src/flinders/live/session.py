@@ -12,7 +12,10 @@ True
 >>> session = begin_fit(session)
 >>> session, told = step(session, Fitted(at=60.1, found=evaluate(snapshot(session)), seconds=0.01))
 >>> state(session).phase, state(session).words
-('good', 'Good: the worst heading error to expect is 0.066°, the target 1°.')
+('collecting', 'Almost: the worst heading error to expect is 0.066° (1 σ), the target 1°; hold on a little.')
+>>> session, told = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
+>>> state(session).phase, state(session).words
+('good', 'Good: the worst heading error to expect is 0.066° (1 σ), the target 1°.')
 >>> session, told = step(session, Asked(at=61.0, command=Exclude(start_s=0.0, end_s=30.0)))
 >>> state(session).excluded_readings, state(session).can_undo
 (1501, True)
@@ -30,7 +33,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.errors import counted, figures
+from flinders.errors import figures
 from flinders.live.messages import (
     BackToLive,
     Clear,
@@ -76,8 +79,15 @@ SILENT_S: Final = 3.0
 """Seconds without a reading after which that is said; or so many usual steps of a slow sensor."""
 SILENT_STEPS: Final = 5.0
 RATE_S: Final = 2.0
+ENOUGH_FITS: Final = 3
+"""Fits in a row that have to be within the target before that is said: the first may be so by chance."""
+SURE_S: Final = 1.0
+"""Or two of them, so many seconds apart; or one, after which nothing has come for as long."""
 FRAME_POINTS: Final = 20_000
 """Points in one frame, at most: a page that comes late gets them in two."""
+
+LEVEL_DEG: Final = 89.0
+"""A calibration that holds up to so much tilt leaves nothing to be said about it."""
 
 NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
 
@@ -113,11 +123,11 @@ class Said:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
-    """The file that is written to; empty where none is."""
+class Unrecorded:
+    """What arrives cannot be written down at present, and why; nothing where it can again."""
 
     at: float
-    name: str
+    words: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +175,7 @@ class Ticked:
     at: float
 
 
-Event = Arrived | Linked | Said | Recording | Asked | Fitted | Opened | GotPrevious | Ticked
+Event = Arrived | Linked | Said | Unrecorded | Asked | Fitted | Opened | GotPrevious | Ticked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,6 +201,8 @@ class Stretch:
         No fit with a smaller key is of these readings.
     found : Evaluated, optional
         The newest fit.
+    within : tuple of float, s
+        When the fits in a row were done that are within the target: the first three of them.
     """
 
     track: Track = field(default_factory=Track.empty)
@@ -204,6 +216,7 @@ class Stretch:
     key: int = 0
     since: int = 0
     found: Evaluated | None = None
+    within: tuple[float, ...] = ()
 
     @property
     def excluded(self) -> tuple[Span, ...]:
@@ -228,6 +241,10 @@ class Session:
         What the calibration is held against.
     previous : Judged, optional
     recording : str
+    unrecorded : str
+        Why what arrives cannot be written down; nothing where it can.
+    has_board : bool
+        The source is a board that takes a calibration.
     revision : int
         Grows with each step that changes something.
     keys, generations : int
@@ -237,8 +254,8 @@ class Session:
         No fit before.
     at, arrived_at : float, s
         Newest event, and newest reading.
-    arrivals : tuple of (at, readings)
-        Of the last two seconds.
+    arrivals : tuple of (at, seconds, readings)
+        Of the last two seconds, and the one before: when they came, the time of the last of them, and how many.
     """
 
     source: SourceState = NO_SOURCE
@@ -250,6 +267,8 @@ class Session:
     goal: Goal = "heading"
     previous: Judged | None = None
     recording: str = ""
+    unrecorded: str = ""
+    has_board: bool = False
     revision: int = 0
     keys: int = 0
     generations: int = 1
@@ -257,7 +276,7 @@ class Session:
     due_at: float = 0.0
     at: float = 0.0
     arrived_at: float = 0.0
-    arrivals: tuple[tuple[float, int], ...] = ()
+    arrivals: tuple[tuple[float, float, int], ...] = ()
 
     @property
     def shown(self) -> Stretch:
@@ -322,8 +341,8 @@ def _arrived(session: Session, event: Arrived) -> Stepped:
     source = session.source
     if source.link != "connected":
         session = replace(session, source=SourceState(source.name, source.kind, "connected", ""))
-    recent = [arrival for arrival in session.arrivals if arrival[0] > event.at - RATE_S]
-    arrivals = (*recent, (event.at, len(event.rows)))
+    old = sum(arrival[0] <= event.at - RATE_S for arrival in session.arrivals)
+    arrivals = (*session.arrivals[max(old - 1, 0) :], (event.at, float(event.rows[-1, 0]), len(event.rows)))
     return _changed(session, live=live, keys=keys, arrived_at=event.at, arrivals=arrivals), []
 
 
@@ -340,8 +359,10 @@ def _said(session: Session, event: Said) -> Stepped:
     return session, [Notice(event.severity, event.words)]
 
 
-def _recording(session: Session, event: Recording) -> Stepped:
-    return _changed(session, recording=event.name), []
+def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
+    """Say that the recording has a hole, or goes on."""
+    told = Notice("error", event.words) if event.words else Notice("info", "what arrives is recorded again")
+    return _changed(session, unrecorded=event.words), [told]
 
 
 def _got_previous(session: Session, event: GotPrevious) -> Stepped:
@@ -360,7 +381,10 @@ def _asked(session: Session, event: Asked) -> Stepped:
 def _held_against(session: Session, **wish: object) -> Stepped:
     """Hold the calibration against something else: a target, a dip, a goal, another calibration."""
     ((name, value),) = wish.items()
-    return (session if getattr(session, name) == value else _refit(_changed(session, **wish))), []
+    if getattr(session, name) == value:
+        return session, []
+    session = _refit(_changed(session, **wish))
+    return _with_shown(session, replace(session.shown, within=())), []
 
 
 def _edited(session: Session, edit: Callable[[History], History]) -> Stepped:
@@ -369,6 +393,17 @@ def _edited(session: Session, edit: Callable[[History], History]) -> Stepped:
     if history == session.shown.history:
         return session, []
     return _refit(_with_shown(session, replace(session.shown, history=history))), []
+
+
+def _excluded(session: Session, start: float, end: float) -> Stepped:
+    """Take a stretch out, as far as there is one: what is still to come is never taken out."""
+    track = session.shown.track
+    if not track.total:
+        return session, []
+    span = (max(start, min(float(track.time[0]), 0.0)), min(end, track.seconds))
+    if span[0] > span[1]:
+        return session, []
+    return _edited(session, lambda history: history.excluding(span))
 
 
 def _paused(session: Session, *, paused: bool) -> Stepped:
@@ -432,7 +467,9 @@ def _fitted(session: Session, event: Fitted) -> Stepped:
     newest = -1 if shown.found is None else shown.found.key
     if not max(shown.since, newest + 1) <= key <= shown.key:
         return session, []
-    session = _with_shown(session, replace(shown, found=event.found))
+    shown = replace(shown, found=event.found)
+    within = (*shown.within, event.at)[:ENOUGH_FITS] if _is_within(session, event.found) else ()
+    session = _with_shown(session, replace(shown, within=within))
     return session, [FitMessage(session.revision, event.found.view)]
 
 
@@ -440,7 +477,7 @@ _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Arrived: _arrived,
     Linked: _linked,
     Said: _said,
-    Recording: _recording,
+    Unrecorded: _unrecorded,
     Asked: _asked,
     Fitted: _fitted,
     Opened: _opened,
@@ -452,7 +489,7 @@ _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Dip: lambda session, asked: _held_against(session, dip_deg=asked.deg),
     SetGoal: lambda session, asked: _held_against(session, goal=asked.goal),
     PreviousClear: lambda session, _: _held_against(session, previous=None),
-    Exclude: lambda session, asked: _edited(session, lambda history: history.excluding((asked.start_s, asked.end_s))),
+    Exclude: lambda session, asked: _excluded(session, asked.start_s, asked.end_s),
     Restore: lambda session, asked: _edited(session, lambda history: history.restoring((asked.start_s, asked.end_s))),
     Undo: lambda session, _: _edited(session, History.undone),
     Redo: lambda session, _: _edited(session, History.redone),
@@ -492,6 +529,7 @@ def snapshot(session: Session, most: int | None = FITTED) -> Snapshot:
         unit=shown.unit,
         axes=shown.axes,
         time=shown.track.time[used],
+        acceleration=shown.track.acceleration[used] if shown.track.has_acceleration else None,
         source=session.opened_name or session.source.name,
         frame=shown.frame,
     )
@@ -543,20 +581,36 @@ def state(session: Session) -> State:
         recording=session.recording or None,
         previous=None if found is None or session.previous is None else found.previous,
         opened=session.opened_name or None,
+        can_send=session.has_board and session.opened is None and _is_usable(found),
     )
 
 
+def _is_usable(found: Evaluated | None) -> bool:
+    """Whether a fit gives a calibration."""
+    return found is not None and found.fit is not None and found.fit.verdict != "refused"
+
+
 def _rate_hz(session: Session) -> float | None:
-    """Readings a second over the last two; None where none came."""
-    recent = [count for at, count in session.arrivals if at > session.at - RATE_S]
-    return sum(recent) / min(RATE_S, max(session.at, 0.25)) if recent else None
+    """Readings a second by their own times, over the last two seconds; None where none came.
+
+    From the last reading of the first arrival to the last of all, so that it does not matter how many came together.
+    """
+    arrivals = session.arrivals
+    if len(arrivals) < 2:
+        return None
+    first, last = arrivals[0], arrivals[-1]
+    is_silent = session.at - last[0] >= max(RATE_S, 2.0 * (last[0] - arrivals[-2][0]))
+    if is_silent or last[1] <= first[1]:
+        return None
+    return sum(count for _, _, count in arrivals[1:]) / (last[1] - first[1])
 
 
 def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
     """How far it has come, in a sentence, and what is in the way."""
     found = session.shown.found
     link = [] if session.opened is not None else _of_link(session)
-    reasons = (*link, *(() if found is None else found.reasons))
+    unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
+    reasons = (*link, *(() if found is None else found.reasons), *unrecorded)
     wrong = next((reason for reason in reasons if reason.severity == "warning"), None)
     if wrong is not None:
         return "wrong", _sentence(wrong.advice), reasons
@@ -569,21 +623,60 @@ def _of_view(session: Session) -> tuple[Phase, str]:
     view = session.view
     if view is None:
         return "collecting", _before_a_fit(session)
-    error, target = view.heading_error_deg, f"the target {session.target_deg:g}°"
-    if error is None or view.guidance is None:
+    target, worst = f"the target {session.target_deg:g}°", _worst_deg(session, view)
+    if worst is None:
         return "collecting", view.sentence
-    worst = error.worst if session.goal == "heading" else max(error.worst, view.guidance.worst_deg)
     if worst > session.target_deg:
-        told = f"{figures(worst)}°" if worst < 90.0 else "any angle"
+        told = f"{figures(worst)}° (1 σ)" if worst < 90.0 else "any angle"
         return "collecting", f"Keep turning: the worst error to expect is {told}, {target}."
     what = "heading error" if session.goal == "heading" else "error at any attitude"
-    done = f"the worst {what} to expect is {figures(worst)}°, {target}."
+    done = f"the worst {what} to expect is {figures(worst)}° (1 σ), {target}"
+    if view.verdict != "refused" and not _is_sure(session):
+        return "collecting", f"Almost: {done}; hold on a little."
     by_verdict: dict[str, tuple[Phase, str]] = {
-        "good": ("good", f"Good: {done}"),
-        "limited": ("limited", f"Good enough, with limits: {done}"),
+        "good": ("good", f"Good: {done}."),
+        "limited": ("limited", f"Good enough, with limits: {done}{_as_far_as(view)}."),
         "refused": ("wrong", view.sentence),
     }
     return by_verdict[view.verdict]
+
+
+def _worst_deg(session: Session, view: View) -> float | None:
+    """The error that is held against the target; None where it is not known."""
+    error = view.heading_error_deg
+    if error is None or view.guidance is None:
+        return None
+    return error.worst if session.goal == "heading" else max(error.worst, view.guidance.worst_deg)
+
+
+def _as_far_as(view: View) -> str:
+    """Up to which tilt that holds, and what is missing beyond."""
+    limit = view.attitude_limit_deg
+    if limit is None or limit >= LEVEL_DEG:
+        return ""
+    held = "held level" if limit < 1.0 else f"up to {limit:.0f}° of tilt"
+    return f", {held}; for more tilt than that, turn it tilted and upside down too"
+
+
+def _is_within(session: Session, found: Evaluated) -> bool:
+    """Whether a fit says that the target is reached, and nothing that speaks against it."""
+    worst = None if found.view is None else _worst_deg(session, found.view)
+    is_clean = all(reason.severity != "warning" for reason in found.reasons)
+    return worst is not None and worst <= session.target_deg and is_clean and _is_usable(found)
+
+
+def _is_sure(session: Session) -> bool:
+    """Whether it takes no further fit to say that the target is reached: several did, or there will be no other.
+
+    What grows gets further fits. A log, a pause and a sensor that is silent do not.
+    """
+    shown, within = session.shown, session.shown.within
+    if len(within) >= ENOUGH_FITS or (within and within[-1] - within[0] >= SURE_S):
+        return True
+    is_of_all = shown.found is not None and shown.found.key == shown.key
+    is_over = shown.paused_at is not None or session.source.link in ("ended", "gone")
+    is_still = is_over or session.at - session.arrived_at >= SURE_S
+    return is_of_all and (session.opened is not None or is_still)
 
 
 def _before_a_fit(session: Session) -> str:
@@ -597,7 +690,14 @@ def _before_a_fit(session: Session) -> str:
 
 
 def _sentence(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:].rstrip('.')}."
+    """Begin with a capital, unless it begins with a name: that of a file or port is written as it is.
+
+    >>> _sentence("no reading has come"), _sentence("full.csv: cannot be written"), _sentence("")
+    ('No reading has come.', 'full.csv: cannot be written.', '.')
+    """
+    first = words.partition(" ")[0].rstrip(",")
+    begin = words[:1].upper() if first.isalpha() else words[:1]
+    return f"{begin}{words[1:].rstrip('.')}."
 
 
 def _of_link(session: Session) -> list[Reason]:
@@ -677,8 +777,3 @@ def replayed(events: Sequence[Event], session: Session) -> tuple[Session, list[T
         session, more = step(session, event)
         told += more
     return session, told
-
-
-def used_rows(stretch: Stretch) -> str:
-    """How many readings a calibration is made of, in words."""
-    return counted(stretch.track.total - stretch.track.count_within(stretch.excluded), "reading")

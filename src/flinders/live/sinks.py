@@ -25,9 +25,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import re
 import sys
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -40,7 +42,7 @@ from flinders.files import reason, refuse_existing
 from flinders.live.transcript import escaped
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from types import TracebackType
 
 
@@ -50,6 +52,10 @@ GAP_S: Final = 0.001
 """Seconds between its last row and the next, at least."""
 TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')
 """What a row begins with whose time was put in front."""
+AGAIN_S: Final = 3.0
+"""Seconds after which what could not be written is tried again."""
+HELD: Final = 64 << 20
+"""Letters that are held meanwhile, at most."""
 TAIL: Final = 1 << 16
 """Bytes that are looked at for the end of the last whole line."""
 BEGUN: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
@@ -259,6 +265,98 @@ class ToFile:
         if not self._bytes and not self._is_over and not self._is_resumed:
             with contextlib.suppress(OSError):
                 Path(self.name).unlink()
+
+
+class Patient:
+    r"""A sink for which a full disk is no end: what cannot be written is held, and tried again every few seconds.
+
+    Parameters
+    ----------
+    sink : ToFile
+    say : callable
+        Told why, and when it goes on.
+    clock : callable
+        Seconds, ascending.
+
+    Attributes
+    ----------
+    name : str
+    why : str
+        Why what comes cannot be written now; nothing where it can.
+    missing : str
+        Why something is not on the disk, also where what came later is; nothing where all is.
+
+    Examples
+    --------
+    >>> class Full:
+    ...     name = "a.csv"
+    ...     def write(self, text):
+    ...         raise OutputError("a.csv: cannot be written: No space left on device")
+    >>> sink = Patient(Full(), print)
+    >>> sink.write("217,4,-586\n")
+    ! a.csv: cannot be written: No space left on device. It is held and tried again; make room on the disk
+    >>> sink.why
+    'a.csv: cannot be written: No space left on device'
+    """
+
+    def __init__(self, sink: ToFile, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
+        self.name, self.why, self.missing = sink.name, "", ""
+        self._sink, self._say, self._clock = sink, say, clock
+        self._held: list[str] = []
+        self._size, self._tried = 0, -math.inf
+
+    def write(self, text: str) -> None:
+        """As `Sink.write`; nothing is raised."""
+        self._held.append(text)
+        self._size += len(text)
+        if not self.why or self._clock() - self._tried >= AGAIN_S:
+            self._try()
+        if self._size > HELD:
+            self._held, self._size = [], 0
+            self.missing = f"{self.why}; {HELD >> 20} MB that came since are lost"
+            self._say(f"! {self.missing}")
+
+    def sync(self) -> None:
+        """As `Sink.sync`; nothing is raised."""
+        if self.why:
+            return
+        try:
+            self._sink.sync()
+        except OutputError as error:
+            self.missing = str(error)
+            self._fail(error)
+
+    def close(self) -> None:
+        """Try a last time.
+
+        Raises
+        ------
+        OutputError
+            Where not all that came is in the file.
+        """
+        if self._held:
+            self._try()
+        self._sink.close()
+        if self._held or self.missing:
+            raise OutputError(f"{self.missing or self.why}; the recording is not whole")
+
+    def _try(self) -> None:
+        self._tried = self._clock()
+        try:
+            self._sink.write("".join(self._held))
+        except OutputError as error:
+            self._fail(error)
+            return
+        self._held, self._size = [], 0
+        if self.why:
+            self.why = ""
+            self._say(f"{self.name}: is written again{'' if self.missing else ', and nothing is missing'}")
+
+    def _fail(self, error: OutputError) -> None:
+        self._tried = self._clock()
+        if not self.why:
+            self._say(f"! {error}. It is held and tried again; make room on the disk")
+        self.why = str(error)
 
 
 def title(name: str, *, is_new: bool) -> str:

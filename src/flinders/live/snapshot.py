@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+import msgspec
 import numpy as np
 
 from flinders.comparison import compare
@@ -39,14 +40,38 @@ if TYPE_CHECKING:
     from flinders.report.view import View
     from flinders.result import Fit
 
-WRONG: Final = ("saturated", "field-changed", "noise", "strays", "axis-ratio", "structure", "recordings-differ")
+WRONG: Final = (
+    "saturated",
+    "field-changed",
+    "noise",
+    "alternating",
+    "strays",
+    "axis-ratio",
+    "structure",
+    "recordings-differ",
+)
 """Findings that say that something is wrong, and not only that more turning is needed."""
 STALE_S: Final = 2.0
 """Seconds of equal readings after which a sensor is said to have stopped."""
 STALE_ROWS: Final = 10
+FROZEN_ROWS: Final = 20
+FROZEN_S: Final = 2.0
+"""Readings and seconds in which one axis stays as it is and the others do not, after which that is said."""
+LIVELY: Final = 0.9
+"""Of its steps before, so many have to be changes: a coarse axis is equal for a while by itself."""
+MOVING: Final = 0.1
+"""Of their range so far, that the other axes move by meanwhile."""
+SETTLED: Final = 5.0
+"""A fit is settled, and its findings are told, once its error is below so many targets, …"""
+SETTLED_FRACTION: Final = 0.7
+"""… or so much of the sphere has been seen, …"""
+SETTLED_S: Final = 30.0
+"""… or so many seconds of readings are there: more of the same would not help."""
 STILL_S: Final = 6.0
 """Seconds without a turn after which somebody is reminded."""
 STILL_DEG: Final = 5.0
+LEAST_DEG: Final = 0.001
+"""A smaller difference is not told in figures."""
 OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
 
@@ -118,7 +143,8 @@ def evaluate(snapshot: Snapshot) -> Evaluated:
         drawn = view(found, samples, numbers=snapshot.numbers, goal=snapshot.goal, frame=snapshot.frame)
         if snapshot.is_followed:
             drawn = led(drawn, found, samples, goal=snapshot.goal, frame=snapshot.frame)
-    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, found), *_of_fit(found)]
+        drawn = _beyond_level(drawn, found)
+    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, found), *_of_fit(found, samples)]
     used = 0 if drawn is None else sum(drawn.tiles_seen) or samples.field.shape[0]
     return Evaluated(
         key=snapshot.key,
@@ -130,6 +156,15 @@ def evaluate(snapshot: Snapshot) -> Evaluated:
         rejected=0 if drawn is None else len(samples) - used,
         previous=_compared(found, snapshot),
     )
+
+
+def _beyond_level(drawn: View, found: Fit) -> View:
+    """Say what is missing of a calibration that is good held level: more level turns would add nothing."""
+    is_done = found.plane and found.verdict == "limited" and found.heading_error_deg.worst <= found.target_deg
+    if not is_done or drawn.guidance is None:
+        return drawn
+    words = "it is good held level; for headings that hold when it is tilted, turn it tilted and upside down too"
+    return msgspec.structs.replace(drawn, guidance=msgspec.structs.replace(drawn.guidance, words=words))
 
 
 def _fitted(snapshot: Snapshot) -> tuple[Fit | None, str, str]:
@@ -150,11 +185,15 @@ def _of_refusal(code: str, words: str) -> Iterator[Reason]:
         yield Reason("no-rotation" if code == "unmoved" else code, words, "info")
 
 
-def _of_fit(found: Fit | None) -> Iterator[Reason]:
+def _of_fit(found: Fit | None, samples: Samples) -> Iterator[Reason]:
     """What the findings of a fit say is wrong; of one that is only beginning, nothing yet."""
     if found is None:
         return
-    settled = found.heading_error_deg.worst < 5.0 * found.target_deg
+    settled = (
+        found.heading_error_deg.worst < SETTLED * found.target_deg
+        or found.coverage.fraction >= SETTLED_FRACTION
+        or _seconds(samples) >= SETTLED_S
+    )
     for finding in found.findings:
         if finding.code in WRONG and finding.severity != "note" and (settled or finding.code == "saturated"):
             yield Reason(finding.code, finding.advice)
@@ -162,6 +201,11 @@ def _of_fit(found: Fit | None) -> Iterator[Reason]:
             yield Reason(finding.code, finding.advice, "info")
     if settled and not found.is_flat:
         yield from _of_unit(found)
+
+
+def _seconds(samples: Samples) -> float:
+    """From the first reading to the last; 0 where there are no times."""
+    return 0.0 if samples.time is None or not len(samples) else float(samples.time[-1] - samples.time[0])
 
 
 def _of_unit(found: Fit) -> Iterator[Reason]:
@@ -192,10 +236,41 @@ def _of_motion(samples: Samples, found: Fit | None) -> Iterator[Reason]:
             f"the last {counted(same, 'reading')} are all the same: the sensor has stopped measuring, or a loop prints "
             "faster than it is read; check its wiring and its mode",
         )
+    elif frozen := _frozen(samples.field, time):
+        axis, seconds = frozen
+        yield Reason(
+            "frozen-axis",
+            f"axis {axis} has been the same for {seconds:.1f} s while the others change: turn the sensor another "
+            "way, and where that does not wake it, the sensor or its wiring is at fault; then begin anew",
+        )
     elif found is not None and not found.is_flat and time[-1] - time[0] > STILL_S:
         newest = samples.field[time >= time[-1] - STILL_S]
         if len(newest) > 3 and _widest_deg(found.calibration.apply(newest)) < STILL_DEG:
             yield Reason("no-rotation", f"it has not been turned for {STILL_S:.0f} s", "info")
+
+
+def _frozen(field: Floats, time: Floats) -> tuple[str, float] | None:
+    """Which axis has stopped in the newest readings while the others move, and since how many seconds.
+
+    >>> time = np.arange(400) / 50.0
+    >>> field = 50.0 * np.sin(np.outer(time, [1.0, 1.3, 1.7]))
+    >>> _frozen(field, time) is None
+    True
+    >>> field[250:, 1] = field[250, 1]
+    >>> _frozen(field, time)
+    ('y', 2.98)
+    """
+    spread = np.ptp(field, axis=0) if len(field) else np.zeros(3)
+    for axis in range(3):
+        run = _equal_at_the_end(field[:, [axis]])
+        if not FROZEN_ROWS <= run < len(field) or time[-1] - time[-run] < FROZEN_S:
+            continue
+        before = np.diff(field[: len(field) - run + 1, axis])
+        others = [other for other in range(3) if other != axis]
+        moves = np.ptp(field[-run:, others], axis=0) >= MOVING * spread[others]
+        if moves.all() and np.mean(before != 0.0) >= LIVELY:
+            return "xyz"[axis], round(float(time[-1] - time[-run]), 3)
+    return None
 
 
 def _equal_at_the_end(field: Floats) -> int:
@@ -238,4 +313,5 @@ def _compared(found: Fit | None, snapshot: Snapshot) -> PreviousState | None:
         "differ": "it differs from this one by more than chance, but by less than the target",
         "contradict": "it contradicts this one: something near the sensor has changed",
     }[apart.verdict]
-    return PreviousState(previous.name, worst, f"{said} ({figures(worst)}° of heading at the worst)")
+    told = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
+    return PreviousState(previous.name, worst, f"{said} ({told} of heading at the worst)")

@@ -20,6 +20,8 @@ import contextlib
 import errno
 import select
 import socket
+import struct
+import sys
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
@@ -39,6 +41,14 @@ WRITE_S: Final = 2.0
 """Seconds that the other end has to take what is written."""
 CONNECT_S: Final = 5.0
 """Seconds that a host has to answer."""
+WAITING_BYTES: Final = 8 << 20
+"""Room that is asked for what arrives while this program is busy; the system may grant less."""
+SO_RCVBUFFORCE: Final = 33
+SO_RXQ_OVFL: Final = 40
+"""Linux: more room, for the administrator; and a count of what found none, with each datagram (socket(7))."""
+AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0)
+"""Where there is one, a datagram is taken without asking first whether there is one."""
+COUNT: Final = struct.Struct("=I")
 MOST_PEERS: Final = 16
 """Senders that are answered over UDP; further ones are heard and not answered."""
 SLOWEST_BAUD, FASTEST_BAUD = 50, 20_000_000
@@ -173,6 +183,11 @@ class Udp:
     speaks_first : bool
         Speak to that address; otherwise listen.
 
+    Attributes
+    ----------
+    lost : int
+        Datagrams that this machine has thrown away because nobody took them in time, where it counts them (Linux).
+
     Raises
     ------
     LinkError
@@ -185,7 +200,9 @@ class Udp:
         self.name = f"UDP {host} port {port}" if speaks_first else f"UDP port {port}"
         self._address, self._speaks_first = (host, port), speaks_first
         self._peers: list[tuple[str, int]] = []
+        self.lost = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._make_room()
         try:
             if speaks_first:
                 self._peers = [(socket.gethostbyname(host), port)]
@@ -201,11 +218,13 @@ class Udp:
         return int(self._socket.getsockname()[1])
 
     def read(self, timeout: float) -> bytes:
-        """As `ByteSource.read`: one datagram."""
+        """As `ByteSource.read`: one datagram. With a timeout of 0 it only looks, which takes no time."""
         try:
-            if not select.select([self._socket], [], [], timeout)[0]:
+            if (timeout > 0 or not AT_ONCE) and not select.select([self._socket], [], [], timeout)[0]:
                 return b""
-            content, peer = self._socket.recvfrom(CHUNK)
+            content, peer = self._received()
+        except BlockingIOError:
+            return b""
         except ConnectionError:  # what was sent reached nobody: a vehicle that is not there yet
             return b""
         except (OSError, ValueError):
@@ -223,6 +242,28 @@ class Udp:
                 pass
             except OSError as error:
                 raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
+
+    def _make_room(self) -> None:
+        """Have the system keep more of what arrives than it usually does, and count what it cannot keep."""
+        with contextlib.suppress(OSError):
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, WAITING_BYTES)
+        self._is_counting = sys.platform == "linux"
+        if self._is_counting:
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
+            with contextlib.suppress(OSError):
+                self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, WAITING_BYTES)
+
+    def _received(self) -> tuple[bytes, tuple[str, int]]:
+        """Take one datagram that is there, and what is counted with it."""
+        if not self._is_counting:
+            content, peer = self._socket.recvfrom(CHUNK, AT_ONCE)
+            return content, peer
+        content, beside, _, peer = self._socket.recvmsg(CHUNK, socket.CMSG_SPACE(COUNT.size), AT_ONCE)
+        for level, kind, data in beside:
+            if (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL) and len(data) >= COUNT.size:
+                self.lost = int(COUNT.unpack_from(data)[0])
+        return content, peer
 
     def reopen(self) -> None:
         """Nothing to do: there is no connection to lose."""

@@ -74,6 +74,8 @@ class Recorded:
         Of the length of the field, in the unit of `form`.
     losses : int
         How often the other end went away.
+    datagrams_lost : int
+        What arrived and was thrown away by this machine, as far as it counts that.
     first_unknown : str
         The first line that was not understood.
     """
@@ -89,6 +91,7 @@ class Recorded:
     weakest: float = math.inf
     strongest: float = 0.0
     losses: int = 0
+    datagrams_lost: int = 0
     first_unknown: str = ""
     first_at: float = 0.0
     last_at: float = 0.0
@@ -127,6 +130,7 @@ class Recorded:
             "first_not_understood": self.first_unknown or None,
             "bytes": self.received,
             "losses": self.losses,
+            "datagrams_lost": self.datagrams_lost,
         }
 
     def __str__(self) -> str:
@@ -137,6 +141,7 @@ class Recorded:
             ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
             told.append(f"strength {figures(mean, 3)} {self.form.unit} {ends}".replace("  ", " "))
         told += [f"lost {self.losses} time{'s' * (self.losses != 1)}"] * (self.losses > 0)
+        told += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
         return ", ".join(told)
 
 

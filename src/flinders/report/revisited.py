@@ -123,7 +123,7 @@ def _noise(judged: Judged, recording: Recording) -> float:
     """Root of the mean square distance from the sphere."""
     calibration = judged.calibration
     off: list[Floats] = [
-        np.linalg.norm(calibration.apply(block.field), axis=1) - calibration.field_strength
+        np.linalg.norm(calibration.at().apply(block.field), axis=1) - calibration.field_strength
         for block in recording.blocks()
     ]
     return float(np.sqrt(np.mean(np.concatenate(off) ** 2))) if off else 0.0

@@ -256,12 +256,10 @@ def view(
     for rail in health.rails:
         is_at_rail |= samples.field[:, rail.axis] == rail.value
     runs = _runs_left_out(fit, is_at_rail)
-    is_used = ~is_at_rail
-    for first, last in runs:
-        is_used[first : last + 1] = False
+    is_used = ~is_at_rail & ~_are_strays(fit, samples, is_at_rail, runs)
     is_refused, has_surface = fit.verdict == "refused", not fit.is_flat
     calibration, numbered = fit.calibration, np.arange(len(samples)) if numbers is None else np.asarray(numbers)
-    corrected = calibration.apply(samples.field[is_used]) if has_surface else np.empty((0, 3))
+    corrected = calibration.at().apply(samples.field[is_used]) if has_surface else np.empty((0, 3))
     errors = tile_errors_deg(fit) if has_surface else np.full(len(tiles().centres), np.nan)
     error, limit = fit.heading_error_deg, fit.attitude_limit_deg if has_surface else None
     return View(
@@ -336,7 +334,8 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
     reach = "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
     held = "held level" if limit < 1.0 else reach
-    return f"Headings are good to {figures(worst)}° (1 σ, worst heading), {held}. {target}"
+    good = "are good to" if worst <= fit.target_deg else "may be off by"
+    return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {held}. {target}"
 
 
 def matrix_sigma(fit: Fit) -> Floats:
@@ -375,10 +374,14 @@ def turn(fit: Fit) -> Turn:
 
 
 def residuals(fit: Fit, corrected: Floats) -> Residuals:
-    """Count how far (N, 3) corrected readings are from the sphere."""
+    """Count how far (N, 3) corrected readings are from the sphere; of one plane alone, from the circle in it."""
     widest = max(WIDEST * fit.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BINS + 1)
-    lengths = np.linalg.norm(corrected, axis=1) - fit.calibration.field_strength
+    if fit.plane:
+        lengths = np.linalg.norm(corrected[:, ["xyz".index(axis) for axis in fit.plane]], axis=1)
+        lengths -= lengths.mean() if len(lengths) else 0.0
+    else:
+        lengths = np.linalg.norm(corrected, axis=1) - fit.calibration.field_strength
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
     return Residuals(tuple(edges.tolist()), tuple(counts.tolist()))
 
@@ -419,6 +422,20 @@ def _runs_left_out(fit: Fit, is_at_rail: NDArray[np.bool_]) -> list[tuple[int, i
     """Runs of strays as places in what was fitted; the fit counts them among the readings that are at no rail."""
     free = np.flatnonzero(~is_at_rail)
     return [(int(free[stray.first - 1]), int(free[stray.last - 1])) for stray in fit.strays]
+
+
+def _are_strays(
+    fit: Fit, samples: Samples, is_at_rail: NDArray[np.bool_], runs: Sequence[tuple[int, int]]
+) -> NDArray[np.bool_]:
+    """(N,) which readings are strays: of a run that bridges good ones, the farthest from the ellipsoid."""
+    are = np.zeros(len(samples), bool)
+    for (first, last), stray in zip(runs, fit.strays, strict=True):
+        inside = slice(first, last + 1)
+        lengths = np.linalg.norm(fit.calibration.at().apply(samples.field[inside]), axis=1)
+        distances = np.where(is_at_rail[inside], -1.0, np.abs(lengths - fit.calibration.field_strength))
+        farthest = np.argsort(-distances, kind="stable")[: stray.rows]
+        are[first + farthest] = True
+    return are
 
 
 def _runs(rows: NDArray[np.intp]) -> list[tuple[int, int]]:

@@ -79,6 +79,10 @@ FINDINGS: Final = {
         "The readings err alike for moments at a time, so that they tell as much as {number:.0%} of them would. The "
         "errors given here allow for it.",
     ),
+    "alternating": Words(
+        "Every second reading is off to the other side, as where the readings of two sensors are mixed.",
+        "Record one sensor alone.",
+    ),
     "strays": Words(
         "Some readings do not belong to the rest ({number:.1%}) and were left out; they are listed below. Something "
         "magnetic passed by, a cable moved, or bits were lost on the way.",
@@ -106,6 +110,24 @@ FINDINGS: Final = {
         "correction is; if the sensor was not turned all the way, the compass may be off by {angle} or more.",
         "Check the compass on known bearings, and record the readings where that can be done.",
     ),
+    "driver": Words(
+        "The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
+        "Use the correction only where what it follows is measured as in the recording.",
+    ),
+    "driver-constant": Words(
+        "Something that the compass was to follow hardly changed while the recording was made, so that nothing is "
+        "known of what it does.",
+        "Record again, and change it over its whole range while turning.",
+    ),
+    "driver-entangled": Words(
+        "What the compass follows changed together with the way it was turned ({number:.0%} of it), so that one cannot "
+        "be told from the other.",
+        "Record again, and change it in each position, not in step with the turning.",
+    ),
+    "driver-uncertain": Words(
+        "At the far end of what the compass follows, headings may be off by {angle}.",
+        "Record again, with more of it at that end, while turning through all directions.",
+    ),
     "composed": Words(
         "The correction was put together from turns in one plane after the other. What they leave out costs a level "
         "heading {angle}, and nobody knows how good it is at other attitudes.",
@@ -123,6 +145,27 @@ FINDINGS: Final = {
     "field-strength": Words(
         "The field that was found, {length}, is not one of the earth's. Headings do not depend on that.",
         "Check the unit of the recording.",
+    ),
+    "circular-attitude": Words(
+        "The heading in the recorded attitude errs by {angle}, in step with the heading itself. It most likely came "
+        "from this compass before it was corrected, and was not used.",
+        "Take the attitude without its heading, or one that no compass has a part in.",
+    ),
+    "gyro-unit": Words(
+        "The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
+        "Record the turning rate in radians a second.",
+    ),
+    "swapped-axes": Words(
+        "The compass and the instrument beside it do not agree on which way is forward, right and down.",
+        "Check how both are mounted, and the axes mapping.",
+    ),
+    "one-axis": Words(
+        "Nearly all turning was about one axis. The turning rate says nothing of what disturbs the compass along it.",
+        "Also turn the vehicle about another axis, a little to either side.",
+    ),
+    "site-differs": Words(
+        "The field points down {number:.0f}° more or less steeply than it should at the place that was given.",
+        "Check the place and the day, and whether there was iron near.",
     ),
     "mirrored-axes": Words(
         "The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
@@ -151,6 +194,10 @@ REFUSALS: Final = {
         "Check the wiring and the columns that are read, and turn the sensor about all three of its axes.",
     ),
     "unmoved": Words("The sensor was hardly moved.", "Turn it slowly through all directions while recording."),
+    "not-turned": Words(
+        "The sensor was held still while what disturbs it changed.",
+        "Give the calibration that this belongs to, or turn the sensor while recording.",
+    ),
     "out-of-scale": Words(
         "The readings are larger or smaller than those of any magnetometer.",
         "Check which columns are read, and the unit.",

@@ -27,6 +27,8 @@ Which motion when:
 ``level``      all headings, level: no 3-D fit can be right    acceleration
 ``drive``      bends and hills for five minutes, 6° at most    acceleration rate
 ``flight``     banked turns for five minutes, 35° at most      acceleration rate
+``swayed``     all headings in a minute, leaning by up to 35°  acceleration rate
+``rocked``     sines in roll, pitch, heading: MAGYC's          acceleration rate
 ``sweeps``     around in the plane xy, then in yz, then in zx  acceleration rate
 ``sweep-xy``   around in one plane, and so ``-yz`` and ``-zx`` acceleration rate
 ``hemisphere`` the field never comes from above: a robot
@@ -80,6 +82,8 @@ from flinders.simulate.motions import flight as flight
 from flinders.simulate.motions import hand_tumble as hand_tumble
 from flinders.simulate.motions import level_turn as level_turn
 from flinders.simulate.motions import planar_sweeps as planar_sweeps
+from flinders.simulate.motions import rocked as rocked
+from flinders.simulate.motions import swayed as swayed
 from flinders.simulate.motions import tilted as tilted
 from flinders.simulate.recording import ACCELERATION_NOISE as ACCELERATION_NOISE
 from flinders.simulate.recording import RATE_NOISE as RATE_NOISE

@@ -51,6 +51,12 @@ SETTLING: Final = 200
 PLANES: Final = {"xy": (0, 1, 2), "yz": (1, 2, 0), "zx": (2, 0, 1)}
 """Which body axes point north, east and down while one plane is swept."""
 
+LEANING: Final = 0.8
+"""s, time constant of each filter of a swayed body's leans: it goes from one side to the other in some seconds."""
+
+ROCKING: Final = ((0.05, 0.08), (0.1, 0.3), (0.2, 0.4))
+"""rad/s, slowest and fastest of what a rocked body's roll, pitch and heading reach."""
+
 TURNING_OVER: Final = 0.05
 """Share of the readings of planar sweeps that are taken while the body is turned from one plane to the next."""
 
@@ -287,6 +293,84 @@ def flight(
     return _turning(posed(heading, pitch, bank), rate_hz, _to_the_right(heading, speed * bends))
 
 
+def swayed(
+    rng: Generator,
+    *,
+    seconds: float = 60.0,
+    rate_hz: float = RATE_HZ,
+    tilt_deg: float = 35.0,
+    turns_each: float = 2.0,
+) -> Turning:
+    """Turn a body through all headings while it leans to all sides: what `tilted` draws, in the order of time.
+
+    A vehicle that can be pushed around and leant over, and not turned upside down. It turns on the spot, so that
+    nothing but gravity is felt.
+
+    Parameters
+    ----------
+    rng : Generator
+    seconds, rate_hz : float
+        How long, and how many instants a second.
+    tilt_deg : float
+        Never reached; leans are to any side, as of a smooth random walk.
+    turns_each : float
+        Times around in all.
+
+    Examples
+    --------
+    >>> leant = swayed(np.random.default_rng(0)).attitudes[:, 2, 2]
+    >>> bool(25 < np.degrees(np.arccos(leant.min())) < 35)
+    True
+    """
+    n = count(round(seconds * rate_hz))
+    smooth = _wandering(rng, n, math.exp(-1.0 / (rate_hz * LEANING)))
+    smooth /= np.sqrt(np.mean(smooth**2))
+    far = np.hypot(smooth[:, 0], smooth[:, 1])
+    lean = smooth * (math.radians(tilt_deg) * np.tanh(far / 2) / np.maximum(far, 1e-12))[:, np.newaxis]
+    heading = rng.uniform(0, 2 * np.pi) + 2 * np.pi * turns_each * _clock(n, rate_hz) / seconds + 0.3 * smooth[:, 2]
+    attitudes = turns(np.outer(heading, [0.0, 0.0, 1.0])) @ turns(lean * [1.0, 1.0, 0.0])
+    return _turning(attitudes, rate_hz)
+
+
+def rocked(
+    rng: Generator,
+    *,
+    seconds: float = 600.0,
+    rate_hz: float = RATE_HZ,
+    amplitudes_deg: Sequence[float] = (5.0, 45.0, 360.0),
+) -> Turning:
+    """Rock a body about each of its axes, each as a sine of its own: the motion of the MAGYC simulations.
+
+    Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate: 0.05 … 0.08, 0.1 … 0.3 and
+    0.2 … 0.4 rad/s, drawn with the phases.
+
+    Parameters
+    ----------
+    rng : Generator
+    seconds, rate_hz : float
+        How long, and how many instants a second; MAGYC has 10.
+    amplitudes_deg : (3,) sequence of float
+        Of roll, pitch and heading: (5, 45, 360) is called WAM, (5, 5, 360) MAM and (5, 45, 90) LAM.
+
+    References
+    ----------
+    S. Rodríguez-Martínez and G. Troni (2024), see `flinders.estimators.magyc_ls`; numbers as in their code.
+
+    Examples
+    --------
+    >>> gentle = rocked(np.random.default_rng(0), amplitudes_deg=(5.0, 5.0, 360.0)).attitudes[:, 2, 2]
+    >>> bool(6 < np.degrees(np.arccos(gentle.min())) < 7.1)
+    True
+    """
+    time = _clock(count(round(seconds * rate_hz)), rate_hz)
+    angles: list[Floats] = []
+    for amplitude, (slowest, fastest) in zip(np.radians(amplitudes_deg), ROCKING, strict=True):
+        fast, phase = rng.uniform(slowest, fastest), rng.uniform(0, 2 * np.pi)
+        angles.append(amplitude * np.sin(fast / amplitude * time + phase))
+    roll, pitch, heading = angles
+    return _turning(posed(heading, pitch, roll), rate_hz)
+
+
 def planar_sweeps(
     rng: Generator,
     *,
@@ -383,6 +467,8 @@ MOTIONS: Final[Mapping[str, Motion]] = {
     "eight": Motion(_followed(figure_eight), 60.0),
     "drive": Motion(_followed(drive), 300.0, 6.0),
     "flight": Motion(_followed(flight), 300.0, 35.0),
+    "swayed": Motion(_followed(swayed), 60.0, 35.0),
+    "rocked": Motion(_followed(rocked), 600.0),
     "sweeps": Motion(_followed(planar_sweeps), 60.0),
     "sweep-xy": Motion(_followed(planar_sweeps, planes=["xy"]), 30.0),
     "sweep-yz": Motion(_followed(planar_sweeps, planes=["yz"]), 30.0),

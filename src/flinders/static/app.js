@@ -10,7 +10,7 @@ import { Connection } from "./connection.js";
 import { ask, byId, element, icon, Refusal, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
-import { Gap, Store } from "./store.js";
+import { errors, Gap, goesOn, Store } from "./store.js";
 import { legend, palette } from "./views/colours.js";
 import { deviation } from "./views/deviation.js";
 import { corrected, dial, headingOf } from "./views/dial.js";
@@ -19,7 +19,7 @@ import { svg } from "./views/plot.js";
 import { projections } from "./views/projections.js";
 import { histogram } from "./views/residuals.js";
 import { select, strength } from "./views/strength.js";
-import { counted, degrees, duration, fixed, frequency, ICONS, PHASES, sentence, things } from "./views/words.js";
+import { capital, counted, degrees, duration, frequency, ICONS, PHASES, sentence, significant, things } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
@@ -115,7 +115,7 @@ function draw(now) {
     if (dirty.state || dirty.view) finish.show(view, state);
     if (dirty.view) {
         histogram(byId("histogram", HTMLElement), view, theme());
-        setText(byId("residuals-noise", HTMLElement), view && view.noise !== null ? `σ ${fixed(view.noise, view.noise < 1 ? 2 : 1)} ${view.unit}` : "");
+        setText(byId("residuals-noise", HTMLElement), view && view.noise !== null ? `σ ${significant(view.noise, 3)} ${view.unit}` : "");
     }
     if (dirty.view || dirty.state) deviation(byId("deviation", HTMLElement), view, theme(), state?.target_deg ?? null);
     if (dirty.points || dirty.view || dirty.state) drawScene(view, state);
@@ -144,27 +144,16 @@ function drawAll() {
 }
 
 /**
- * The errors that count for what the calibration is for.
- * @param {View | null} view
- * @param {string} goal
- * @returns {{rms: number | null, worst: number | null}}
- */
-function errors(view, goal) {
-    const pair = goal === "attitude" ? view?.any_attitude_deg : view?.heading_error_deg;
-    return { rms: pair?.rms ?? null, worst: pair?.worst ?? null };
-}
-
-/**
  * @param {State} state
  * @param {View | null} view
  */
 function drawState(state, view) {
     const { rms, worst } = errors(view, state.goal);
     gauge(byId("gauge", HTMLElement), { rms, worst, target: state.target_deg }, theme());
-    setText(byId("worst", HTMLElement), degrees(worst, 2).replace("°", ""));
+    setText(byId("worst", HTMLElement), degrees(worst).replace("°", ""));
     byId("degree", HTMLElement).hidden = worst === null;
     setText(byId("worst-what", HTMLElement), state.goal === "attitude" ? "in the worst direction" : "at the worst heading");
-    setText(byId("rms", HTMLElement), degrees(rms, 2));
+    setText(byId("rms", HTMLElement), degrees(rms));
     setField("target", state.target_deg);
     setField("dip", state.dip_deg);
     const goal = byId("goal", HTMLSelectElement);
@@ -193,15 +182,18 @@ function drawPhase(state) {
     const title = byId("phase", HTMLElement);
     setIcon(title, ICONS[state.phase]);
     const strong = title.querySelector("strong");
-    if (strong) setText(strong, state.paused ? "Paused" : (PHASES[state.phase] ?? state.phase));
-    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? "" : state.words);
+    const phase = PHASES[state.phase] ?? state.phase;
+    const told = state.paused ? "Paused" : phase;
+    const words = told === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
+    if (strong) setText(strong, told);
+    setText(byId("phase-words", HTMLElement), words);
     const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
     setList(byId("reasons", HTMLElement), others, (reason) => {
         const row = element("li", sentence(reason.advice));
         row.dataset.severity = reason.severity;
         return row;
     });
-    say("phase", `${PHASES[state.phase]}. ${state.words}`);
+    say("phase", `${told}. ${words}`);
 }
 
 /** @param {State} state */
@@ -233,23 +225,33 @@ function drawAdvice(state, view) {
     byId("stage", HTMLElement).toggleAttribute("data-empty", nothing);
     setText(byId("empty-lead", HTMLElement), state.source.link === "gone" ? "The sensor is gone" : `Waiting for readings`);
     setText(byId("empty-words", HTMLElement), state.source.words);
-    const guidance = view?.guidance ?? null;
+    const words = advice(state, view);
     const done = state.phase === "good";
     const wrong = state.phase === "wrong";
-    const words = wrong
-        ? sentence(state.words)
-        : nothing
-          ? "Plug the sensor in, then turn it slowly through all directions."
-          : done
-            ? "Done: press Finish. Going on makes it better still."
-            : guidance
-              ? sentence(guidance.words)
-              : "Turn the sensor slowly through all directions.";
     setIcon(byId("advice", HTMLElement), done ? "good" : wrong ? "wrong" : "next");
     byId("advice", HTMLElement).dataset.phase = state.phase;
     byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
     setText(byId("advice-words", HTMLElement), words);
-    say("advice", words);
+    say("advice", wrong ? "" : words); // what is wrong is said with the phase
+}
+
+/**
+ * What to do next, in the large type.
+ * @param {State} state
+ * @param {View | null} view
+ * @returns {string}
+ */
+function advice(state, view) {
+    const guidance = view?.guidance ?? null;
+    if (state.phase === "wrong") return sentence(state.words);
+    if (!goesOn(state) && state.readings > 0) {
+        if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
+        const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
+        return `This one has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
+    }
+    if (state.readings === 0) return "Plug the sensor in, then turn it slowly through all directions.";
+    if (state.phase === "good") return "Done: press Finish. Going on makes it better still.";
+    return guidance ? sentence(guidance.words) : "Turn the sensor slowly through all directions.";
 }
 
 let legendDrawn = "";
@@ -326,6 +328,7 @@ async function startScene() {
 let maskedSpans = null;
 /** @type {View | null} */
 let sceneView = null;
+let sceneLeads = true;
 let maskKey = "";
 
 /**
@@ -338,9 +341,11 @@ function drawScene(view, state) {
     else if (sceneFrom < store.points.count) scene.appendPoints(store.points, sceneFrom);
     sceneFrom = store.points.count;
     if (state) scene.setTarget(state.target_deg);
-    if (view !== sceneView) {
+    const leads = state !== null && state.phase !== "wrong" && goesOn(state);
+    if (view !== sceneView || leads !== sceneLeads) {
         sceneView = view;
-        scene.setView(view);
+        sceneLeads = leads;
+        scene.setView(view && !leads ? { ...view, guidance: null } : view);
     }
     const spans = state?.excluded ?? [];
     const key = JSON.stringify([spans, view?.rejected ?? [], store.points.stride]);

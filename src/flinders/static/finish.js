@@ -1,8 +1,9 @@
 /** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
 
+import { errors } from "./store.js";
 import { ask, byId, element, icon, Refusal, save, setIcon, setList, setText } from "./dom.js";
 import { table } from "./views/table.js";
-import { counted, degrees, ICONS, measured, sentence, significant, VERDICTS } from "./views/words.js";
+import { counted, degrees, ICONS, measured, PHASES, sentence, significant, VERDICTS } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").State} State */
 /** @typedef {import("./messages.d.ts").View} View */
@@ -15,9 +16,14 @@ import { counted, degrees, ICONS, measured, sentence, significant, VERDICTS } fr
  * @property {string} filename
  * @property {string[]} warnings
  * @property {string | null} [binary_base64]
+ * @property {string | null} [refusal] Why this calibration cannot be exported for this target.
  */
 
 const LAST_TARGET = "flinders-export";
+/** What can be had of any calibration, in any unit. */
+const FIRST_TARGET = "c";
+/** What may be wrong while the readings that are here are sound. */
+const BESIDE = ["gone", "nothing-arrives", "not-recorded"];
 /** A preview follows the fit no faster than this. */
 const PREVIEW_MS = 1000;
 
@@ -32,8 +38,8 @@ export class Finish {
         this.preview = null;
         this.asked = 0;
         this.timer = 0;
-        /** @type {View | null} The fit that the preview was asked for. */
-        this.previewed = null;
+        /** The fit and the target that the preview was asked for. */
+        this.previewed = "";
         this.waiting = false;
         /** @type {View | null} */
         this.view = null;
@@ -88,7 +94,8 @@ export class Finish {
      * @param {readonly TargetInfo[]} targets
      */
     setTargets(targets) {
-        const chosen = this.targets.value || remembered();
+        const known = (/** @type {string} */ chosen) => targets.some(({ name }) => name === chosen);
+        const chosen = [this.targets.value, remembered(), FIRST_TARGET].find(known);
         this.targets.replaceChildren(
             ...targets.map(({ name, title, suffix }) => {
                 const option = document.createElement("option");
@@ -97,7 +104,7 @@ export class Finish {
                 return option;
             }),
         );
-        if (targets.some(({ name }) => name === chosen)) this.targets.value = chosen;
+        if (chosen) this.targets.value = chosen;
     }
 
     /**
@@ -108,7 +115,7 @@ export class Finish {
     show(view, state) {
         this.view = view;
         this.state = state;
-        this.verdict(view);
+        this.verdict(view, state);
         this.numbers(view);
         const region = byId("parameters", HTMLElement);
         const key = JSON.stringify([view?.verdict, view?.offset, view?.matrix, view?.offset_sigma, view?.matrix_sigma]);
@@ -133,28 +140,37 @@ export class Finish {
         );
         byId("previous-clear", HTMLElement).hidden = !previous;
         this.allow();
-        if (this.isOpen && view !== this.previewed) this.refreshSoon();
+        if (this.isOpen && this.key !== this.previewed) this.refreshSoon();
     }
 
     /** Switch buttons off that have nothing to act on. */
     allow() {
         const usable = Boolean(this.view?.offset);
-        for (const id of ["save-calibration", "save-report"]) byId(id, HTMLButtonElement).disabled = !usable;
+        byId("save-calibration", HTMLButtonElement).disabled = !usable;
+        byId("save-report", HTMLButtonElement).disabled = !this.view; // of a refused fit it says why
         byId("save-session", HTMLButtonElement).disabled = !(this.state && this.state.readings > 0);
-        const kind = this.state?.source.kind;
-        byId("send", HTMLButtonElement).disabled = !usable || !(kind === "serial" || kind === "mavlink");
+        byId("send", HTMLButtonElement).disabled = !usable || !this.state?.can_send;
         byId("copy", HTMLButtonElement).disabled = !this.preview?.text;
         byId("export-file", HTMLButtonElement).disabled = !this.preview;
     }
 
-    /** @param {View | null} view */
-    verdict(view) {
+    /** What the preview hangs on. */
+    get key() {
+        const { verdict, unit, offset, matrix, field_strength } = this.view ?? {};
+        return JSON.stringify([this.targets.value, verdict, unit, offset, matrix, field_strength]);
+    }
+
+    /**
+     * @param {View | null} view
+     * @param {State | null} state
+     */
+    verdict(view, state) {
+        const { kind, title, words } = judged(view, state);
         const box = byId("verdict", HTMLElement);
-        box.dataset.verdict = view?.verdict ?? "none";
-        setIcon(box, view ? ICONS[view.verdict] : "collecting");
-        setText(byId("verdict-title", HTMLElement), view ? VERDICTS[view.verdict] : "No calibration yet");
-        const none = "Turn the sensor through all directions; the first fit comes after some seconds.";
-        setText(byId("verdict-words", HTMLElement), view ? view.sentence : none);
+        box.dataset.verdict = kind;
+        setIcon(box, ICONS[kind] ?? "collecting");
+        setText(byId("verdict-title", HTMLElement), title);
+        setText(byId("verdict-words", HTMLElement), words);
     }
 
     /** @param {View | null} view */
@@ -196,12 +212,19 @@ export class Finish {
         const target = this.targets.value;
         if (!target) return;
         const turn = ++this.asked;
-        this.previewed = this.view;
+        this.previewed = this.key;
+        if (!this.view?.offset) {
+            this.waiting = false;
+            this.showPreview(null, this.view ? `A refused fit is not exported. ${this.view.sentence}` : "There is no calibration yet.");
+            return;
+        }
         this.waiting = true;
         try {
             const answer = await ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
             const preview = /** @type {Preview} */ (await answer.json());
-            if (turn === this.asked) this.showPreview(preview, preview.text);
+            if (turn !== this.asked) return;
+            if (preview.refusal) this.showPreview(null, sentence(preview.refusal));
+            else this.showPreview(preview, preview.text);
         } catch (error) {
             if (turn === this.asked) this.showPreview(null, error instanceof Refusal ? sentence(error.message) : String(error));
         } finally {
@@ -270,6 +293,30 @@ export class Finish {
         const { words } = await answer.json().catch(() => ({}));
         setText(this.answer, typeof words === "string" ? sentence(words) : "Sent.");
     }
+}
+
+/**
+ * The verdict, never better than what the page says: what is wrong with the readings stands first.
+ * @param {View | null} view
+ * @param {State | null} state
+ * @returns {{kind: string, title: string, words: string}}
+ */
+export function judged(view, state) {
+    const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity }) => severity === "warning") : [];
+    const why = wrong.map(({ advice }) => sentence(advice));
+    const isWrong = wrong.some(({ code }) => !BESIDE.includes(code));
+    if (!view) {
+        const none = "Turn the sensor through all directions; the first fit comes after some seconds.";
+        if (isWrong) return { kind: "refused", title: PHASES.wrong, words: why.join(" ") };
+        return { kind: "none", title: "No calibration yet", words: [...why, none].join(" ") };
+    }
+    const { worst } = errors(view, state?.goal ?? "heading");
+    const anyhow = state?.goal === "attitude" && worst !== null ? [`Whichever way it is held: ${degrees(worst)} (1 σ).`] : [];
+    const words = [...why, view.sentence, ...anyhow].join(" ");
+    if (isWrong) return { kind: "refused", title: PHASES.wrong, words };
+    const target = state?.target_deg ?? view.heading_error_deg?.target_deg ?? Infinity;
+    const misses = view.verdict !== "refused" && worst !== null && worst > target;
+    return { kind: misses ? "limited" : view.verdict, title: misses ? "Misses the target" : VERDICTS[view.verdict], words };
 }
 
 /**

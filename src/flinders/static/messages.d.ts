@@ -67,6 +67,7 @@ export interface State {
   recording: string | null;
   previous: PreviousState | null;
   opened: string | null;
+  can_send: boolean;
 }
 
 /** Heading error to expect, 1 σ, in degrees, and what it is for. */

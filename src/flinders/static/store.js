@@ -25,6 +25,26 @@ const FIRST_ROOM = 4096;
 /** Raised for a frame that does not follow on what is here: the page then connects anew and gets all of it. */
 export class Gap extends Error {}
 
+/**
+ * The errors that count for what the calibration is for.
+ * @param {View | null} view
+ * @param {string} goal
+ * @returns {{rms: number | null, worst: number | null}}
+ */
+export function errors(view, goal) {
+    const pair = goal === "attitude" ? view?.any_attitude_deg : view?.heading_error_deg;
+    return { rms: pair?.rms ?? null, worst: pair?.worst ?? null };
+}
+
+/**
+ * Whether somebody can still turn the sensor: neither a log nor a playback that has ended.
+ * @param {State} state
+ * @returns {boolean}
+ */
+export function goesOn({ opened, source }) {
+    return opened === null && source.link !== "ended" && source.kind !== "file";
+}
+
 export class Store {
     constructor() {
         /** @type {Hello | null} */

@@ -105,6 +105,8 @@ export class Picture {
 
     /** Readings from here on have not been sent to the graphics card. */
     unsent = Infinity;
+    /** How many there are in the arrays that are held: `points` may have grown into others since. */
+    count = 0;
     /** When the transition began, and the last picture was drawn: milliseconds. */
     started = -Infinity;
     last = 0;
@@ -206,6 +208,7 @@ export class Picture {
             first = 0;
         }
         this.points = points;
+        this.count = points.count;
         mark(this.marks, points, first, this.excluded, this.rejected, points.stride);
         extend(this.extent, points.field, first, points.count);
         this.unsent = Math.min(this.unsent, first);
@@ -324,12 +327,12 @@ export class Picture {
 
     /** Hand new readings to the graphics card, and only those. */
     #send() {
-        if (this.points === null || this.unsent >= this.points.count) return;
+        if (this.unsent >= this.count) return;
         this.field.clearUpdateRanges();
-        this.field.addUpdateRange(3 * this.unsent, 3 * (this.points.count - this.unsent));
+        this.field.addUpdateRange(3 * this.unsent, 3 * (this.count - this.unsent));
         this.field.needsUpdate = true;
         this.marked.needsUpdate = true;
-        this.readings.setDrawRange(0, this.points.count);
+        this.readings.setDrawRange(0, this.count);
         this.#dress();
         this.unsent = Infinity;
     }

@@ -99,6 +99,36 @@ export function path(points, closed = false) {
     return closed && d ? `${d}Z` : d;
 }
 
+/** @typedef {{x: number, y: number, wide: number, high: number, words: string}} Place Of words: left, foot, size. */
+
+/**
+ * The place that lines pass at the greatest distance, the first of equals.
+ * @param {readonly Place[]} places
+ * @param {readonly (readonly [number, number])[]} line Points; those that are no numbers break it.
+ * @returns {Place | null}
+ */
+export function freest(places, line) {
+    const STEPS = 8;
+    const room = (/** @type {Place} */ { x, y, wide, high }) => {
+        let least = Infinity;
+        for (let i = 1; i < line.length; i++) {
+            for (let step = 0; step <= STEPS; step++) {
+                const px = line[i - 1][0] + (step / STEPS) * (line[i][0] - line[i - 1][0]);
+                const py = line[i - 1][1] + (step / STEPS) * (line[i][1] - line[i - 1][1]);
+                if (!Number.isFinite(px + py)) break;
+                least = Math.min(least, Math.hypot(Math.max(x - px, 0, px - x - wide), Math.max(y - high - py, 0, py - y)));
+            }
+        }
+        return least;
+    };
+    let [best, most] = [/** @type {Place | null} */ (null), -1];
+    for (const place of places) {
+        const free = room(place);
+        if (free > most) [best, most] = [place, free];
+    }
+    return best;
+}
+
 /**
  * A colour of the theme, as numbers.
  * @param {Element} element

@@ -53,7 +53,7 @@ function drawProjections(chart, points, view, state) {
     const rows = isWide && panel.height > 0.5 * panel.width && shown ? ["before", "after"] : ["both"];
     const domain = rows.map((row) => extents(points, kinds, shown, row));
     const [columns, lines] = isWide ? [3, rows.length] : [1, 3];
-    const left = 2.7 * panel.em;
+    const left = 3.1 * panel.em;
     const tall = panel.height / lines;
     const side = Math.max(16, Math.min((panel.width - 2) / columns - left, tall - 2.4 * panel.em));
     const cell = Math.min((panel.width - 2) / columns, side + 5.5 * panel.em);
@@ -133,10 +133,12 @@ function drawSquare(chart, image, box, pair, domain, what) {
     const spanY = { low: domain.centre[up] - domain.half, high: domain.centre[up] + domain.half };
     const marksX = what.points.count > 0 ? ticks(spanX, most) : [];
     const marksY = what.points.count > 0 ? ticks(spanY, most) : [];
+    const name = what.unit ? `${pair[2]}, ${what.unit}` : pair[2];
     for (const value of marksX) {
+        const number = fixed(value, tickDecimals(marksX));
         inside.append(panel.draw("path", { class: value === 0 ? "zero" : "grid", d: `M${toX(value)} ${box.y}v${box.side}` }));
-        const near = Math.abs(toX(value) - box.x - box.side) < (what.unit ? 4.2 : 1.2) * panel.em;
-        if (!near) tick(panel, toX(value), box.y + box.side + 0.95 * panel.em, fixed(value, tickDecimals(marksX)), "middle");
+        const near = box.x + box.side - toX(value) < (0.4 + 0.66 * name.length + 0.33 * number.length) * panel.em;
+        if (!near) tick(panel, toX(value), box.y + box.side + 0.95 * panel.em, number, "middle");
     }
     for (const value of marksY) {
         inside.append(panel.draw("path", { class: value === 0 ? "zero" : "grid", d: `M${box.x} ${toY(value)}h${box.side}` }));
@@ -145,7 +147,7 @@ function drawSquare(chart, image, box, pair, domain, what) {
     }
     outlines(panel, inside, across, up, { toX, toY }, what);
     if (left_out.length > 0) inside.append(crosses(panel, left_out));
-    tick(panel, box.x + box.side, box.y + box.side + 0.95 * panel.em, what.unit ? `${pair[2]}, ${what.unit}` : pair[2], "end", "name");
+    tick(panel, box.x + box.side, box.y + box.side + 0.95 * panel.em, name, "end", "name");
     tick(panel, box.x + 0.4 * panel.em, box.y + panel.em, pair[3], "start", "name");
     if (what.row !== "both") tick(panel, box.x + box.side - 0.4 * panel.em, box.y + panel.em, what.row, "end", what.row);
 }

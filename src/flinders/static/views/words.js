@@ -57,16 +57,14 @@ export function significant(value, digits) {
 }
 
 /**
- * An angle to two significant digits: 0.42°, 2.1°, 23°; beyond 90° an error says nothing more.
+ * An angle to two significant digits, as in the sentences of the server: 0.084°, 0.42°, 2.1°, 23°; beyond 90° an error
+ * says nothing more.
  * @param {number | null | undefined} deg
- * @param {number} [most] Decimals at most.
  * @returns {string}
  */
-export function degrees(deg, most = 3) {
+export function degrees(deg) {
     if (deg === null || deg === undefined || !Number.isFinite(deg)) return NONE;
-    const size = Math.abs(deg);
-    if (size > 90) return "> 90°";
-    return `${fixed(deg, Math.min(most, size >= 9.95 ? 0 : size >= 0.995 ? 1 : size >= 0.0995 ? 2 : 3))}°`;
+    return Math.abs(deg) > 90 ? "> 90°" : `${significant(deg, 2)}°`;
 }
 
 /**
@@ -100,13 +98,22 @@ export function things(count, thing) {
 }
 
 /**
+ * Words with a capital at the start.
+ * @param {string} words
+ * @returns {string}
+ */
+export function capital(words) {
+    return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
+/**
  * Words with a capital at the start and a full stop at the end.
  * @param {string} words
  * @returns {string}
  */
 export function sentence(words) {
     const isWord = /^[a-z]+[ ,:;]/.test(words); // and no file name
-    const whole = isWord ? words.charAt(0).toUpperCase() + words.slice(1) : words;
+    const whole = isWord ? capital(words) : words;
     return whole === "" || /[.!?…]$/.test(whole) ? whole : `${whole}.`;
 }
 

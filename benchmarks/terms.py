@@ -1,0 +1,429 @@
+"""What each aid is worth beside the magnitude of the field, and beside the published methods: tables as Markdown.
+
+    python -m benchmarks.terms [--tables magyc,sim,aids,nees,level,real,time] [--trials 200] [--seeds 10]
+
+magyc   MAGYC's simulation: error of the offset, of the soft iron (Frobenius norm of the difference of matrix
+        logarithms, determinants taken out), heading rms with the true attitude over that which noise alone leaves;
+        medians over seeds. The `magyc` package runs beside them where it is installed.
+sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
+aids    S4t, `simulate.tumble(motion="swayed")`: level heading error of each aid and of all of them.
+nees    Squared error over claimed covariance for each parameter, mean over trials: 1 is true.
+level   S7, a level turn, with the field of the site known: heading error level and tilted.
+real    Real recordings: see `benchmarks.terms_recordings`.
+time    CPU seconds, and peak memory of a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import math
+import resource
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import repeat
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from benchmarks import terms_recordings
+from benchmarks.datasets import FIELD_STRENGTH, dataset, heading_error_deg
+from flinders import simulate
+from flinders.attitude import magnetic_heading_deg
+from flinders.errors import FlindersError
+from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
+from flinders.estimators.aided import solve
+from flinders.quadric import upper
+from flinders.quaternions import of_matrix
+from flinders.samples import Samples
+from flinders.terms.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.simulate import Simulated, Turning
+
+SEED: Final = 20240915
+OFFSET_MG: Final = np.array([20.0, 120.0, 90.0])
+IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
+FIELD_MG: Final = np.array([227.207, 51.796, 411.731])
+GYRO_BIAS: Final = np.array([0.004, -0.005, 0.002])
+AMPLITUDES: Final = {
+    "WAM 5/45/360": (5.0, 45.0, 360.0),
+    "MAM 5/5/360": (5.0, 5.0, 360.0),
+    "LAM 5/45/90": (5.0, 45.0, 90.0),
+    "5/5/90": (5.0, 5.0, 90.0),
+}
+"""Roll, pitch and heading of MAGYC's motions, in degrees."""
+
+SIGMA: Final = 0.5
+"""µT, noise of the S sets."""
+
+TILTS_DEG: Final = (0.0, 2.0, 5.0, 10.0, 20.0)
+ATTITUDE_NOISE_DEG: Final = 0.5
+"""About each axis, of an attitude that a log tells."""
+
+Answer = tuple["Floats", "Floats"]
+"""Offset (3,) and matrix (3, 3) up to a factor: corrected = matrix @ (raw − offset)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rocked:
+    """A recording of MAGYC's simulation, in mG, and its truth."""
+
+    samples: Samples
+    attitudes: Floats
+    true: Floats
+
+
+# (a) MAGYC's simulation, and SIM1 and SIM2
+
+
+def magyc(name: str, seed: int) -> Rocked:
+    """6,000 readings at 10 Hz: 10 mG and 10 mrad/s of noise, a gyro with a bias."""
+    rng = np.random.default_rng([SEED, seed])
+    turning = simulate.rocked(rng, seconds=600.0, rate_hz=10.0, amplitudes_deg=AMPLITUDES[name])
+    true = simulate.seen_from(turning.attitudes, FIELD_MG)
+    raw = true @ IRON + OFFSET_MG + rng.normal(0.0, 10.0, true.shape)
+    rate = turning.rate + GYRO_BIAS + rng.normal(0.0, 0.01, true.shape)
+    return Rocked(Samples(raw, time=turning.time, rate=rate), turning.attitudes, true)
+
+
+def sim(name: str, seed: int) -> Samples:
+    """60 s at 100 Hz, 1 mG and 5 mrad/s; SIM1 is tumbled slowly, SIM2 rocked by 5°, 5° and 90° (their own not read)."""
+    rng = np.random.default_rng([SEED, seed])
+    turning: Turning
+    if name == "SIM2":
+        turning = simulate.rocked(rng, seconds=60.0, rate_hz=100.0, amplitudes_deg=AMPLITUDES["5/5/90"])
+    else:
+        turning = simulate.hand_tumble(rng, seconds=60.0, rate_hz=100.0, speed=0.5, smoothness=1.5)
+    raw = simulate.seen_from(turning.attitudes, np.array([200.0, -40.0, 480.0])) + OFFSET_MG
+    noisy = raw + rng.normal(0.0, 1.0, raw.shape)
+    return Samples(noisy, time=turning.time, rate=turning.rate + rng.normal(0.0, 0.005, raw.shape))
+
+
+def by_estimator(samples: Samples, *, estimator: Estimator) -> Answer:
+    """Offset and matrix of one of `flinders.estimators.METHODS`."""
+    ellipsoid = estimator.estimate(Readings.of(samples)).ellipsoid
+    return ellipsoid.centre, np.linalg.inv(ellipsoid.shape)
+
+
+def by_aids(samples: Samples, *, terms: Sequence[str], site: Site | None = None, window_s: float = 5.0) -> Answer:
+    """Offset and matrix of the joint fit, rotation and all."""
+    found = solve(samples, terms, site=site, window_s=window_s)
+    return found.parameters.offset, found.matrix
+
+
+def by_package(samples: Samples, *, function: str) -> Answer:
+    """Offset and matrix of a function of the `magyc` package."""
+    found = getattr(importlib.import_module("magyc"), function)(samples.field, samples.rate, samples.time)
+    soft_iron = np.asarray(found[1])
+    matrix = np.linalg.inv(soft_iron) if soft_iron.shape == (3, 3) else np.eye(3)
+    return np.asarray(found[0], float).ravel(), matrix
+
+
+CONTESTANTS: Final[Mapping[str, Callable[[Samples], Answer]]] = {
+    "likelihood, magnitude alone": partial(by_estimator, estimator=Likelihood()),
+    "`sar-ls`": partial(by_estimator, estimator=SarLs()),
+    "`sar-kf`": partial(by_estimator, estimator=SarKf(gyro_noise=0.01)),
+    "`px4-observer`": partial(by_estimator, estimator=Px4Observer()),
+    "`magyc-ls`": partial(by_estimator, estimator=MagycLs()),
+    "`magyc-ls`, window=1": partial(by_estimator, estimator=MagycLs(1)),
+    "rate aid, 1 s": partial(by_aids, terms=("rate",), window_s=1.0),
+    "rate aid, 5 s": partial(by_aids, terms=("rate",), window_s=5.0),
+    "rate aid, 10 s": partial(by_aids, terms=("rate",), window_s=10.0),
+}
+
+
+def package() -> dict[str, Callable[[Samples], Answer]]:
+    """Functions of the `magyc` package, where it is installed."""
+    if importlib.util.find_spec("magyc") is None:
+        return {}
+    there = importlib.import_module("magyc")
+    names = [name for name in ("magyc_ls", "magyc_nls", "magyc_bfg", "sar_ls") if hasattr(there, name)]
+    return {f"package `magyc`: {name}": partial(by_package, function=name) for name in names}
+
+
+def scored(answer: Answer, rocked: Rocked) -> tuple[float, float, float]:
+    """Offset in mG, soft iron, and heading rms over that of the noise."""
+    offset, matrix = answer
+    corrected = (rocked.samples.field - offset) @ matrix.T
+    perfect = (rocked.samples.field - OFFSET_MG) @ np.linalg.inv(IRON)
+    truth = _headings(rocked.true, rocked.attitudes)
+    found = _wrapped_rms(_headings(corrected, rocked.attitudes) - truth)
+    floor = _wrapped_rms(_headings(perfect, rocked.attitudes) - truth)
+    root = np.linalg.inv(matrix)
+    values, axes = np.linalg.eigh(root @ root.T)  # symmetric root: a rotation is no soft iron
+    iron = float(np.linalg.norm(_log((axes * np.sqrt(values)) @ axes.T) - _log(IRON)))
+    return float(np.linalg.norm(offset - OFFSET_MG)), iron, found / floor
+
+
+def magyc_score(contestant: Callable[[Samples], Answer], name: str, seed: int) -> tuple[float, float, float, float]:
+    """Run one contestant on one recording: its scores, and CPU seconds; NaN where it refuses."""
+    rocked = magyc(name, seed)
+    begun = time.process_time()
+    try:
+        answer = contestant(rocked.samples)
+    except FlindersError:
+        return math.nan, math.nan, math.nan, math.nan
+    return *scored(answer, rocked), time.process_time() - begun
+
+
+def magyc_table(pool: ProcessPoolExecutor, seeds: int) -> Iterator[str]:
+    """Yield MAGYC's simulation, motion by motion."""
+    yield "| motion | method | offset, mG | soft iron | heading over floor | CPU s |"
+    yield "|---|---|---:|---:|---:|---:|"
+    others = package()
+    for name in AMPLITUDES:
+        for title, contestant in {**CONTESTANTS, **others}.items():
+            rows = list(pool.map(magyc_score, repeat(contestant), repeat(name), range(seeds)))
+            off, iron, heading, seconds = np.nanmedian(np.array(rows), axis=0)
+            yield f"| {name} | {title} | {off:.3g} | {iron:.4f} | {heading:.3f} | {seconds:.2f} |"
+    if not others:
+        yield "\nThe `magyc` package is not installed, and so not in the table."
+
+
+def sim_score(contestant: Callable[[Samples], Answer], name: str, seed: int) -> float:
+    """Error of the offset in mG."""
+    return float(np.linalg.norm(contestant(sim(name, seed))[0] - OFFSET_MG))
+
+
+def sim_table(pool: ProcessPoolExecutor, seeds: int) -> Iterator[str]:
+    """Yield SIM1 and SIM2."""
+    yield "| set | method | offset, mG: median | worst |"
+    yield "|---|---|---:|---:|"
+    for name in ("SIM1", "SIM2"):
+        for title, contestant in CONTESTANTS.items():
+            errors = list(pool.map(sim_score, repeat(contestant), repeat(name), range(seeds)))
+            yield f"| {name} | {title} | {np.median(errors):.3g} | {max(errors):.3g} |"
+
+
+# (b) S4t, (c) nees
+
+
+def swayed(trial: int) -> tuple[Simulated, Samples, Site]:
+    """S4t: 60 s at 50 Hz, the attitude as a log tells it, and a site whose strength is known to 1 %, in a true unit.
+
+    The mean gain of the sensor is one: otherwise the strength of the site says nothing.
+    """
+    rng = np.random.default_rng([SEED, 1, trial])
+    imu = simulate.Imu(gyro_bias=rng.normal(0.0, 0.01, 3))
+    sensor = simulate.Sensor.random(rng, noise=SIGMA)
+    sensor = replace(sensor, matrix=3.0 * sensor.matrix / np.trace(sensor.matrix))
+    recording = simulate.tumble(rng, motion="swayed", sensor=sensor, imu=imu)
+    assert recording.attitudes is not None
+    shaken = simulate.turns(rng.normal(0.0, math.radians(ATTITUDE_NOISE_DEG), (len(recording.attitudes), 3)))
+    attitude = np.array([of_matrix(one) for one in recording.attitudes @ shaken])
+    logged = replace(recording.samples, attitude=attitude)
+    strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
+    site = Site(strength=strength, inclination_deg=dip, gain_sigma=0.01, inclination_sigma_deg=1.0)
+    return recording, logged, site
+
+
+AIDED: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
+    "none: magnitude alone": ((), ""),
+    "strength of the site ± 1 %": ((), "strength"),
+    "dip": (("dip",), ""),
+    "dip and the site's field": (("dip",), "both"),
+    "rate": (("rate",), ""),
+    "rate, dip": (("rate", "dip"), ""),
+    "rate, dip, the site's field": (("rate", "dip"), "both"),
+    "attitude without yaw": (("tilt",), ""),
+    "attitude": (("attitude",), ""),
+    "rate, attitude, the site's field": (("rate", "attitude"), "both"),
+}
+"""Terms, and what of the site is known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """Level heading error in degrees, and (9,) squared errors over their claimed variances, and of all together."""
+
+    heading_deg: float
+    squares: Floats
+    together: float
+
+
+def trial(title: str, number: int) -> Trial | None:
+    """Fit one S4t recording with some aids; None where that is refused."""
+    recording, samples, site = swayed(number)
+    terms, known = AIDED[title]
+    if known == "strength":
+        site = replace(site, inclination_deg=None)
+    try:
+        found = solve(samples, terms, site=site if known else None)
+    except FlindersError:
+        return None
+    offset, shape = found.parameters.offset, found.parameters.shape
+    error = np.concatenate([offset, upper(shape)])
+    error -= np.concatenate([recording.sensor.offset, FIELD_STRENGTH * upper(np.asarray(recording.sensor.matrix))])
+    covariance = found.covariance[:9, :9]
+    return Trial(
+        heading_error_deg(FIELD_STRENGTH * found.matrix, offset, recording),
+        error**2 / np.diag(covariance),
+        float(error @ np.linalg.solve(covariance, error)) / 9.0,
+    )
+
+
+@cache
+def trials_of(pool: ProcessPoolExecutor, title: str, trials: int) -> list[Trial | None]:
+    """All trials with some aids: two tables show them."""
+    return list(pool.map(trial, repeat(title), range(trials), chunksize=4))
+
+
+def aids_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
+    """Yield what each aid leaves of the heading error."""
+    yield "| aids | level heading error, rms ° | of magnitude alone | refused |"
+    yield "|---|---:|---:|---:|"
+    alone = math.nan
+    for title in AIDED:
+        found = trials_of(pool, title, trials)
+        error = _rms([one.heading_deg for one in found if one is not None])
+        alone = error if math.isnan(alone) else alone
+        yield f"| {title} | {error:.3f} | {error / alone:.2f} | {found.count(None)} |"
+
+
+def nees_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
+    """Yield the squared errors over what was claimed."""
+    yield "| aids | b | S diagonal | S across | each, least … most | all nine together |"
+    yield "|---|---:|---:|---:|---:|---:|"
+    for title in AIDED:
+        found = [one for one in trials_of(pool, title, trials) if one is not None]
+        means = np.mean([one.squares for one in found], axis=0)
+        parts = " | ".join(f"{means[part].mean():.2f}" for part in (slice(3), slice(3, 6), slice(6, 9)))
+        together = np.mean([one.together for one in found])
+        yield f"| {title} | {parts} | {means.min():.2f} … {means.max():.2f} | {together:.2f} |"
+
+
+# (d) S7
+
+
+def tilted_error_deg(answer: Answer, recording: Simulated, tilt_deg: float) -> float:
+    """Heading error (rms, less its mean) over headings and sides to lean to, with the true tilt taken off."""
+    offset, matrix = answer
+    heading, side = (grid.ravel() for grid in np.meshgrid(np.arange(36) * np.pi / 18, np.arange(8) * np.pi / 4))
+    leans = math.radians(tilt_deg) * np.stack([np.cos(side), np.sin(side), np.zeros(len(side))], axis=1)
+    attitudes = simulate.turns(np.outer(heading, [0.0, 0.0, 1.0])) @ simulate.turns(leans)
+    true = FIELD_STRENGTH * simulate.seen_from(attitudes, simulate.north_and_down(60.0))
+    raw = true @ np.asarray(recording.sensor.matrix).T + recording.sensor.offset
+    felt = simulate.seen_from(attitudes, np.array([0.0, 0.0, -1.0]))
+    apart = np.radians(magnetic_heading_deg((raw - offset) @ matrix.T, felt)) - np.radians(
+        magnetic_heading_deg(true, felt)
+    )
+    return math.degrees(_wrapped_rms(apart))
+
+
+def level_trial(title: str, number: int) -> list[float]:
+    """Heading errors on S7 at each tilt."""
+    recording = dataset("S7", number, SIGMA)
+    rng = np.random.default_rng([SEED, 2, number])
+    level = np.broadcast_to(np.eye(3), (len(recording.samples), 3, 3))
+    samples = replace(recording.samples, acceleration=simulate.specific_force(level, rng))
+    strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
+    if title == "two-axis ellipse (`level`)":
+        answer = by_estimator(samples, estimator=Level(dip_deg=dip))
+    else:
+        answer = by_aids(samples, terms=("dip",), site=Site(strength=strength, inclination_deg=dip))
+    return [tilted_error_deg(answer, recording, tilt) for tilt in TILTS_DEG]
+
+
+def level_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
+    """Yield the level turn with the field of the site, at several tilts."""
+    yield "| method | " + " | ".join(f"{tilt:g}°" for tilt in TILTS_DEG) + " |"
+    yield "|---|" + "---:|" * len(TILTS_DEG)
+    for title in ("two-axis ellipse (`level`)", "dip and the site's field"):
+        errors = np.array(list(pool.map(level_trial, repeat(title), range(trials))))
+        yield f"| {title} | " + " | ".join(f"{error:.3f}" for error in np.sqrt(np.mean(errors**2, axis=0))) + " |"
+
+
+# (f) time
+
+
+def timed(seconds: float, rate_hz: float, terms: tuple[str, ...]) -> tuple[int, float, float]:
+    """Readings, CPU seconds and MiB that a fit adds to what its process had; run it in a process of its own."""
+    recording = simulate.tumble(1, motion="swayed", n=round(seconds * rate_hz), rate_hz=rate_hz)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    begun = time.process_time()
+    solve(recording.samples, terms)
+    took = time.process_time() - begun
+    return len(recording.samples), took, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+
+
+def time_table() -> Iterator[str]:
+    """Yield seconds and memory."""
+    yield "| recording | terms | readings | CPU s | MiB more at most |"
+    yield "|---|---|---:|---:|---:|"
+    cases = (("60 s at 100 Hz", 60.0, 100.0), ("1 h at 50 Hz", 3600.0, 50.0))
+    for title, seconds, rate_hz in cases:
+        for terms in (("rate",), ("dip",), ("rate", "dip")):
+            with ProcessPoolExecutor(1) as alone:
+                count, took, memory = alone.submit(timed, seconds, rate_hz, terms).result()
+            yield f"| {title} | {', '.join(terms)} | {count:,} | {took:.2f} | {memory:.0f} |"
+
+
+# the command
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    options = _parser().parse_args(arguments)
+    with ProcessPoolExecutor(options.processes) as pool:
+        tables: dict[str, Callable[[], Iterator[str]]] = {
+            "magyc": partial(magyc_table, pool, options.seeds),
+            "sim": partial(sim_table, pool, options.seeds),
+            "aids": partial(aids_table, pool, options.trials),
+            "nees": partial(nees_table, pool, options.trials),
+            "level": partial(level_table, pool, options.trials),
+            "real": terms_recordings.tables,
+            "time": time_table,
+        }
+        unknown = [name for name in options.tables or tables if name not in tables]
+        if unknown:
+            sys.exit(f"no table {', '.join(unknown)}: there are {', '.join(tables)}")
+        for name in options.tables or tables:
+            print(f"\n## {name}\n")
+            for line in tables[name]():
+                print(line, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Describe the command line."""
+    parser = argparse.ArgumentParser("python -m benchmarks.terms", description="What each aid is worth.")
+    parser.add_argument("--tables", type=lambda text: text.split(","), metavar="NAME,…", help="all by default")
+    parser.add_argument("--trials", type=int, default=200, help="of aids, nees and level")
+    parser.add_argument("--seeds", type=int, default=10, help="of magyc and sim")
+    parser.add_argument("--processes", type=int, default=2)
+    return parser
+
+
+def _headings(field: Floats, attitudes: Floats) -> Floats:
+    """(N,) direction of the horizontal field in world axes, rad, with the true attitudes."""
+    level = np.einsum("nij,nj->ni", attitudes, field)
+    headings: Floats = np.arctan2(level[:, 1], level[:, 0])
+    return headings
+
+
+def _wrapped_rms(angles: Floats) -> float:
+    """Root mean square of angles about their mean direction, rad."""
+    phasors = np.exp(1j * angles)
+    return _rms(np.angle(phasors / np.mean(phasors)))
+
+
+def _rms(values: Sequence[float] | Floats) -> float:
+    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+def _log(matrix: Floats) -> Floats:
+    """(3, 3) logarithm of a symmetric positive matrix, its determinant taken out."""
+    values, axes = np.linalg.eigh(matrix / np.cbrt(np.linalg.det(matrix)))
+    log: Floats = (axes * np.log(values)) @ axes.T
+    return log
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""Aids on real recordings: the accelerometer's, the gyro's, and scripted turns.
+
+``python -m benchmarks.terms --tables real`` prints the tables.
+
+The recordings are not part of the project; `benchmarks.recordings` says where they are looked for.
+
+dip        Angle between the field and the accelerometer's vertical: how far it spreads with the magnetometer alone, and
+           with the dip aid, which also finds how the one is turned against the other.
+third      The first third of a recording, with the gyro and without, against the whole: offset in standard deviations
+           of both together, and level heading.
+scripted   Headings of a sensor that was rolled and tilted at 0°, 45° and 90°.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from benchmarks.recordings import FOLDER
+from flinders.attitude import magnetic_heading_deg
+from flinders.estimators import Auto, Readings
+from flinders.estimators.aided import solve
+from flinders.heading import level_turn
+from flinders.simulate import rotation_vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.samples import Samples
+
+WITH_ACCELEROMETER: Final = ("ckexplorer_acc_mag/acc_mag_log.csv", "timspi_imu_gnss/imu_gnss_data.csv")
+WITH_GYRO: Final = (
+    "pichim_betaflight/20231014_apex5_mag_on_tpu_02.csv",
+    "pichim_betaflight/20231015_ctzsnooze_PR_Cal_3.csv",
+    "pichim_betaflight/CalCareful_2282320.csv",
+    "pichim_betaflight/calTest1_198_253_-9.csv",
+    "pichim_betaflight/calTest1_208_249_-2.csv",
+    "pichim_betaflight/calTest1_215_253_0.csv",
+    "pichim_betaflight/calTest1_222_240_-8.csv",
+)
+SPHERE: Final = "sunsided_hmc5883l/full-sphere.csv"
+SCRIPTED: Final = "sunsided_hmc5883l/roll-and-tilt-at-45-90.csv"
+
+MIRRORED: Final = {"timspi_imu_gnss/imu_gnss_data.csv": np.array([-1.0, 1.0, 1.0])}
+"""Signs of magnetometer axes against those of the accelerometer; this one's own calibration turns x round."""
+
+QUIET: Final = 0.05
+"""Of gravity: readings whose acceleration is that close to its median tell the vertical."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dip:
+    """What the dip aid finds.
+
+    Attributes
+    ----------
+    before_deg, after_deg : float
+        Spread of the angle between field and vertical, as 1.4826 times the median distance from the median.
+    rotation_deg, sigma_deg : (3,) float
+        Rotation from magnetometer to accelerometer as a rotation vector, and its standard deviations.
+    """
+
+    before_deg: float
+    after_deg: float
+    rotation_deg: Floats
+    sigma_deg: Floats
+
+
+def read(name: str) -> Samples:
+    """Take a recording from the folder; a magnetometer that is a mirror image of its accelerometer is mirrored back."""
+    samples = flinders.read(FOLDER / name)
+    return replace(samples, field=samples.field * MIRRORED[name]) if name in MIRRORED else samples
+
+
+def dip_of(samples: Samples) -> Dip:
+    """Fit with the magnitude alone, and with the dip."""
+    alone, aided = solve(samples, ()), solve(samples, ("dip",))
+    covariance = aided.rotation_covariance
+    sigma = np.full(3, np.nan) if covariance is None else np.degrees(np.sqrt(np.diag(covariance)))
+    return Dip(
+        dip_spread_deg(samples, alone.parameters.offset, np.linalg.inv(alone.parameters.shape)),
+        dip_spread_deg(samples, aided.parameters.offset, aided.matrix),
+        np.degrees(rotation_vectors(aided.parameters.rotation[np.newaxis])[0]),
+        sigma,
+    )
+
+
+def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats) -> float:
+    """Spread of the angle between the corrected field and the vertical, where the sensor is hardly accelerated."""
+    assert samples.acceleration is not None
+    size = np.linalg.norm(samples.acceleration, axis=1)
+    still = np.abs(size / np.median(size) - 1.0) < QUIET
+    field = (samples.field[still] - offset) @ matrix.T
+    cosine = np.einsum("ni,ni->n", field, samples.acceleration[still]) / np.linalg.norm(field, axis=1) / size[still]
+    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return 1.4826 * float(np.median(np.abs(angle - np.median(angle))))
+
+
+def third_of(samples: Samples) -> tuple[float, float, float, float]:
+    """Of the first third: offset with the gyro, and level heading in degrees without and with it, and what is claimed.
+
+    The first is √(eᵀC⁻¹e / 3) for the difference e of the offsets and the sum C of both covariances; the last is the
+    claimed difference of headings in degrees, from both covariances.
+    """
+    whole = solve(samples, ("rate",))
+    third = samples[: len(samples) // 3]
+    aided = solve(third, ("rate",))
+    alone = Auto().estimate(Readings.of(third)).ellipsoid
+    covariance = whole.covariance[:9, :9] + aided.covariance[:9, :9]
+    apart = aided.parameters.offset - whole.parameters.offset
+    surprise = math.sqrt(float(apart @ np.linalg.solve(covariance[:3, :3], apart)) / 3.0)
+    claimed = flinders.heading.level_error(whole.ellipsoid, covariance).rms
+    truth = whole.ellipsoid
+    without = between_deg(truth.centre, truth.shape, alone.centre, alone.shape)
+    with_it = between_deg(truth.centre, truth.shape, aided.parameters.offset, aided.parameters.shape)
+    return surprise, without, with_it, claimed
+
+
+def between_deg(offset: Floats, shape: Floats, other_offset: Floats, other_shape: Floats) -> float:
+    """Root mean square difference of level headings that two ellipsoids give, less its mean, in degrees."""
+    _, field = level_turn(60.0)
+    moved = np.linalg.solve(other_shape, shape @ field + (offset - other_offset)[:, np.newaxis])
+    phasors = (moved[0] - 1j * moved[1]) * (field[0] + 1j * field[1])
+    angles = np.angle(phasors / np.mean(phasors / np.abs(phasors)))
+    return math.degrees(math.sqrt(float(np.mean(angles**2))))
+
+
+def scripted_deg(offset: Floats, matrix: Floats) -> list[tuple[float, float]]:
+    """Median and spread, in degrees, of the headings of the scripted turns, at each of three."""
+    samples = read(SCRIPTED)
+    assert samples.acceleration is not None
+    size = np.linalg.norm(samples.acceleration, axis=1)
+    still = np.abs(size / np.median(size) - 1.0) < QUIET
+    headings = magnetic_heading_deg((samples.field[still] - offset) @ matrix.T, samples.acceleration[still])
+    return clusters(headings[np.isfinite(headings)])
+
+
+def clusters(headings: Floats, spacing: float = 45.0) -> list[tuple[float, float]]:
+    """Middle and spread (from median distances) of three groups of headings, `spacing` degrees apart to begin with."""
+    fits = [
+        np.sum(np.min(_off(headings, start + spacing * np.arange(3)) ** 2, axis=1).clip(max=400.0))
+        for start in range(360)
+    ]
+    middles = float(np.argmin(fits)) + spacing * np.arange(3)
+    spreads = np.zeros(3)
+    for _ in range(10):
+        off = _off(headings, middles)
+        nearest = np.argmin(np.abs(off), axis=1)
+        moves = np.array([np.median(off[nearest == group, group]) for group in range(3)])
+        spreads = np.array(
+            [1.4826 * np.median(np.abs(off[nearest == group, group] - moves[group])) for group in range(3)]
+        )
+        middles = middles + moves
+    return list(zip(middles.tolist(), spreads.tolist(), strict=True))
+
+
+def _off(headings: Floats, middles: Floats) -> Floats:
+    """(N, K) degrees from each middle, −180 … 180."""
+    off: Floats = (headings[:, np.newaxis] - middles + 180.0) % 360.0 - 180.0
+    return off
+
+
+def tables() -> Iterator[str]:
+    """Yield all of them."""
+    if not FOLDER.is_dir():
+        yield f"no recordings in {FOLDER}: set FLINDERS_DATA to the folder that holds them"
+        return
+    yield "| recording | dip spread before → after | rotation, ° (x, y, z) | 1 σ, ° |"
+    yield "|---|---:|---|---|"
+    for name in (*WITH_ACCELEROMETER, SPHERE):
+        found = dip_of(read(name))
+        turned, sigma = (", ".join(f"{angle:.2f}" for angle in part) for part in (found.rotation_deg, found.sigma_deg))
+        yield f"| {name} | {found.before_deg:.2f}° → {found.after_deg:.2f}° | {turned} | {sigma} |"
+    yield "\n| recording | third against whole: offset, σ | heading without gyro | with | claimed |"
+    yield "|---|---:|---:|---:|---:|"
+    for name in WITH_GYRO:
+        surprise, without, with_it, claimed = third_of(read(name))
+        yield f"| {name} | {surprise:.2f} | {without:.2f}° | {with_it:.2f}° | {claimed:.2f}° |"
+    yield "\n| calibration of the scripted turns | at 0° | at 45° | at 90° |"
+    yield "|---|---:|---:|---:|"
+    sphere = read(SPHERE)
+    for title, terms in (("magnitude alone", ()), ("dip", ("dip",))):
+        fitted = solve(sphere, terms)
+        found_at = scripted_deg(fitted.parameters.offset, fitted.matrix)
+        cells = (f"{middle - found_at[0][0]:.1f} ± {spread:.1f}" for middle, spread in found_at)
+        yield f"| {title} | {' | '.join(cells)} |"

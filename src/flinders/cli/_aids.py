@@ -1,0 +1,77 @@
+"""What was recorded beside the magnetometer, on the command line: ``--with rate,dip``, and at which site."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Split what stands after ``--with`` into aids and into the rest, which are drivers.
+
+    Raises
+    ------
+    UsageError
+        Where ``auto`` stands beside other aids.
+
+    Examples
+    --------
+    >>> taken(["rate,dip", "current"])
+    (('rate', 'dip'), ('current',))
+    """
+    from flinders.estimators.aids import AIDS, AUTO
+
+    names = [name.strip() for word in words for name in word.split(",") if name.strip()]
+    aids = tuple(dict.fromkeys(name for name in names if name in AIDS or name == AUTO))
+    if AUTO in aids and len(aids) > 1:
+        raise UsageError(f"--with {','.join(aids)}: auto takes what the recording contains, name nothing beside it")
+    return aids, tuple(name for name in names if name not in aids)
+
+
+def add(options: dict[str, Any], words: Iterable[str], place: str | None, date: str | None) -> tuple[str, ...]:
+    """Put aids and site among the options of a fit, and give back what else stood after ``--with``.
+
+    Raises
+    ------
+    UsageError
+        For a site without aids, or one without a date.
+    """
+    aids, rest = taken(words)
+    if aids:
+        options["aids"] = "auto" if aids == ("auto",) else aids
+    if place is None:
+        if date is not None:
+            raise UsageError("--date goes with --at: give both, or neither")
+        return rest
+    if not aids:
+        raise UsageError("--at goes with --with: say what else was recorded, such as --with dip, or --with auto")
+    from flinders.cli._compass import site_of
+    from flinders.terms.site import Site
+
+    options["site"] = Site.of(site_of(place, date))
+    return rest
+
+
+def told(fit: Any) -> str:  # noqa: ANN401 - a Fit
+    """What each aid changed, a line each; nothing where there were none.
+
+    >>> from types import SimpleNamespace
+    >>> from flinders.result import Aid, Aids
+    >>> each = Aid("rate", True, 0.4, 2.0, 0.5), Aid("dip", False, words="fits what was left out no better")
+    >>> print(told(SimpleNamespace(aids=Aids(each))))
+    rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
+    dip was left out: fits what was left out no better
+    """
+    lines = []
+    for aid in () if fit.aids is None else fit.aids.each:
+        claims = f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
+        lines.append(
+            f"{aid.name} changed the heading by {aid.changed_deg:.2f}°: {claims}"
+            if aid.kept
+            else f"{aid.name} was left out: {aid.words}"
+        )
+    return "\n".join(lines)

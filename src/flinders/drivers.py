@@ -1,0 +1,247 @@
+"""What drives an offset: motors whose current makes a field, and the warmth of the sensor.
+
+A reading is off by what a current, a throttle or a temperature makes, in proportion to how far each is from a
+reference, and what the earth's field makes of it may grow with the temperature:
+
+    raw = b + Σ P (c − reference) + (1 + a (T − reference)) S u
+
+The reference is where the offset b of the calibration holds: no current, no throttle, or a temperature in the middle
+of the recording. A lag says how much later the readings follow: c is what was logged so many seconds before.
+
+Sources: the offset of motors as in ArduPilot's CompassMot and PX4's CAL_MAG_COMP; the temperature as in the HMC5883L's
+data sheet, p. 20, and Springmann, Cutler (2012) for currents.
+
+>>> motors = Driver("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
+>>> motors.shift(np.array([0.0, 10.0]))
+array([[ 0.,  0., -0.],
+       [ 4.,  0., -2.]])
+>>> print(motors)
+current: 0.4, 0, -0.2 per A, from 0 A, recorded 0.5 to 27 A
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from flinders.arrays import Floats, floats, vectors
+from flinders.errors import ArrayError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import ArrayLike
+
+
+class Kind(NamedTuple):
+    """What can drive an offset.
+
+    Attributes
+    ----------
+    key : str
+        What it is called in a calibration file.
+    unit : str
+        What stands behind its numbers.
+    per : str
+        What one of it is, where an offset is told.
+    least : float
+        A recording over which it changes by less tells nothing of it.
+    """
+
+    key: str
+    unit: str
+    per: str
+    least: float
+
+
+KINDS: Final[Mapping[str, Kind]] = {
+    "current": Kind("current_A", " A", "A", 0.1),
+    "throttle": Kind("throttle", "", "full throttle", 0.02),
+    "temperature": Kind("temperature_C", " °C", "°C", 0.3),
+}
+"""By the names of the columns of `Samples`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Driver:
+    """An offset, and for a temperature a scale, that follows something else.
+
+    Attributes
+    ----------
+    name : str
+        ``current``, ``throttle`` or ``temperature``: the column of `Samples` that it is multiplied by.
+    per_unit : (3,) float
+        By how much readings are off, in their unit, for each A, at full throttle, or for each °C; read-only.
+    reference : float
+        Where the offset of the calibration holds.
+    lowest, highest : float
+        What was seen of it when this was found.
+    lag_s : float, s
+        Readings follow so much later.
+    gain_per_unit : float
+        By which share what the earth's field makes of a reading grows with each °C; 0 for motors.
+
+    Raises
+    ------
+    UsageError
+        For a name that is not known, a gain of motors, or a range that is none.
+    ArrayError
+        For numbers that are not finite, or not three.
+    """
+
+    name: str
+    per_unit: Floats
+    reference: float = 0.0
+    lowest: float = 0.0
+    highest: float = 0.0
+    lag_s: float = 0.0
+    gain_per_unit: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers and keep a read-only copy of the offset."""
+        known(self.name)
+        per_unit = vectors(self.per_unit, f"offset per unit of {self.name}").copy()
+        if per_unit.shape != (3,):
+            raise ArrayError(f"offset per unit of {self.name} has shape {per_unit.shape}: need three numbers")
+        per_unit.flags.writeable = False
+        object.__setattr__(self, "per_unit", per_unit)
+        numbers = (self.reference, self.lowest, self.highest, self.lag_s, self.gain_per_unit)
+        if not np.all(np.isfinite(numbers)):
+            raise ArrayError(f"{self.name} has {numbers}: reference, range, lag and gain must be finite")
+        if self.lowest > self.highest:
+            raise UsageError(f"{self.name} was recorded from {self.lowest:g} to {self.highest:g}: the range is empty")
+        if self.gain_per_unit and self.name != "temperature":
+            raise UsageError(f"{self.name} has a gain of {self.gain_per_unit:g}: only temperature changes the scale")
+
+    @property
+    def kind(self) -> Kind:
+        """What there is to know of all of its name."""
+        return KINDS[self.name]
+
+    @property
+    def farthest(self) -> float:
+        """The end of the recorded range that is farther from the reference."""
+        return max((self.lowest, self.highest), key=lambda value: abs(value - self.reference))
+
+    def shift(self, values: ArrayLike) -> Floats:
+        """(..., 3) by how much readings are off at (...) values; a value that is not known makes NaN."""
+        away = floats(values, self.name) - self.reference
+        shifted: Floats = away[..., np.newaxis] * self.per_unit
+        return shifted
+
+    def gain(self, values: ArrayLike) -> Floats:
+        """(...) what the earth's field is multiplied by at (...) values."""
+        return 1.0 + self.gain_per_unit * (floats(values, self.name) - self.reference)
+
+    def beyond(self, values: ArrayLike) -> float:
+        """How far values lie outside the recorded range, as a share of it; 0 inside.
+
+        >>> Driver("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
+        0.25
+        """
+        seen = floats(values, self.name)
+        seen = seen[np.isfinite(seen)]
+        if not len(seen):
+            return 0.0
+        outside = max(self.lowest - float(seen.min()), float(seen.max()) - self.highest, 0.0)
+        return outside / max(self.highest - self.lowest, np.finfo(float).tiny)
+
+    def amount(self, value: float) -> str:
+        """Write a value with its unit.
+
+        >>> Driver("temperature", [0, 0, 0]).amount(21.54)
+        '21.5 °C'
+        """
+        return f"{value:.3g}{self.kind.unit}"
+
+    def __str__(self) -> str:
+        numbers = ", ".join(f"{value:.3g}" for value in self.per_unit + 0.0)
+        lag = f", lag {self.lag_s:.2g} s" if self.lag_s else ""
+        gain = f", scale {self.gain_per_unit:+.2%} per °C" if self.gain_per_unit else ""
+        origin, span = self.amount(self.reference), f"{self.lowest:.3g} to {self.amount(self.highest)}"
+        return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {origin}, recorded {span}"
+
+
+def known(name: str) -> Kind:
+    """Look a driver up.
+
+    Raises
+    ------
+    UsageError
+        For a name that is none; names those there are.
+    """
+    if name not in KINDS:
+        raise UsageError(f"nothing is known of {name!r}: need {', '.join(KINDS)}")
+    return KINDS[name]
+
+
+def checked(drivers: Iterable[Driver]) -> tuple[Driver, ...]:
+    """Let drivers through of which no two are of one name, in the order of `KINDS`.
+
+    Raises
+    ------
+    UsageError
+        For two of one name.
+    """
+    order = list(KINDS)
+    listed = sorted(drivers, key=lambda driver: order.index(driver.name))
+    for one, other in pairwise(listed):
+        if one.name == other.name:
+            raise UsageError(f"{one.name} is given twice: each drives the offset once")
+    return tuple(listed)
+
+
+def effect(drivers: Sequence[Driver], values: Mapping[str, ArrayLike | None]) -> tuple[Floats, Floats]:
+    """By how much readings are off (..., 3), and what multiplies the earth's field in them (...).
+
+    Raises
+    ------
+    UsageError
+        For a driver whose values are not given.
+
+    Examples
+    --------
+    >>> warm = Driver("temperature", [0.1, 0.0, 0.0], reference=20.0, gain_per_unit=0.01)
+    >>> shift, gain = effect([warm], {"temperature": [20.0, 30.0]})
+    >>> shift[:, 0], gain
+    (array([0., 1.]), array([1. , 1.1]))
+    """
+    shift, gain = np.zeros(3), np.ones(())
+    for driver in drivers:
+        given = values.get(driver.name)
+        if given is None:
+            raise UsageError(
+                f"the calibration corrects for {driver.name}, which was not given: give {driver.name}=… for each "
+                f"reading, or take it at a fixed one with calibration.at({driver.name}={driver.reference:g})"
+            )
+        shift = shift + driver.shift(given)
+        gain = gain * driver.gain(given)
+    return shift, gain
+
+
+def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:
+    """(N,) what was logged `lag_s` before each of (N,) times, in s; before the first value that one holds.
+
+    Gaps are bridged. Without times there is no before, and gaps alone are bridged, reading by reading.
+
+    >>> lagged(np.array([0.0, 1.0, np.nan, 3.0]), np.array([0.0, 1.0, 2.0, 3.0]), 0.5)
+    array([0. , 0.5, 1.5, 2.5])
+    """
+    told = np.isfinite(values)
+    if time is None:
+        if told.all() or not told.any():
+            return values
+        rows = np.arange(len(values), dtype=float)
+        bridged: Floats = np.interp(rows, rows[told], values[told])
+        return bridged
+    told &= np.isfinite(time)
+    if not told.any() or (lag_s == 0.0 and told.all()):
+        return values
+    order = np.argsort(time[told], kind="stable")
+    known_at, known_values = time[told][order], values[told][order]
+    found = np.interp(time - lag_s, known_at, known_values)
+    earlier: Floats = np.where(np.isfinite(time), found, values)
+    return earlier

@@ -1,0 +1,339 @@
+"""Aided: offset, shape and rotation from all that a recording holds beside its magnetometer.
+
+Minimises the sum of the squares of all residuals, each in its own standard deviation, over
+
+    θ = (b, S, R, drivers, slope, gyro bias, delay, sin I or m)
+
+and a direction of the field for each group of readings that shares one, see `flinders.terms.shared`.
+Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
+verticals comes from their residuals (components of variance: each sum of squares over the residuals that are left
+free); then the mean gradient that noise makes on the sphere is taken off, as for `Likelihood`.
+
+When to use it: wherever the body cannot be turned all over and there is a gyro, an accelerometer, or an attitude that
+does not come from this compass. All claims are for what the recording shows: a gyro says nothing of the rotation
+about an axis that it always turns about.
+
+>>> from flinders import simulate
+>>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
+>>> found = solve(drive.samples, ("rate", "dip"))
+>>> error = np.abs(found.parameters.offset - drive.sensor.offset)
+>>> bool(np.all(error < 4.0 * np.sqrt(np.diag(found.covariance)[:3]))), found.aids
+(True, ('rate', 'dip'))
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import NotAnEllipsoid, TooFewSamples, UsageError
+from flinders.estimators.estimate import Estimate
+from flinders.estimators.joint import (
+    ROTATION_SIGMA,
+    SETTLED,
+    Equations,
+    Found,
+    Problem,
+    reweighed,
+    settled,
+    solved,
+    starts,
+    taken,
+    without_strays,
+)
+from flinders.estimators.scatter import scatter_of
+from flinders.quadric import Ellipsoid
+from flinders.terms import prior, turning
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.samples import Samples
+    from flinders.terms.drivers import Drivers
+    from flinders.terms.parameters import Layout, Parameters
+    from flinders.terms.site import Site
+
+AIDS: Final = {
+    "rate": "the gyro: the field turns as the body turns back",
+    "dip": "the accelerometer: the field's angle to the vertical stays the same",
+    "tilt": "the logged attitude without its yaw, as `dip`",
+    "attitude": "the logged attitude: the field stands still in the world",
+}
+"""What can be asked for, and what it goes by."""
+
+UNSEEN: Final = 0.5
+"""Share of the prior's variance that is left of a rotation that nothing has seen."""
+
+CORRECTED: Final = 4
+"""Steps with the mean gradient of the noise taken off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aided:
+    """What was found.
+
+    Attributes
+    ----------
+    parameters : Parameters
+    covariance : (P, P) float
+        Of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad.
+    textbook : (P, P) float
+        The same if all residuals were independent.
+    layout : Layout
+    noise : float
+        Standard deviation of a component of a reading, in its unit.
+    vertical_noise : float, optional
+        Standard deviation of dᵀq, in rad across the vertical.
+    aids : tuple of str
+        Those that were used.
+    used : int
+        Readings.
+    strays : (K,) int
+        Readings that did not belong, counted from 0.
+    held : float
+        Share of the least known parameter of the shape that the prior speaks for.
+    walk : float, rad/√s
+        Random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it.
+    rotation_seen : (3,) float
+        Share of the prior's variance that is left of the rotation about the body's x, y and z.
+    creep : float
+        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
+    site_off : float, optional
+        Standard deviations between the dip found and that of the site.
+    drivers : tuple of str
+        Names of the drivers.
+    """
+
+    parameters: Parameters
+    covariance: Floats
+    textbook: Floats
+    layout: Layout
+    noise: float
+    vertical_noise: float | None
+    aids: tuple[str, ...]
+    used: int
+    strays: NDArray[np.intp]
+    held: float
+    walk: float
+    rotation_seen: Floats
+    creep: float = 1.0
+    site_off: float | None = None
+    drivers: tuple[str, ...] = ()
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """In the magnetometer's own axes."""
+        return Ellipsoid(self.parameters.offset, self.parameters.shape)
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) R S⁻¹: takes readings about the offset to unit vectors in body axes."""
+        return np.linalg.inv(self.parameters.ellipsoid_like)
+
+    @property
+    def sees_rotation(self) -> bool:
+        """Something saw how the magnetometer is turned against the body, about one axis at least."""
+        return "rotation" in self.layout and bool(np.any(self.rotation_seen < UNSEEN))
+
+    @property
+    def rotation_covariance(self) -> Floats | None:
+        """(3, 3) rad², of the rotation; None where it was not looked for."""
+        if "rotation" not in self.layout:
+            return None
+        columns = self.layout.columns["rotation"]
+        part: Floats = self.covariance[columns, columns]
+        return part
+
+    def of(self, name: str) -> Floats | None:
+        """(k, k) covariance of one block of parameters; None where it was not free."""
+        if name not in self.layout:
+            return None
+        columns = self.layout.columns[name]
+        part: Floats = self.covariance[columns, columns]
+        return part
+
+    def corrected(self, field: Floats) -> Floats:
+        """(N, 3) unit-length field in body axes of (N, 3) readings, without drivers."""
+        turned: Floats = (field - self.parameters.offset) @ self.matrix.T
+        return turned
+
+    def estimate(self) -> Estimate:
+        """The ellipsoid with its marginal covariance, as every other method gives it."""
+        return Estimate(
+            self.ellipsoid,
+            self.covariance[:9, :9],
+            self.noise,
+            "aided",
+            held=self.held,
+            textbook=self.textbook[:9, :9],
+            used=self.used,
+        )
+
+
+def solve(
+    samples: Samples,
+    terms: Sequence[str] = ("rate", "dip"),
+    *,
+    site: Site | None = None,
+    drivers: Drivers | None = None,
+    start: Ellipsoid | None = None,
+    rotation: Floats | None = None,
+    spread: float = prior.SPREAD,
+    window_s: float = turning.WINDOW_S,
+    delay: bool = True,
+) -> Aided:
+    """Fit all that a recording holds.
+
+    Parameters
+    ----------
+    samples : Samples
+        One recording, in memory.
+    terms : sequence of str
+        Of `AIDS`; none of them leaves the magnitude alone.
+    site : Site, optional
+        What is known of the field there.
+    drivers : Drivers, optional
+        Currents, throttle or temperature, a column each.
+    start : Ellipsoid, optional
+        Where to begin; by default what `Auto` finds, or a sphere about the readings.
+    rotation : (3, 3) float, optional
+        Which way the magnetometer sits on the body, about which the rotation is looked for.
+    spread : float
+        Of the prior on the shape, see `flinders.terms.prior`.
+    window_s : float
+        Length of the windows of the rate, in s.
+    delay : bool
+        Whether to find by how much the magnetometer is behind the gyro.
+
+    Raises
+    ------
+    UsageError
+        For a term that is not known, or whose column is missing.
+    TooFewSamples
+        For fewer readings than parameters.
+    NotAnEllipsoid
+        If no step leads to a closed surface.
+    """
+    refuse_without(samples, terms)
+    if len(samples) < 12:
+        raise TooFewSamples(found=len(samples), needed=12, method="aided")
+    problem = Problem.of(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay=delay)
+    begins = [start] if start is not None else list(starts(samples, site))
+    best: Found | None = None
+    for begin in begins:
+        try:
+            found = settled(problem, begin)
+        except NotAnEllipsoid:
+            continue
+        if best is None or found.weights.noise < best.weights.noise:
+            best = found
+        if not found.misfits:
+            break
+    if best is None:
+        raise NotAnEllipsoid((float("nan"),) * 3, "aided")
+    late = _whole_intervals(best.at.delay, problem.interval)
+    if late and samples.rate is not None:
+        behind = replace(samples, rate=_moved_back(samples.rate, late))
+        problem = Problem.of(behind, tuple(terms), site, drivers, rotation, spread, window_s, delay=delay)
+        best = settled(problem, Ellipsoid(best.at.offset, best.at.shape))
+    aided = _finished(problem, without_strays(problem, best))
+    whole = late * problem.interval
+    return replace(aided, parameters=replace(aided.parameters, delay=aided.parameters.delay + whole)) if late else aided
+
+
+def _whole_intervals(delay_s: float, interval_s: float) -> int:
+    """How many readings a delay is, to the nearest; what is left of it moves readings by less than the rate changes."""
+    return round(delay_s / interval_s) if interval_s > 0.0 else 0
+
+
+def _moved_back(rate: Floats, rows: int) -> Floats:
+    """(N, 3) rates, so many readings later; NaN where that was not recorded.
+
+    >>> _moved_back(np.array([[1.0], [2.0], [3.0]]), 1).ravel()
+    array([nan,  1.,  2.])
+    """
+    moved = np.roll(rate, rows, axis=0).astype(float)
+    moved[slice(0, rows) if rows > 0 else slice(rows, None)] = np.nan
+    return moved
+
+
+def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
+    """Refuse terms that are not known, and those whose column a recording lacks.
+
+    Raises
+    ------
+    UsageError
+        Naming what is needed.
+    """
+    needed = {"rate": ("rate", "time"), "dip": ("acceleration",), "tilt": ("attitude",), "attitude": ("attitude",)}
+    for term in terms:
+        if term not in AIDS:
+            raise UsageError(f"aid {term!r} is not known: use one of {', '.join(AIDS)}, or auto")
+        for column in needed[term]:
+            if getattr(samples, column) is None:
+                raise UsageError(
+                    f"{samples.source} has no {column}, which {term!r} goes by: leave {term!r} out, or record {column}"
+                )
+
+
+def _finished(problem: Problem, found: Found) -> Aided:
+    """Take off what the sphere's curvature adds, and say how far to trust what is left."""
+    for _ in range(CORRECTED):
+        equations = Equations.of(problem, found)
+        matrix = equations.matrix + equations.prior.matrix
+        step = solved(matrix, equations.gradient - equations.bent + equations.prior.gradient, 0.0)
+        moved = taken(problem, found, equations, step)
+        if moved is None:
+            break
+        found = moved
+        if float(step @ matrix @ step) < SETTLED**2:
+            break
+    equations = Equations.of(problem, found)
+    found = reweighed(problem, found, equations)
+    total = replace(equations.prior, matrix=equations.matrix + equations.prior.matrix)
+    textbook = total.inverse()
+    scatter, walk, creep = scatter_of(problem, found, textbook)
+    covariance = textbook @ (equations.prior.matrix + creep * scatter) @ textbook
+    believed = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
+    held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ believed)).max(), 0.0, 1.0))
+    seen: Floats = np.ones(3)
+    if "rotation" in problem.layout:
+        columns = problem.layout.columns["rotation"]
+        seen = np.diag(textbook)[columns] / ROTATION_SIGMA**2
+    strays = [group.rows[group.weight == 0.0] for group in found.groups]
+    return Aided(
+        found.at,
+        covariance,
+        textbook,
+        problem.layout,
+        found.weights.noise,
+        found.weights.vertical if any(group.down is not None for group in found.groups) else None,
+        problem.aids,
+        sum(group.count for group in found.groups),
+        np.sort(np.concatenate(strays)),
+        held,
+        walk,
+        seen,
+        creep,
+        _site_off(problem, found, covariance),
+        () if problem.drivers is None else problem.drivers.names,
+    )
+
+
+def _site_off(problem: Problem, found: Found, covariance: Floats) -> float | None:
+    """How far the dip found is from that of the site, in standard deviations of what the site is known to."""
+    if problem.site is None or problem.site.sine is None:
+        return None
+    if "sine" in problem.layout:
+        column = problem.layout.columns["sine"].start
+        left = max(1.0 - covariance[column, column] / problem.site.sine_sigma**2, 0.0)
+        return float((found.at.sine - problem.site.sine) / problem.site.sine_sigma / math.sqrt(max(left, 1e-6)))
+    if "direction" in problem.layout:
+        return float((found.at.direction[2] - problem.site.sine) / problem.site.sine_sigma)
+    return None

@@ -1,0 +1,98 @@
+"""The angle between the field and the vertical is the same whichever way the body is held.
+
+With a unit vector d_k that points down in body axes and the field's direction q_k there,
+
+    d_kᵀ q_k = sin I
+
+for all readings: I the dip, found with the rest or known of the site. The vertical comes from the accelerometer, down =
+−f/|f|, or from a logged attitude without its yaw, which may stem from the very compass that is to be calibrated.
+
+An accelerometer feels more than gravity. A reading is trusted the less, the farther |f| is from its usual length,
+
+    w = 1 / (1 + ((|f| − g)/s)²)
+
+with g the median and s three times the usual scatter of |f|, or a hundredth of g; and less again (Huber) where its
+residual is large among the rest.
+
+When to use it: the body is tilted now and then, and mostly not accelerated. It sees the rotation between magnetometer
+and accelerometer, but for the part about an axis that stays vertical. Rotation about one body axis only leaves the
+offset along it open.
+
+Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), for the inclination as a parameter beside the matrix; the
+plain form is Σ (aᵀRm − |a||m| sin I)².
+
+>>> down, trust = verticals(np.array([[0.0, 0.0, -9.8]] * 3 + [[5.0, 0.0, -9.8]]))
+>>> down[0] + 0.0, trust.round(2)
+(array([0., 0., 1.]), array([1.  , 1.  , 1.  , 0.01]))
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.quaternions import inverse, rotated
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+QUIET: Final = 0.01
+"""Of gravity: scatter of an accelerometer's length that is never held against a reading."""
+
+HUBER: Final = 2.5
+"""Standard deviations beyond which a residual counts less than its square."""
+
+MAD: Final = 1.4826
+"""Standard deviation of Gaussian noise in median absolute deviations."""
+
+
+def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
+    """Take the vertical from an accelerometer.
+
+    Parameters
+    ----------
+    acceleration : (N, 3) float
+        Specific force in body axes, any unit: at rest and level −g on z.
+
+    Returns
+    -------
+    down : (N, 3) float
+        Unit vectors; zero where there is none.
+    trust : (N,) float
+        0 to 1.
+    """
+    length = np.linalg.norm(acceleration, axis=1)
+    told = np.asarray(np.isfinite(length) & (length > 0.0))
+    if not told.any():
+        return np.zeros_like(acceleration), np.zeros(len(acceleration))
+    down = np.where(told[:, np.newaxis], -acceleration / np.where(told, length, 1.0)[:, np.newaxis], 0.0)
+    usual = float(np.median(length[told]))
+    scatter = 3.0 * max(MAD * float(np.median(np.abs(length[told] - usual))), QUIET * usual / 3.0)
+    trust = np.where(told, 1.0 / (1.0 + ((length - usual) / scatter) ** 2), 0.0)
+    return down, trust
+
+
+def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
+    """Take the vertical from (N, 4) logged attitudes, which turns it into body axes without regard to yaw.
+
+    >>> from flinders.quaternions import of_angles
+    >>> down, _ = verticals_of(of_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
+    >>> down.round(9) + 0.0
+    array([[0., 0., 1.],
+           [0., 0., 1.]])
+    """
+    told = np.asarray(np.isfinite(attitude).all(axis=1))
+    safe = np.where(told[:, np.newaxis], attitude, [1.0, 0.0, 0.0, 0.0])
+    down = rotated(inverse(safe), np.broadcast_to([0.0, 0.0, 1.0], (len(attitude), 3)))
+    return down * told[:, np.newaxis], told.astype(float)
+
+
+def huber(residuals: Floats) -> Floats:
+    """Weights of residuals in standard deviations.
+
+    >>> huber(np.array([0.5, -5.0]))
+    array([1. , 0.5])
+    """
+    weights: Floats = HUBER / np.maximum(np.abs(residuals), HUBER)
+    return weights

@@ -1,0 +1,158 @@
+"""What a fit with aids finds: offset and shape always, and whatever else a term can see.
+
+A reading, in raw units, is
+
+    x = b + Σⱼ pⱼ cⱼ + (1 + a τ) S Rᵀ q + n,   |q| = 1
+
+with the field's direction q in body axes, the symmetric shape S, the rotation R from the magnetometer's axes to those
+of the body, an offset pⱼ for each unit of a driver cⱼ, and a slope a of the scale with the temperature τ. The gyro
+brings its bias and its delay, the accelerometer the sine of the dip, a logged attitude the direction of the site's
+field.
+
+>>> layout = Layout.of(rotation=True, gyro_bias=True)
+>>> layout.size, layout.columns["gyro_bias"]
+(15, slice(12, 15, None))
+>>> there = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
+>>> there.moved(np.arange(15.0) * 1e-3, layout).offset
+array([0.   , 0.001, 0.002])
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.quadric import symmetric
+from flinders.terms.turning import rotations
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+SIZES: Final = {
+    "offset": 3, "shape": 6, "rotation": 3, "drivers": 0, "slope": 1, "gyro_bias": 3, "delay": 1, "sine": 1,
+    "direction": 2,
+}  # fmt: skip
+"""Columns of each block, in their order; of drivers three for each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """Which column of a Jacobian belongs to what.
+
+    Attributes
+    ----------
+    columns : dict of str to slice
+        Of the blocks that are free; offset and shape are always the first nine.
+    size : int
+    """
+
+    columns: dict[str, slice]
+    size: int
+
+    @classmethod
+    def of(cls, *, drivers: int = 0, **free: bool) -> Self:
+        """Lay out the blocks that are to be found, for so many drivers."""
+        columns: dict[str, slice] = {}
+        begin = 0
+        for name, size in SIZES.items():
+            width = 3 * drivers if name == "drivers" else size
+            if width and (name in ("offset", "shape", "drivers") or free.get(name, False)):
+                columns[name] = slice(begin, begin + width)
+                begin += width
+        return cls(columns, begin)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Parameters:
+    """One set of values.
+
+    Attributes
+    ----------
+    offset : (3,) float, unit of the readings
+    shape : (3, 3) float, unit of the readings
+        Symmetric and positive definite.
+    rotation : (3, 3) float
+        Turns vectors in the magnetometer's axes into the body's, which are those of gyro, accelerometer and attitude.
+    drivers : (m, 3) float
+        Offset for each unit of each driver.
+    slope : float, 1/°C
+        Of the scale.
+    gyro_bias : (3,) float, rad/s
+    delay : float, s
+        By how much the magnetometer is behind the gyro.
+    sine : float
+        Of the field's dip, positive where it points below the horizon.
+    direction : (3,) float
+        Unit vector: the site's field in the axes that a logged attitude turns into.
+    """
+
+    offset: Floats
+    shape: Floats
+    rotation: Floats
+    drivers: Floats
+    slope: float
+    gyro_bias: Floats
+    delay: float
+    sine: float
+    direction: Floats
+
+    @classmethod
+    def at(cls, offset: Floats, shape: Floats, *, drivers: int = 0) -> Self:
+        """Begin somewhere, with nothing else known."""
+        zero = np.zeros(3)
+        return cls(offset, shape, np.eye(3), np.zeros((drivers, 3)), 0.0, zero, 0.0, 0.0, np.array([0.0, 0.0, 1.0]))
+
+    def moved(self, step: Floats, layout: Layout) -> Self:
+        """Take a step; a rotation is turned by its part of it, on the left."""
+        parts = {name: step[columns] for name, columns in layout.columns.items()}
+        changed: dict[str, Floats | float] = {
+            "offset": self.offset + parts["offset"],
+            "shape": self.shape + symmetric(parts["shape"]),
+        }
+        for name in ("slope", "delay", "sine"):
+            if name in parts:
+                changed[name] = getattr(self, name) + float(parts[name][0])
+        if "drivers" in parts:
+            changed["drivers"] = self.drivers + parts["drivers"].reshape(-1, 3)
+        if "gyro_bias" in parts:
+            changed["gyro_bias"] = self.gyro_bias + parts["gyro_bias"]
+        if "rotation" in parts:
+            changed["rotation"] = rotations(parts["rotation"][np.newaxis])[0] @ self.rotation
+        if "direction" in parts:
+            changed["direction"] = on_the_sphere(self.direction, parts["direction"])
+        return replace(self, **changed)  # type: ignore[arg-type]
+
+    @property
+    def ellipsoid_like(self) -> Floats:
+        """(3, 3) S Rᵀ: takes the field's direction in body axes to readings about the offset."""
+        product: Floats = self.shape @ self.rotation.T
+        return product
+
+    def as_dict(self) -> dict[str, object]:
+        """Plain lists and numbers."""
+        return {field.name: np.asarray(getattr(self, field.name)).tolist() for field in dataclasses.fields(self)}
+
+
+def across(directions: Floats) -> Floats:
+    """(..., 3, 2) two unit vectors at right angles to each other and to (..., 3) directions.
+
+    >>> bool(np.allclose(np.array([[0.6, 0.0, 0.8]]) @ across(np.array([[0.6, 0.0, 0.8]]))[0], 0.0))
+    True
+    """
+    helper = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
+    first = np.cross(directions, helper)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(directions, first)], axis=-1)
+
+
+def on_the_sphere(directions: Floats, steps: Floats) -> Floats:
+    """(..., 3) directions moved by (..., 2) steps along `across`, back on the sphere."""
+    moved = directions + np.einsum("...ij,...j->...i", across(directions), steps)
+    unit: Floats = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+    return unit

@@ -1,0 +1,443 @@
+"""Readings in groups that share one direction of the field: of one reading, of a window, of a recording.
+
+The direction of the field is nothing that anyone asks for, and yet every reading needs one. How many readings
+share it is what an aid changes:
+
+    magnitude      one reading        q = v                 the length alone counts
+    dip            one reading        q = v, dᵀq = sin I    and the height above the horizon
+    rate           a window           q_k = ΔR_kᵀ v         three residuals a reading
+    attitude       all                q_k = C_kᵀ m          and the rotation is seen in full
+
+Residuals are r = x − b − Σ pc − (1 + aτ) S Rᵀ q in the unit of the readings, and sin I − dᵀq where there is a
+vertical d. Both are linear in the noise. Each group's own direction is eliminated by a Schur complement: with the
+Jacobians J of the parameters and V of the direction, the normal equations lose JᵀV (VᵀV)⁻¹ VᵀJ.
+
+The sphere that v moves on is curved. Noise that leaves v uncertain by the covariance C leaves residuals with the mean
+½ tr(C) f(v), f the part of the model that is linear in v. `bent` gives what this adds to the gradient, for the solver
+to take off. For one reading alone that is the curvature of `flinders.terms.magnitude`; in a window it shrinks with
+the number of readings.
+
+The vertical has noise, too, which stands in the residual sin I − dᵀq and in its Jacobian dᵀ∂q: their product has the
+mean σ² sin I dᵀ∂q for a noise of σ in each direction across d. And a noisy unit vector is the shorter along its mean,
+by σ². `bent` holds both.
+
+Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the bias of a
+curved surface as in `flinders.terms.magnitude`.
+
+>>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of 50, but for noise
+>>> group = Group.of(field)
+>>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
+>>> found = linearised(group, here, group.guess(here), Layout.of(), Weights(1.0))
+>>> round(found.cost, 6), round(float(found.matrix[3, 3]), 6)               # 0.5² + 1²; one of two sees S₁₁
+(1.25, 1.0)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
+
+import numpy as np
+
+from flinders.terms.parameters import Layout, Parameters, across, on_the_sphere
+from flinders.terms.turning import cross_matrices, rotations
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.terms.turning import Turned
+
+ROOM: Final = 8192
+"""Readings worked on at a time, whatever the length of the recording."""
+
+
+class Weights(NamedTuple):
+    """How far residuals are trusted.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of a component of a reading, in its unit.
+    vertical : float
+        Standard deviation of dᵀq.
+    """
+
+    noise: float
+    vertical: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Readings, so many to a direction.
+
+    Attributes
+    ----------
+    rows : (W, n) int
+        Which readings of the recording.
+    field : (W, n, 3) float
+    weight : (W, n) float
+        1, or 0 for a reading that does not belong.
+    turned : Turned, optional
+        How the body turned within each window.
+    attitudes : (W, n, 3, 3) float, optional
+        From body axes into the world, where all share the direction of the site's field.
+    down : (W, n, 3) float, optional
+    trust : (W, n) float, optional
+    drivers : (W, n, m) float, optional
+    warmth : (W, n) float, optional
+    """
+
+    rows: NDArray[np.intp]
+    field: Floats
+    weight: Floats
+    turned: Turned | None = None
+    attitudes: Floats | None = None
+    down: Floats | None = None
+    trust: Floats | None = None
+    drivers: Floats | None = None
+    warmth: Floats | None = None
+
+    @classmethod
+    def of(cls, field: Floats) -> Self:
+        """Readings (W, n, 3) with nothing beside them."""
+        shape = field.shape[:2]
+        return cls(np.arange(shape[0] * shape[1]).reshape(shape), field, np.ones(shape))
+
+    @property
+    def is_eliminated(self) -> bool:
+        """Each window has a direction of its own."""
+        return self.attitudes is None
+
+    @property
+    def count(self) -> int:
+        """Readings that count."""
+        return int(np.count_nonzero(self.weight))
+
+    def chunks(self) -> list[Self]:
+        """The same in parts that are not too large, never cutting a window."""
+        if not self.is_eliminated or len(self.rows) == 0:
+            return [self] if len(self.rows) else []
+        each = max(1, ROOM // self.rows.shape[1])
+        return [self._chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
+
+    def _chunk(self, rows: slice) -> Self:
+        """Some of the windows."""
+        parts = {
+            name: None if getattr(self, name) is None else getattr(self, name)[rows]
+            for name in ("rows", "field", "weight", "attitudes", "down", "trust", "drivers", "warmth")
+        }
+        return replace(self, **parts, turned=None if self.turned is None else self.turned.chunk(rows))  # type: ignore[arg-type]
+
+    def at(self, at: Parameters) -> Self:
+        """The same, turned with the gyro's bias of some parameters."""
+        return self if self.turned is None else replace(self, turned=self.turned.with_bias(at.gyro_bias))
+
+    @property
+    def rotations(self) -> Floats:
+        """(W, n, 3, 3) from body axes at each reading into those of its direction, the delay left out."""
+        if self.turned is not None:
+            return self.turned.rotations
+        return np.broadcast_to(np.eye(3), (*self.weight.shape, 3, 3))
+
+    def gain(self, at: Parameters) -> Floats | None:
+        """(W, n) what the temperature makes of the scale; None where that is 1."""
+        return None if self.warmth is None else 1.0 + at.slope * self.warmth
+
+    def centred(self, at: Parameters) -> Floats:
+        """(W, n, 3) readings about their offset."""
+        centred = self.field - at.offset
+        if self.drivers is not None and len(at.drivers):
+            centred = centred - self.drivers @ at.drivers
+        return centred
+
+    def guess(self, at: Parameters) -> Floats:
+        """(W, 3) the direction of each window that readings agree on best."""
+        gain = self.gain(at)
+        seen = self.centred(at) @ np.linalg.inv(at.ellipsoid_like).T
+        seen = (seen if gain is None else seen / gain[..., np.newaxis]) * self.weight[..., np.newaxis]
+        if self.turned is not None:
+            seen = (self.turned.rotations @ seen[..., np.newaxis])[..., 0]
+        total = seen.sum(axis=1)
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        unit: Floats = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), [1.0, 0.0, 0.0])
+        return unit
+
+    def seen(self, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
+        """(W, n, 3) q at each reading, and the rotations (W, n, 3, 3) that made it from (W, 3) directions."""
+        if self.attitudes is not None:
+            back = np.swapaxes(self.attitudes, 2, 3)
+            return back @ at.direction, back
+        if self.turned is None:
+            return np.broadcast_to(directions[:, np.newaxis], self.field.shape), None
+        back = np.swapaxes(self.turned.rotations, 2, 3)
+        if at.delay:
+            late = rotations((at.delay * (self.turned.rate - at.gyro_bias)).reshape(-1, 3)).reshape(back.shape)
+            back = late @ back
+        return (back @ directions[:, np.newaxis, :, np.newaxis])[..., 0], back
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Residuals of a group, in standard deviations, and their Jacobians J = −∂r/∂θ.
+
+    Attributes
+    ----------
+    residual : (W, k, n) float
+        k is 3, or 4 with a vertical.
+    jacobian : (W, k, n, P) float
+    own : (W, k, n, 2) float
+        For the window's own direction.
+    model : (W, k, n) float
+        The part of the model that is linear in that direction.
+    lean : (W, k, n) float
+        Mean residual that the noise of verticals pretends, which stands in the residual and in its Jacobian.
+    still : (P,) float
+        1 for a parameter whose Jacobian has no part in that noise.
+    counts : tuple of float
+        Residuals of readings, and of verticals: a weight stands for a variance, and each counts for one.
+    """
+
+    residual: Floats
+    jacobian: Floats
+    own: Floats
+    model: Floats
+    lean: Floats
+    still: Floats
+    counts: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """Normal equations of a group, its own directions eliminated.
+
+    Attributes
+    ----------
+    matrix : (P, P) float
+    gradient : (P,) float
+    cost : float
+        Σ r².
+    bent : (P,) float
+        Mean gradient that noise makes on the sphere.
+    inverse : (W, 2, 2) float
+        Covariance of each direction, were the parameters known.
+    mixed : (W, P, 2) float
+    own : (W, 2) float
+        Gradient of each direction.
+    squares : (2,) float
+        Σ r² of the readings, and of the verticals, once directions have settled.
+    expected : (2,) float
+        The same if the weights are right, but for what the parameters take up.
+    curvature : (2, 2) float
+        How the squares hang on the variance of each kind: Fisher's information, twice, per relative change.
+    """
+
+    matrix: Floats
+    gradient: Floats
+    cost: float
+    bent: Floats
+    inverse: Floats
+    mixed: Floats
+    own: Floats
+    squares: Floats
+    expected: Floats
+    curvature: Floats
+
+    def follow(self, directions: Floats, step: Floats) -> Floats:
+        """(W, 3) directions that go with a step of the parameters."""
+        if not len(self.inverse):
+            return directions
+        left = self.own - step @ self.mixed
+        return on_the_sphere(directions, np.einsum("wab,wb->wa", self.inverse, left))
+
+
+def residuals_of(group: Group, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
+    """(W, n, 3) r in the unit of the readings, and (W, n) sin I − dᵀq, without weights."""
+    q, _ = group.seen(at, directions)
+    gain = group.gain(at)
+    model = q @ at.ellipsoid_like.T
+    residual = group.centred(at) - (model if gain is None else model * gain[..., np.newaxis])
+    if group.down is None:
+        return residual, None
+    return residual, at.sine - np.einsum("wni,wni->wn", group.down, q)
+
+
+def cost_of(group: Group, at: Parameters, directions: Floats, weights: Weights) -> float:
+    """Σ r² in standard deviations."""
+    residual, upright = residuals_of(group, at, directions)
+    cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * group.weight)) / weights.noise**2
+    if upright is not None and group.trust is not None:
+        cost += float(np.sum(upright**2 * group.trust)) / weights.vertical**2
+    return cost
+
+
+def linearised(group: Group, at: Parameters, directions: Floats, layout: Layout, weights: Weights) -> Linearised:
+    """Add up the normal equations of a group.
+
+    Parameters
+    ----------
+    group : Group
+    at : Parameters
+        Where to linearise.
+    directions : (W, 3) float
+        Of each window.
+    layout : Layout
+    weights : Weights
+    """
+    return eliminated(rows_of(group, at, directions, layout, weights), is_own=group.is_eliminated)
+
+
+def eliminated(rows: Rows, *, is_own: bool) -> Linearised:
+    """Sum up rows, and take their own directions out."""
+    count, width = len(rows.residual), rows.jacobian.shape[-1]
+    jacobian = rows.jacobian.reshape(count, -1, width)
+    residual = rows.residual.reshape(count, -1)
+    flat = jacobian.reshape(-1, width)
+    matrix, gradient = flat.T @ flat, residual.ravel() @ flat
+    squares = np.array([np.sum(rows.residual[:, :3] ** 2), np.sum(rows.residual[:, 3:] ** 2)])
+    cost = float(squares.sum())
+    counts = np.asarray(rows.counts)
+    if not is_own:
+        none = np.zeros((0, 2, 2)), np.zeros((0, width, 2)), np.zeros((0, 2))
+        return Linearised(matrix, gradient, cost, np.zeros(width), *none, squares, counts, np.diag(counts))
+    own = rows.own.reshape(count, -1, 2)
+    model = rows.model.reshape(count, -1)
+    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    mixed = np.swapaxes(jacobian, 1, 2) @ own
+    pull = _pulled(own, residual)
+    eased = (inverse @ pull[..., np.newaxis])[..., 0]
+    beside = np.swapaxes(mixed, 0, 1).reshape(width, -1)  # (P, 2W)
+    matrix = matrix - np.swapaxes(mixed @ inverse, 0, 1).reshape(width, -1) @ beside.T
+    gradient = gradient - beside @ eased.ravel()
+    share = 0.5 * np.trace(inverse, axis1=1, axis2=2)
+    taken = own @ inverse
+    left = 1.0 - np.sum(taken * own, axis=2)  # of each residual, what the direction does not take
+    lean = rows.lean.reshape(count, -1)
+    off = model * share[:, np.newaxis] + lean * (1.0 + left)
+    bent = off.ravel() @ flat - beside @ (inverse @ _pulled(own, off)[..., np.newaxis]).ravel()
+    bent = bent - (lean * left).ravel() @ (flat * rows.still)
+    settled = (residual - (own @ eased[..., np.newaxis])[..., 0]).reshape(rows.residual.shape)
+    squares = np.array([np.sum(settled[:, :3] ** 2), np.sum(settled[:, 3:] ** 2)])
+    expected, curvature = _components(rows, inverse, counts)
+    return Linearised(matrix, gradient, cost, bent, inverse, mixed, pull, squares, expected, curvature)
+
+
+def _pulled(own: Floats, residual: Floats) -> Floats:
+    """(W, 2) Vᵀr of (W, r, 2) and (W, r)."""
+    pull: Floats = (residual[:, np.newaxis] @ own)[:, 0]
+    return pull
+
+
+def _components(rows: Rows, inverse: Floats, counts: Floats) -> tuple[Floats, Floats]:
+    """Expected squares (2,) of readings and verticals, and (2, 2) how they follow a relative change of each variance.
+
+    With Q = 1 − V C Vᵀ of a window: tr Q over the rows of each kind, and tr Q_ab Q_ba.
+    """
+    of_readings = rows.own[:, :3].reshape(len(inverse), -1, 2)
+    upright = rows.own[:, 3:].reshape(len(inverse), -1, 2)
+    shares = [inverse @ (np.swapaxes(part, 1, 2) @ part) for part in (of_readings, upright)]
+    traces = np.array([float(np.trace(share, axis1=1, axis2=2).sum()) for share in shares])
+    products = np.array([[float(np.sum(a * np.swapaxes(b, 1, 2))) for a in shares] for b in shares])
+    return counts - traces, np.diag(counts - 2.0 * traces) + products
+
+
+def rows_of(group: Group, at: Parameters, directions: Floats, layout: Layout, weights: Weights) -> Rows:
+    """Residuals and Jacobians of a group in standard deviations; parameters as those of `linearised`."""
+    q, back = group.seen(at, directions)
+    windows, n = group.weight.shape
+    tall = 3 if group.down is None else 4
+    jacobian = np.zeros((windows, tall, n, layout.size))
+    residual = np.empty((windows, tall, n))
+    model = np.empty((windows, tall, n))
+    lean = np.zeros((windows, tall, n))
+    _fill(jacobian, group, at, q, layout)
+    gain, shape = group.gain(at), at.ellipsoid_like
+    pure = q @ shape.T
+    linear = pure if gain is None else pure * gain[..., np.newaxis]
+    scale = np.sqrt(group.weight) / weights.noise
+    model[:, :3] = np.swapaxes(linear, 1, 2)
+    residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2)
+    tangent = across(at.direction if group.attitudes is not None else directions)
+    if back is None:
+        turned = np.broadcast_to(tangent[:, np.newaxis], (windows, n, 3, 2))
+    else:
+        turned = back @ (tangent if group.attitudes is not None else tangent[:, np.newaxis])
+    bent = shape @ turned
+    own = np.empty((windows, tall, n, 2))
+    own[:, :3] = np.swapaxes(bent if gain is None else bent * gain[..., np.newaxis, np.newaxis], 1, 2)
+    for array in (model, residual):
+        array[:, :3] *= scale[:, np.newaxis]
+    for wide in (jacobian, own):
+        wide[:, :3] *= scale[:, np.newaxis, :, np.newaxis]
+    if group.down is not None and group.trust is not None:
+        steep = np.sqrt(group.trust) / weights.vertical
+        lean[:, 3] = at.sine / max(1.0 - at.sine**2, 1e-3) * weights.vertical * np.sqrt(group.trust)
+        height = np.einsum("wni,wni->wn", group.down, q)
+        model[:, 3] = height * steep
+        residual[:, 3] = (at.sine - height) * steep
+        own[:, 3] = np.einsum("wni,wnij->wnj", group.down, turned) * steep[..., np.newaxis]
+        _fill_upright(jacobian[:, 3], group, at, q, layout)
+        jacobian[:, 3] *= steep[..., np.newaxis]
+    if "direction" in layout and group.attitudes is not None:
+        jacobian[..., layout.columns["direction"]] = own
+    trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
+    still = np.zeros(layout.size)
+    if "sine" in layout:
+        still[layout.columns["sine"]] = 1.0
+    return Rows(residual, jacobian, own, model, lean, still, (3.0 * float(group.weight.sum()), trusted))
+
+
+def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
+    """Write the Jacobian (W, 3 or 4, n, P) of the readings, in their unit."""
+    gain, shape = group.gain(at), at.ellipsoid_like
+    scaled = q if gain is None else q * gain[..., np.newaxis]
+    u = scaled @ at.rotation
+    for axis in range(3):
+        jacobian[:, axis, :, axis] = 1.0
+    for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), start=3):
+        jacobian[:, i, :, column] = u[..., j]
+        jacobian[:, j, :, column] = u[..., i]
+    needs_cross = "rotation" in layout or ("gyro_bias" in layout and group.turned is not None)
+    turned = shape @ cross_matrices(scaled) if needs_cross else None  # (W, n, 3, 3): S Rᵀ [q]×
+    if turned is not None and "rotation" in layout:
+        jacobian[:, :3, :, layout.columns["rotation"]] = np.swapaxes(turned, 1, 2)
+    if group.drivers is not None and "drivers" in layout:
+        begin = layout.columns["drivers"].start
+        for driver in range(group.drivers.shape[-1]):
+            for axis in range(3):
+                jacobian[:, axis, :, begin + 3 * driver + axis] = group.drivers[..., driver]
+    if group.warmth is not None and "slope" in layout:
+        jacobian[:, :3, :, layout.columns["slope"].start] = np.swapaxes(
+            (q @ shape.T) * group.warmth[..., np.newaxis], 1, 2
+        )
+    if group.turned is not None:
+        if turned is not None and "gyro_bias" in layout:
+            jacobian[:, :3, :, layout.columns["gyro_bias"]] = np.swapaxes(turned @ group.turned.by_bias, 1, 2)
+        if "delay" in layout:
+            moving = np.cross(group.turned.rate - at.gyro_bias, scaled) @ shape.T
+            jacobian[:, :3, :, layout.columns["delay"].start] = np.swapaxes(moving, 1, 2)
+
+
+def _fill_upright(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
+    """Write the Jacobian (W, n, P) of dᵀq − sin I."""
+    if "sine" in layout:
+        jacobian[..., layout.columns["sine"].start] = -1.0
+    if group.turned is None or group.down is None:
+        return
+    if "gyro_bias" in layout:
+        turned = np.cross(group.down, q)  # dᵀ (q × Jδ) = (d × q)ᵀ J δ
+        bias = np.einsum("wni,wnij->wnj", turned, group.turned.by_bias)
+        jacobian[..., layout.columns["gyro_bias"]] = bias
+    if "delay" in layout:
+        moving = np.cross(group.turned.rate - at.gyro_bias, q)
+        jacobian[..., layout.columns["delay"].start] = np.einsum("wni,wni->wn", group.down, moving)
+
+
+def inverse_of(matrices: Floats) -> Floats:
+    """(W, 2, 2) inverses of symmetric matrices; of one that says nothing, zero."""
+    a, b, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
+    determinant = a * d - b * b
+    sound = determinant > 1e-12 * (a + d) ** 2
+    safe = np.where(sound, determinant, 1.0)
+    inverse = np.stack([d, -b, -b, a], axis=-1).reshape(-1, 2, 2) / safe[:, np.newaxis, np.newaxis]
+    return inverse * sound[:, np.newaxis, np.newaxis]

@@ -1,0 +1,173 @@
+"""The field stands still while the body turns: what a gyro says of a few seconds of readings.
+
+Within a window of some seconds the direction of the field in body axes is q_k = ΔR_k(d)ᵀ v: one free direction v for
+the window, at its first reading, turned back by what the gyro has turned since,
+
+    ΔR_k(d) = Π_{j<k} exp([ω_j − d]× Δt_j)
+
+The rate is integrated, never the field differentiated, so that each reading enters once, with its own white noise; and
+the equation is linear in it. The bias d is found with the rest: with J_k = −ΔR_kᵀ Σ_{j<k} ΔR_{j+1} Δt_j a change
+of δ turns q_k by q_k × J_k δ. A magnetometer that lags by δt reads q_k + δt ω_k × q_k.
+
+When to use it: the body turns about two axes or more while the field around it stays the same, if only by a few
+degrees; hard and soft iron follow from much less turning than the length of the field alone needs. Rotation about one
+axis says nothing of the offset along it.
+
+Source: pre-integration as in T. Lupton, S. Sukkarieh, IEEE Trans. Robotics 28 (2012) 61–76, and C. Forster et
+al., IEEE Trans. Robotics 33 (2017) 1–21; the field's equation ṁ = −ω × m as in G. Troni, L. L. Whitcomb, ICRA
+2013.
+
+>>> quarter = np.tile([0.0, 0.0, np.pi / 2], (1, 3, 1))                      # 90°/s about z, for two seconds
+>>> turned = integrated(quarter, np.ones((1, 3)), np.zeros(3))
+>>> (np.swapaxes(turned.rotations, 2, 3) @ [1.0, 0.0, 0.0]).round(6)[0] + 0.0
+array([[ 1.,  0.,  0.],
+       [ 0., -1.,  0.],
+       [-1.,  0.,  0.]])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+WINDOW_S: Final = 5.0
+"""Length of a window, in s: long enough to see a slow turn, and short enough for the gyro's noise to matter little."""
+
+SHORTEST: Final = 4
+"""Readings in a window; fewer say no more than as many single ones."""
+
+GAP: Final = 3.0
+"""Usual intervals between two readings that are a gap: nobody knows how the body turned meanwhile."""
+
+AGAIN: Final = 2e-3
+"""rad: the rate is integrated anew once a change of its bias has turned the end of a window by more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turned:
+    """How a body turned within windows.
+
+    Attributes
+    ----------
+    rotations : (W, n, 3, 3) float
+        ΔR: from body axes at each reading into those at the first of its window.
+    by_bias : (W, n, 3, 3) float, s
+        J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right.
+    rate : (W, n, 3) float, rad/s
+        As recorded.
+    interval : (W, n) float, s
+        From each reading to the next.
+    bias : (3,) float, rad/s
+        For which all this holds.
+    """
+
+    rotations: Floats
+    by_bias: Floats
+    rate: Floats
+    interval: Floats
+    bias: Floats
+
+    def with_bias(self, bias: Floats) -> Turned:
+        """The same for another bias: to first order for a small change, integrated anew for a larger one."""
+        change = bias - self.bias
+        longest = float(np.abs(self.by_bias[:, -1]).sum(axis=2).max(initial=0.0))
+        if not change.any():
+            return self
+        if longest * float(np.abs(change).max()) > AGAIN:
+            return integrated(self.rate, self.interval, bias)
+        turns = rotations((self.by_bias @ change).reshape(-1, 3)).reshape(self.rotations.shape)
+        return replace(self, rotations=self.rotations @ turns, bias=bias)
+
+    def chunk(self, rows: slice) -> Self:
+        """Some of the windows."""
+        return replace(
+            self, rotations=self.rotations[rows], by_bias=self.by_bias[rows], rate=self.rate[rows],
+            interval=self.interval[rows],
+        )  # fmt: skip
+
+
+def integrated(rate: Floats, interval: Floats, bias: Floats) -> Turned:
+    """Integrate rates over windows.
+
+    Parameters
+    ----------
+    rate : (W, n, 3) float, rad/s
+        Taken for constant from each reading to the next.
+    interval : (W, n) float, s
+        From each reading to the next; the last one of a window is not used.
+    bias : (3,) float, rad/s
+    """
+    shape = rate.shape
+    steps = rotations(((rate - bias) * interval[..., np.newaxis]).reshape(-1, 3)).reshape(*shape, 3)
+    along = np.concatenate([np.broadcast_to(np.eye(3), (shape[0], 1, 3, 3)), steps[:, :-1]], axis=1)
+    reach = 1
+    while reach < shape[1]:  # products of 1, 2, 4, 8 … steps: as many rounds as the window's length has bits
+        along = np.concatenate([along[:, :reach], along[:, :-reach] @ along[:, reach:]], axis=1)
+        reach *= 2
+    weighted = np.cumsum(along[:, 1:] * interval[:, :-1, np.newaxis, np.newaxis], axis=1)
+    by_bias = np.zeros_like(along)
+    by_bias[:, 1:] = -np.swapaxes(along[:, 1:], 2, 3) @ weighted
+    return Turned(along, by_bias, rate, interval, bias)
+
+
+def rotations(vectors: Floats) -> Floats:
+    """(N, 3, 3) rotations by (N, 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
+
+    >>> rotations(np.array([[0.0, 0.0, np.pi / 2]])).round(3)[0].tolist()
+    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    angle = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    sine = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
+    bend = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    turned: Floats = bend[:, np.newaxis, np.newaxis] * (vectors[:, :, np.newaxis] * vectors[:, np.newaxis])
+    turned += sine[:, np.newaxis, np.newaxis] * cross_matrices(vectors)
+    turned[:, [0, 1, 2], [0, 1, 2]] += (1.0 - bend * angle**2)[:, np.newaxis]
+    return turned
+
+
+def cross_matrices(vectors: Floats) -> Floats:
+    """(..., 3, 3) the matrices [v]× with [v]× w = v × w."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape[:-1], 3, 3)
+
+
+def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArray[np.intp]:
+    """(W, n) which readings are in which window: as many whole windows as each stretch without a gap has room for.
+
+    Parameters
+    ----------
+    time : (N,) float, s
+    rate : (N, 3) float, rad/s
+        NaN where it is not known, which ends a stretch.
+    window_s : float
+        About how long a window is; a recording that is shorter is one window.
+
+    Examples
+    --------
+    >>> time = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(2.0, 2.5, 0.1)])
+    >>> windows(time, np.zeros((15, 3)), window_s=0.5)
+    array([[ 0,  1,  2,  3,  4],
+           [ 5,  6,  7,  8,  9],
+           [10, 11, 12, 13, 14]])
+    """
+    if len(time) < SHORTEST:
+        return np.empty((0, SHORTEST), dtype=np.intp)
+    steps = np.diff(time)
+    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else np.inf
+    sound = (steps > 0.0) & (steps < GAP * usual) & np.isfinite(rate[:-1]).all(axis=1)
+    edges = np.concatenate([[0], np.flatnonzero(~sound) + 1, [len(time)]])
+    lengths = np.diff(edges)
+    n = max(SHORTEST, min(round(window_s / usual) if np.isfinite(usual) else 1, int(lengths.max())))
+    starts = [np.arange(begin, begin + length - n + 1, n) for begin, length in zip(edges[:-1], lengths, strict=True)]
+    first = np.concatenate(starts).astype(np.intp)
+    return first[:, np.newaxis] + np.arange(n)

@@ -1,0 +1,114 @@
+"""Laws of the observation terms: Jacobians are how residuals change, elimination is what the whole system says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flinders.terms import turning
+from flinders.terms.parameters import Layout, Parameters, on_the_sphere
+from flinders.terms.shared import Group, Weights, cost_of, eliminated, linearised, residuals_of, rows_of
+
+LAYOUT = Layout.of(drivers=2, rotation=True, slope=True, gyro_bias=True, delay=True, sine=True)
+WEIGHTS = Weights(0.5, 0.004)
+STEP = 1e-6
+
+
+def group(seed: int, windows: int = 3, n: int = 5) -> Group:
+    """Readings with everything beside them."""
+    rng = np.random.default_rng(seed)
+    plain = Group.of(rng.normal(scale=40.0, size=(windows, n, 3)))
+    down = rng.normal(size=(windows, n, 3))
+    return replace(
+        plain,
+        turned=turning.integrated(rng.normal(size=(windows, n, 3)), np.full((windows, n), 0.02), np.zeros(3)),
+        down=down / np.linalg.norm(down, axis=2, keepdims=True),
+        trust=rng.uniform(0.2, 1.0, size=(windows, n)),
+        drivers=rng.normal(size=(windows, n, 2)),
+        warmth=rng.normal(size=(windows, n)),
+    )
+
+
+def somewhere(seed: int) -> Parameters:
+    rng = np.random.default_rng(seed)
+    plain = Parameters.at(rng.normal(scale=5.0, size=3), 50.0 * np.eye(3) + np.diag(rng.normal(size=3)), drivers=2)
+    turned = turning.rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
+    return replace(plain, rotation=turned, drivers=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=20)
+def test_jacobians_are_how_residuals_change(seed: int) -> None:
+    readings, at = group(seed), somewhere(seed)
+    directions = readings.guess(at)
+    rows = rows_of(readings, at, directions, LAYOUT, WEIGHTS)
+
+    def residual(step: np.ndarray, own: np.ndarray | None = None) -> np.ndarray:
+        moved = at.moved(step, LAYOUT)
+        towards = directions if own is None else on_the_sphere(directions, np.tile(own, (len(directions), 1)))
+        taken = readings.at(moved)
+        of_field, of_vertical = residuals_of(taken, moved, towards)
+        assert of_vertical is not None
+        assert taken.trust is not None
+        scaled = np.swapaxes(of_field, 1, 2) / WEIGHTS.noise
+        return np.concatenate([scaled, (of_vertical * np.sqrt(taken.trust) / WEIGHTS.vertical)[:, None]], axis=1)
+
+    for column, unit in enumerate(np.eye(LAYOUT.size)):
+        wanted = (residual(-STEP * unit) - residual(STEP * unit)) / (2 * STEP)
+        npt.assert_allclose(rows.jacobian[..., column], wanted, atol=2e-5 * max(1.0, np.abs(wanted).max()))
+    nothing = np.zeros(LAYOUT.size)
+    for column, direction in enumerate(np.eye(2)):
+        wanted = (residual(nothing, -STEP * direction) - residual(nothing, STEP * direction)) / (2 * STEP)
+        npt.assert_allclose(rows.own[..., column], wanted, atol=2e-5 * np.abs(wanted).max())
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=20)
+def test_elimination_leaves_what_the_whole_system_says(seed: int) -> None:
+    readings, at = group(seed), somewhere(seed)
+    rows = rows_of(readings, at, readings.guess(at), LAYOUT, WEIGHTS)
+    few = eliminated(rows, is_own=True)
+    windows, size = len(rows.residual), LAYOUT.size
+    wide = np.zeros((windows, rows.residual[0].size, size + 2 * windows))
+    wide[..., :size] = rows.jacobian.reshape(windows, -1, size)
+    for index in range(windows):
+        wide[index, :, size + 2 * index : size + 2 * index + 2] = rows.own[index].reshape(-1, 2)
+    full = wide.reshape(-1, wide.shape[-1])
+    damped = full.T @ full + 1e-6 * np.eye(full.shape[1])  # 45 rows for 25 unknowns, and still not all are seen
+    covariance = np.linalg.inv(damped)[:size, :size]
+    npt.assert_allclose(np.linalg.inv(few.matrix + 1e-6 * np.eye(size)), covariance, rtol=2e-3, atol=1e-3)
+
+
+def test_the_order_of_windows_does_not_matter() -> None:
+    readings, at = group(1), somewhere(1)
+    directions = readings.guess(at)
+    whole = linearised(readings, at, directions, LAYOUT, WEIGHTS)
+    parts = [linearised(readings._chunk(slice(i, i + 1)), at, directions[i : i + 1], LAYOUT, WEIGHTS) for i in range(3)]
+    npt.assert_allclose(sum(part.matrix for part in parts), whole.matrix, atol=1e-6 * np.abs(whole.matrix).max())
+    assert sum(part.cost for part in parts) == pytest.approx(whole.cost)
+    assert cost_of(readings, at, directions, WEIGHTS) == pytest.approx(whole.cost)
+
+
+@given(st.integers(0, 10_000), st.integers(2, 40))
+def test_integration_is_the_product_of_its_steps(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    rate, interval, bias = rng.normal(size=(1, n, 3)), rng.uniform(0.01, 0.05, (1, n)), rng.normal(scale=0.1, size=3)
+    turned = turning.integrated(rate, interval, bias)
+    attitude = np.eye(3)
+    for k in range(n):
+        npt.assert_allclose(turned.rotations[0, k], attitude, atol=1e-12)
+        attitude = attitude @ turning.rotations(((rate[0, k] - bias) * interval[0, k])[None])[0]
+
+
+@given(st.integers(0, 10_000))
+def test_a_small_change_of_the_bias_is_taken_to_first_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turned = turning.integrated(rng.normal(size=(2, 20, 3)), np.full((2, 20), 0.02), np.zeros(3))
+    bias = rng.normal(scale=1e-3, size=3)
+    exact = turning.integrated(turned.rate, turned.interval, bias)
+    npt.assert_allclose(turned.with_bias(bias).rotations, exact.rotations, atol=2e-5)

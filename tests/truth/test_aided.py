@@ -1,0 +1,255 @@
+"""A known sensor in, the same sensor out: what gyro, accelerometer and attitude add, and what they claim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.errors import UsageError
+from flinders.estimators.aided import solve
+from flinders.estimators.aids import aided_by
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.readings import Readings
+from flinders.heading import level_turn
+from flinders.quadric import upper
+from flinders.quaternions import of_angles, of_matrix, product
+from flinders.terms.drivers import Drivers
+from flinders.terms.site import Site
+from flinders.terms.turning import rotations
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.estimators.aided import Aided
+    from flinders.simulate import Simulated
+
+IMU = simulate.Imu(gyro_bias=np.array([0.02, -0.01, 0.015]))
+DIP_DEG = 60.0
+
+
+def swayed(seed: int, n: int = 1500) -> Simulated:
+    """A vehicle that turns all around and leans by up to 35°, at 50 Hz."""
+    return simulate.tumble(seed=seed, motion="swayed", n=n, imu=IMU)
+
+
+def shape_of(true: Simulated) -> Floats:
+    return true.field_strength * true.sensor.matrix
+
+
+def heading_error_deg(found: Aided, true: Simulated) -> float:
+    """Rms over a level turn, its mean taken off."""
+    _, fields = level_turn(DIP_DEG)
+    corrected = found.corrected(true.sensor.offset + fields.T @ shape_of(true).T).T
+    error = np.exp(1j * (np.arctan2(-corrected[1], corrected[0]) - np.arctan2(-fields[1], fields[0])))
+    return float(np.rad2deg(np.sqrt(np.mean(np.angle(error / error.mean()) ** 2))))
+
+
+def squares(found: Aided, true: Simulated) -> Floats:
+    """Errors of offset, shape, rotation and gyro bias in their claimed standard deviations, squared."""
+    at = found.parameters
+    errors = [at.offset - true.sensor.offset, upper(at.shape - shape_of(true))]
+    columns = [slice(0, 3), slice(3, 9)]
+    if "rotation" in found.layout:
+        turned = at.rotation
+        errors.append(np.array([turned[2, 1], turned[0, 2], turned[1, 0]]))
+        columns.append(found.layout.columns["rotation"])
+    if "gyro_bias" in found.layout:
+        errors.append(at.gyro_bias - IMU.gyro_bias)
+        columns.append(found.layout.columns["gyro_bias"])
+    variances = np.diag(found.covariance)
+    return np.concatenate([error**2 / variances[part] for error, part in zip(errors, columns, strict=True)])
+
+
+def test_without_aids_it_is_the_likelihood() -> None:
+    true = swayed(1)
+    alone, plain = solve(true.samples, ()), Likelihood().estimate(Readings.of(true.samples.field))
+    sigma = np.sqrt(np.diag(plain.covariance))
+    assert np.all(np.abs(alone.ellipsoid.parameters - plain.ellipsoid.parameters) < 0.05 * sigma)
+    npt.assert_allclose(np.sqrt(np.diag(alone.covariance)[:9]), sigma, rtol=0.1)
+
+
+def test_each_aid_improves_the_heading_and_all_of_them_most() -> None:
+    """Of the magnitude alone, 12 seeds of 60 s: 0.50 with the gyro, 0.21 with the accelerometer, 0.16 with both."""
+    errors = dict.fromkeys([(), ("rate",), ("dip",), ("rate", "dip")], 0.0)
+    for seed in range(3):
+        true = swayed(seed)
+        for terms in errors:
+            errors[terms] += heading_error_deg(solve(true.samples, terms), true) ** 2
+    alone = errors.pop(())
+    assert all(np.sqrt(squared / alone) < 0.8 for squared in errors.values())
+    assert np.sqrt(errors["rate", "dip"] / alone) <= 0.35
+
+
+@pytest.mark.parametrize("terms", [("rate",), ("dip",), ("rate", "dip")])
+def test_the_claimed_covariance_is_true(terms: tuple[str, ...]) -> None:
+    """30 trials a term; 200 of each in ``python -m benchmarks.terms``."""
+    found = [squares(solve(true.samples, terms), true) for true in (swayed(100 + seed, 600) for seed in range(30))]
+    assert 0.55 < np.mean(found) < 1.5
+
+
+def test_the_motion_of_magyc_with_five_degrees_of_tilt() -> None:
+    """Their sensor, noise and rates; the issue asks for 45 mG of hard iron, their own form is at 252 mG (§8.3)."""
+    noise = 1.0  # µT: 10 mG
+    sensor = simulate.Sensor(
+        matrix=np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]),
+        offset=np.array([2.0, 12.0, 9.0]),
+        noise=noise,
+    )
+    imu = simulate.Imu(gyro_bias=np.array([4e-3, -5e-3, 2e-3]), gyro_noise=0.01)
+    turning = simulate.motions.rocked(np.random.default_rng(0), rate_hz=10.0, amplitudes_deg=(5.0, 5.0, 360.0))
+    world = np.array([22.7207, 5.1796, 41.1731])
+    rng = np.random.default_rng(1)
+    field = np.einsum("nji,j->ni", turning.attitudes, world)
+    samples = flinders.Samples.of(
+        sensor.read(field, rng), unit="uT", time=turning.time,
+        rate=turning.rate + imu.gyro_bias + imu.gyro_noise * rng.standard_normal(field.shape),
+    )  # fmt: skip
+    found = solve(samples, ("rate",))
+    assert float(np.linalg.norm(found.parameters.offset - sensor.offset)) < 4.5
+    assert found.noise == pytest.approx(noise, rel=0.03)
+
+
+def test_a_level_turn_with_strength_and_dip_of_the_site() -> None:
+    true = simulate.tumble(
+        seed=2, motion="level", n=500, dip_deg=DIP_DEG, sensor=simulate.Sensor(offset=np.array([8.0, -5.0, 3.0]))
+    )
+    found = solve(true.samples, ("dip",), site=Site(50.0, DIP_DEG))
+    assert heading_error_deg(found, true) < 0.1
+    assert float(np.abs(found.parameters.offset - true.sensor.offset)[:2].max()) < 0.3
+
+
+def test_it_finds_how_the_sensor_is_mounted_and_how_late_it_is() -> None:
+    true = swayed(4)
+    mounted = rotations(np.array([[0.05, -0.03, 0.08]]))[0]
+    late = replace(
+        true.samples,
+        rate=true.samples.rate @ mounted.T,
+        acceleration=true.samples.acceleration @ mounted.T,
+    )
+    found = solve(late[:-1], ("rate", "dip"))
+    assert found.rotation_covariance is not None
+    away = found.parameters.rotation @ mounted.T
+    angle = np.array([away[2, 1], away[0, 2], away[1, 0]])
+    assert np.all(np.abs(angle) < 4.0 * np.sqrt(np.diag(found.rotation_covariance)))
+    shifted = replace(late, field=np.roll(late.field, 3, axis=0))[5:]  # three readings behind
+    delay = solve(shifted, ("rate",))
+    sigma = delay.of("delay")
+    assert sigma is not None
+    assert delay.parameters.delay == pytest.approx(0.06, abs=4.0 * float(np.sqrt(sigma[0, 0])))
+
+
+def test_an_attitude_gives_the_whole_matrix() -> None:
+    true = swayed(5)
+    attitude = np.array([of_matrix(matrix) for matrix in true.attitudes])  # type: ignore[union-attr]
+    found = solve(replace(true.samples, attitude=attitude), ("attitude",), site=Site(None, DIP_DEG))
+    assert heading_error_deg(found, true) < 0.1
+    assert found.sees_rotation
+    npt.assert_allclose(found.parameters.direction, [0.5, 0.0, np.sqrt(0.75)], atol=0.01)
+
+
+def test_a_driver_is_found_beside_the_rest() -> None:
+    true = swayed(6)
+    current = 10.0 + 8.0 * np.sin(np.arange(len(true.samples)) * 0.013)
+    pull = np.array([0.4, -0.2, 0.3])
+    flown = replace(true.samples, field=true.samples.field + np.outer(current, pull))
+    found = solve(flown, ("rate",), drivers=Drivers.of({"current": current}))
+    covariance = found.of("drivers")
+    assert covariance is not None
+    assert np.all(np.abs(found.parameters.drivers[0] - pull) < 4.0 * np.sqrt(np.diag(covariance)))
+
+
+def test_strays_are_left_out() -> None:
+    true = swayed(7)
+    field = true.samples.field.copy()
+    field[200:210] += 40.0
+    found = solve(replace(true.samples, field=field), ("rate", "dip"))
+    assert found.strays.tolist() == list(range(200, 210))
+
+
+def codes(samples: flinders.Samples, aids: tuple[str, ...], site: Site | None = None) -> list[str]:
+    return [mistake.code for mistake in aided_by(samples, aids, site=site)[1].mistakes]
+
+
+def test_a_gyro_in_degrees_is_named_and_not_used() -> None:
+    true = swayed(8)
+    found, aids = aided_by(replace(true.samples, rate=np.rad2deg(true.samples.rate)), ("rate",))  # type: ignore[arg-type]
+    assert [mistake.code for mistake in aids.mistakes] == ["gyro-unit"]
+    assert "°/s" in aids.mistakes[0].words
+    assert found.aids == ()
+
+
+@pytest.mark.parametrize("aid", ["rate", "dip"])
+def test_swapped_axes_are_named(aid: str) -> None:
+    true = swayed(9)
+    swap = [1, 0, 2], np.array([1.0, 1.0, -1.0])
+    other = {"rate": "rate", "dip": "acceleration"}[aid]
+    swapped = replace(true.samples, **{other: getattr(true.samples, other)[:, swap[0]] * swap[1]})
+    assert codes(swapped, (aid,)) == ["swapped-axes"]
+    assert codes(true.samples, (aid,)) == []
+
+
+def test_a_site_a_thousand_kilometres_off_is_named() -> None:
+    true = swayed(10)
+    assert codes(true.samples, ("rate", "dip"), Site(None, DIP_DEG - 9.0)) == ["site-differs"]
+    assert codes(true.samples, ("rate", "dip"), Site(None, DIP_DEG + 0.5)) == []
+
+
+def test_turning_about_one_axis_is_named() -> None:
+    true = simulate.tumble(seed=11, motion="sweep-xy", imu=IMU)
+    assert "one-axis" in codes(true.samples, ("rate",))
+
+
+def test_an_attitude_from_the_same_compass_is_named_and_not_used() -> None:
+    true = swayed(12)
+    known = np.array([of_matrix(matrix) for matrix in true.attitudes])  # type: ignore[union-attr]
+    heading = np.arctan2(true.attitudes[:, 1, 0], true.attitudes[:, 0, 0])  # type: ignore[index]
+    zeros = np.zeros_like(heading)
+    deviation = np.stack([zeros, zeros, np.radians(12.0) * np.sin(heading + 0.4)], axis=1)
+    circular = replace(true.samples, attitude=product(of_angles(deviation), known))
+    assert codes(circular, ("dip", "attitude")) == ["circular-attitude"]
+    assert codes(replace(circular, attitude=known), ("dip", "attitude")) == []
+
+
+def test_a_driver_that_never_changes_is_left_out() -> None:
+    still = Drivers.of({"current": np.full(10, 3.0)})
+    assert still.constant == ("current",)
+    assert still.without(still.constant) is None
+
+
+def test_fit_takes_aids_and_says_what_each_changed() -> None:
+    true = swayed(13)
+    fit = flinders.fit(true.samples, aids=("rate", "dip"))
+    plain = flinders.fit(true.samples)
+    assert fit.heading_error_deg.worst < plain.heading_error_deg.worst
+    assert fit.calibration.rotation == "estimated"
+    assert fit.aids is not None
+    assert [aid.name for aid in fit.aids.each if aid.kept] == ["rate", "dip"]
+    assert fit.aids.dip_deg == pytest.approx(DIP_DEG, abs=0.3)
+    assert "rotation-unknown" not in {finding.code for finding in fit.findings}
+    assert fit.as_dict()["aids"]["each"][0]["name"] == "rate"
+    again = flinders.Calibration.from_document(fit.to_document())
+    assert again.isclose(fit.calibration)
+
+
+def test_what_is_missing_is_named() -> None:
+    true = swayed(14, 200)
+    with pytest.raises(UsageError, match="no attitude"):
+        solve(true.samples, ("attitude",))
+    with pytest.raises(UsageError, match="not known"):
+        solve(true.samples, ("sonar",))
+    with pytest.raises(UsageError, match="aids go with"):
+        flinders.fit(true.samples, aids="auto", method="sphere")
+
+
+def test_where_no_aid_is_kept_the_fit_is_that_of_the_magnetometer() -> None:
+    true = swayed(8)
+    fit = flinders.fit(replace(true.samples, rate=np.rad2deg(true.samples.rate)), aids=("rate",))  # type: ignore[arg-type]
+    plain = flinders.fit(true.samples)
+    assert fit.method == plain.method
+    npt.assert_array_equal(fit.calibration.offset, plain.calibration.offset)
+    assert "gyro-unit" in {finding.code for finding in fit.findings}
