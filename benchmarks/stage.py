@@ -1,0 +1,234 @@
+"""A real program, a real browser and a board that is none: what browser tests, benchmark and screenshots drive.
+
+`Program` is ``flinders live`` in a process of its own, `chromium` a browser without a screen that reaches nothing but
+it, and `Board` the other end of a pseudo-terminal that talks like MotionCal's sketches.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Final, Self
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from playwright.sync_api import Browser
+
+    from flinders.arrays import Floats
+
+NAMES: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS: Final = (
+    "--no-sandbox",  # which needs rights that a container does not give
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-gpu-compositing",  # by the processor too: through the emulated GPU it takes twice as long
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+"""WebGL in software, and a browser that asks nobody for anything."""
+STARTING_S: Final = 60.0
+STOPPING_S: Final = 20.0
+FULL_S: Final = 0.002
+"""Seconds until a full port is tried again."""
+COUNTS_PER_UT: Final = 10
+"""Of the readings in a ``Raw:`` line."""
+
+
+def chromium_path() -> str | None:
+    """Find Chromium or Chrome; None where there is neither."""
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator[Browser]:
+    """Run a browser without a screen.
+
+    Raises
+    ------
+    FileNotFoundError
+        Where none is installed.
+    """
+    from playwright.sync_api import sync_playwright
+
+    path = chromium_path()
+    if path is None:
+        raise FileNotFoundError(f"there is no browser: install one of {', '.join(NAMES)}")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Program:
+    """``flinders live`` with a page at `address`, which records into `recording`.
+
+    Parameters
+    ----------
+    folder : Path
+        To run in.
+    options : str
+        As on the command line.
+
+    Attributes
+    ----------
+    address : str
+    recording : Path
+    pid : int
+
+    Raises
+    ------
+    RuntimeError
+        Where it ends before it has a page; with what it said.
+    """
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.recording = folder / "session.csv"
+        chosen = ["--output", str(self.recording)] if "--resume" not in options else []
+        command = [sys.executable, "-m", "flinders", "live", "--no-open", "--port", "0", *chosen, *options]
+        self._process = subprocess.Popen(
+            command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8"
+        )
+        self.pid = self._process.pid
+        self._said: list[str] = []
+        self._has_address = threading.Event()
+        self.address = ""
+        self._reader = threading.Thread(target=self._listen, daemon=True)
+        self._reader.start()
+        if not self._has_address.wait(STARTING_S) or not self.address:
+            self.stop()
+            raise RuntimeError(f"flinders live gave no address:\n{self.said}")
+
+    @property
+    def said(self) -> str:
+        """All it has printed so far."""
+        return "".join(self._said)
+
+    def stop(self) -> int:
+        """Interrupt it as Ctrl-C does, and return its exit status."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        status = self._process.wait(STOPPING_S)
+        self._reader.join(STOPPING_S)
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+        return status
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._said.append(line)
+            found = re.search(r"http:/{2}\S+", line)
+            if found and not self.address:
+                self.address = found[0]
+                self._has_address.set()
+        self._has_address.set()
+
+
+class Board:
+    """A board on a pseudo-terminal, under a name that stays when it is plugged in again.
+
+    Parameters
+    ----------
+    port : Path
+        Its name.
+
+    Attributes
+    ----------
+    heard : bytes
+        What was sent to it.
+    """
+
+    def __init__(self, port: Path) -> None:
+        self.port = port
+        self._lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._sender: threading.Thread | None = None
+        self._ends: tuple[int, int] | None = None
+        self.plug()
+
+    def plug(self) -> None:
+        """Plug it in."""
+        import tty
+
+        with self._lock:
+            self._ends = os.openpty()
+            tty.setraw(self._ends[1])
+            os.set_blocking(self._ends[0], False)
+            self.port.symlink_to(os.ttyname(self._ends[1]))
+
+    def unplug(self) -> None:
+        """Pull the plug; it goes on measuring, and nobody hears it."""
+        with self._lock:
+            for end in self._ends or ():
+                os.close(end)
+            self._ends = None
+            self.port.unlink(missing_ok=True)
+
+    def send(self, content: bytes) -> None:
+        """Print something; waits for room, and what it prints while it is unplugged is lost."""
+        while content:
+            with self._lock, contextlib.suppress(BlockingIOError):
+                if self._ends is None:
+                    return
+                content = content[os.write(self._ends[0], content) :]
+            if content and self._stopped.wait(FULL_S):
+                return
+
+    def play(self, lines: Sequence[bytes], rate_hz: float) -> None:
+        """Print lines at a rate, again and again, until the next call of this or `stop`."""
+        self.stop()
+        self._stopped.clear()
+        self._sender = threading.Thread(target=self._play, args=(list(lines), rate_hz), daemon=True)
+        self._sender.start()
+
+    def stop(self) -> None:
+        """Print nothing more."""
+        self._stopped.set()
+        if self._sender is not None:
+            self._sender.join()
+        self._sender = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        self.unplug()
+
+    def _play(self, lines: list[bytes], rate_hz: float) -> None:
+        begun, count = time.monotonic(), 0
+        while not self._stopped.wait(max(begun + count / rate_hz - time.monotonic(), 0.0)):
+            due = max(int((time.monotonic() - begun) * rate_hz) - count, 1)
+            self.send(b"".join(lines[number % len(lines)] for number in range(count, count + due)))
+            count += due
+
+
+def motioncal(field: Floats) -> list[bytes]:
+    r"""Write (N, 3) µT as lines of MotionCal's sketches, to the 0.1 µT of their counts.
+
+    >>> import numpy as np
+    >>> motioncal(np.array([[21.7, 0.4, -58.6]]))
+    [b'Raw:0,0,8192,0,0,0,217,4,-586\r\n']
+    """
+    counts = (COUNTS_PER_UT * field).round().astype(int)
+    return [b"Raw:0,0,8192,0,0,0,%d,%d,%d\r\n" % tuple(row) for row in counts.tolist()]

@@ -1,0 +1,189 @@
+"""Makes the pictures of the page and of the report in README and docs: ``python -m docs.screenshots [NAME…]``.
+
+Each is taken of the real program in a real browser, from a simulated sensor of a stated seed played back, so that the
+same pictures come out each time but for what a clock or a font changes. They go to ``docs/images``.
+"""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from benchmarks.stage import Program, chromium
+
+from flinders import simulate
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+    from flinders.arrays import Floats
+
+IMAGES: Final = Path(__file__).resolve().parent / "images"
+LARGEST: Final = 250_000
+"""Bytes of a picture."""
+DESK: Final = {"width": 1280, "height": 800}
+PHONE: Final = {"width": 390, "height": 844}
+WAIT_MS: Final = 30_000
+SETTLED: Final = (
+    "flinders.store.state.source.link === 'ended' && flinders.store.view !== null && flinders.store.points.count > 0 "
+    "&& flinders.store.state.used + flinders.store.state.rejected + flinders.store.state.excluded_readings "
+    "=== flinders.store.state.readings"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One picture: which readings, how they are looked at, and what is done before.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    readings : str
+        ``good``, ``collecting`` or ``wrong``: see `log`.
+    scheme : str
+    options : dict
+        Of the browser.
+    keys : tuple of str
+        Pressed when all is there.
+    """
+
+    name: str
+    readings: str
+    scheme: str = "dark"
+    options: dict[str, Any] = field(default_factory=lambda: {"viewport": DESK})
+    keys: tuple[str, ...] = ()
+
+
+ON_PHONE: Final[dict[str, Any]] = {
+    "viewport": PHONE, "device_scale_factor": 2, "is_mobile": True, "has_touch": True
+}  # fmt: skip
+SHOTS: Final = (
+    Shot("live-collecting-dark", "collecting"),
+    Shot("live-good-dark", "good"),
+    Shot("live-good-light", "good", "light"),
+    Shot("live-clouds-light", "good", "light", keys=("2",)),
+    Shot("live-wrong-dark", "wrong"),
+    Shot("live-finish-dark", "good", keys=("f",)),
+    Shot("live-phone-dark", "collecting", options=ON_PHONE),
+    Shot("live-phone-light", "good", "light", options=ON_PHONE),
+)
+REPORTS: Final = {"report-light": "light", "report-dark": "dark"}
+
+
+def log(readings: str, folder: Path) -> Path:
+    """Write a table of 50 readings a second: a whole tumble, the beginning of one, or one in a field that changes."""
+    tumble = simulate.tumble(seed=11, n=3000, noise=0.4).samples
+    count = {"good": 3000, "collecting": 160, "wrong": 2200}[readings]
+    rows: Floats = np.column_stack([0.02 * np.arange(count), tumble.field[:count], _acceleration(tumble, count)])
+    if readings == "wrong":
+        rows[1400:, 1:4] += (14.0, -9.0, 6.0)  # somebody puts a phone down beside it
+    path = folder / f"{readings}.csv"
+    header = "t_s,mx_uT,my_uT,mz_uT,ax_g,ay_g,az_g"
+    np.savetxt(path, rows, fmt="%.4f", delimiter=",", header=header, comments="")
+    return path
+
+
+def _acceleration(tumble: Any, count: int) -> Floats:  # noqa: ANN401 - samples
+    acceleration: Floats = tumble.acceleration[:count] / 9.80665
+    return acceleration
+
+
+def until(page: Page, expression: str) -> None:
+    """Wait until an expression of the page is true."""
+    for _ in range(WAIT_MS // 50):
+        if page.evaluate(expression):
+            return
+        page.wait_for_timeout(50)
+    raise TimeoutError(f"{expression}: {page.evaluate('JSON.stringify(flinders.store.state)')}")
+
+
+def shoot(browser: Browser, shot: Shot, folder: Path) -> Path:
+    """Take a picture of the page."""
+    place = folder / shot.name
+    place.mkdir()
+    with Program(place, "--replay", str(log(shot.readings, place)), "--speed", "50") as program:
+        options: dict[str, Any] = {"color_scheme": shot.scheme, **shot.options}
+        context = browser.new_context(reduced_motion="reduce", **options)
+        page = context.new_page()
+        page.goto(program.address)
+        until(page, f"Boolean(window.flinders?.store.hello) && {SETTLED}")
+        for notice in page.locator("#notices button").all():
+            notice.click()
+        for key in shot.keys:
+            page.keyboard.press(key)
+        if "f" in shot.keys:
+            until(page, "document.querySelector('#preview').textContent.length > 20")
+        page.wait_for_timeout(1500)  # until what moves has come to rest
+        path = _saved(page, shot.name)
+        context.close()
+    return path
+
+
+def report(browser: Browser, name: str, folder: Path) -> Path:
+    """Take a picture of a report."""
+    place = folder / name
+    place.mkdir()
+    path = place / "report.html"
+    command = [sys.executable, "-m", "flinders", "calibrate", str(log("good", place)), "--report", str(path)]
+    subprocess.run(command, check=True, capture_output=True, text=True)
+    options: dict[str, Any] = {"color_scheme": REPORTS[name], "viewport": {"width": 1100, "height": 1300}}
+    context = browser.new_context(reduced_motion="reduce", **options)
+    page = context.new_page()
+    page.goto(path.as_uri())
+    page.wait_for_timeout(2500)
+    found = _saved(page, name)
+    context.close()
+    return found
+
+
+def _saved(page: Page, name: str) -> Path:
+    """Write what the page looks like, in fewer colours where it would be too large.
+
+    Raises
+    ------
+    ValueError
+        Where it is too large all the same.
+    """
+    from PIL import Image
+
+    IMAGES.mkdir(exist_ok=True)
+    path = IMAGES / f"{name}.png"
+    picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    picture.save(path, optimize=True)
+    if path.stat().st_size > LARGEST:
+        fewer = picture.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=4, dither=Image.Dither.NONE)
+        fewer.save(path, optimize=True)  # other methods change the colours of what is small, such as the legend
+    if path.stat().st_size > LARGEST:
+        raise ValueError(f"{path} has {path.stat().st_size:,} bytes: need at most {LARGEST:,}")
+    return path
+
+
+def main() -> None:
+    """Take those that are named, or all."""
+    asked = sys.argv[1:]
+    names = [*(shot.name for shot in SHOTS), *REPORTS]
+    unknown = [name for name in asked if name not in names]
+    if unknown:
+        sys.exit(f"there is no picture {', '.join(unknown)}: there are {', '.join(names)}")
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
+        for shot in SHOTS:
+            if not asked or shot.name in asked:
+                _tell(shoot(browser, shot, Path(folder)))
+        for name in REPORTS:
+            if not asked or name in asked:
+                _tell(report(browser, name, Path(folder)))
+
+
+def _tell(path: Path) -> None:
+    print(f"{path.relative_to(IMAGES.parent.parent)}  {path.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main()

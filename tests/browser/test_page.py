@@ -1,0 +1,538 @@
+"""The page of a finished session: everything that a person does with it, by mouse, by finger and by keyboard."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from benchmarks.stage import Program
+from click.testing import CliRunner
+from playwright.sync_api import Error, Locator, expect
+from tests.browser.visitor import Visitor, grave, until, visiting
+
+from flinders import document
+from flinders.cli import main
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser, Page
+
+    from flinders.document import Document
+
+GOOD_MS = 30_000
+SETTLED = "flinders.store.state.used + flinders.store.state.rejected + flinders.store.state.excluded_readings === 3000"
+
+
+@pytest.fixture(scope="module")
+def program(tumble: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
+    """One whose sensor has been turned all round."""
+    with Program(tmp_path_factory.mktemp("session"), "--replay", str(tumble), "--speed", "500") as running:
+        yield running
+
+
+@pytest.fixture
+def visitor(browser: Browser, program: Program) -> Iterator[Visitor]:
+    yield from visiting(browser, program)
+
+
+AS_AT_FIRST = [
+    {"type": "back_to_live"},
+    {"type": "target", "deg": 1.0},
+    {"type": "dip", "deg": 60.0},
+    {"type": "goal", "goal": "heading"},
+    {"type": "restore", "start_s": -1.0, "end_s": 1e9},
+    {"type": "previous_clear"},
+]
+
+
+def done(page: Page) -> Page:
+    """Have everything as at first, whatever the last test did, and wait until the fit of all readings is shown."""
+    page.evaluate("commands => commands.forEach(command => flinders.connection.send(command))", AS_AT_FIRST)
+    until(page, SETTLED)
+    expect(page.locator("#scene canvas")).to_be_attached()
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good", timeout=GOOD_MS)
+    return page
+
+
+def state(page: Page, name: str) -> Any:  # noqa: ANN401 - a number, a text, a list
+    return page.evaluate(f"flinders.store.state.{name}")
+
+
+def calibrated(path: Path, out: Path) -> Document:
+    """What the command line makes of a file."""
+    done = CliRunner().invoke(main, ["calibrate", str(path), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    return document.read(out)
+
+
+def same(one: Document, other: Document, tolerance: float = 1e-9) -> bool:
+    pairs = [(found.calibration.offset, found.calibration.matrix) for found in (one, other)]
+    return all(np.allclose(a, b, rtol=tolerance, atol=tolerance) for a, b in zip(*pairs, strict=True))
+
+
+# what it says
+
+
+def test_the_verdict_and_the_numbers_are_those_of_the_command_line(
+    visitor: Visitor, program: Program, tmp_path: Path
+) -> None:
+    page = done(visitor.page())
+    expected = calibrated(program.recording, tmp_path / "cal.json")
+    assert expected.fit is not None
+    assert expected.fit.heading_error_deg is not None
+    view = page.evaluate("flinders.store.view")
+    np.testing.assert_allclose(view["offset"], expected.calibration.offset, atol=1e-3)  # of readings in float32
+    np.testing.assert_allclose(view["matrix"], expected.calibration.matrix, atol=1e-5)
+    expect(page.locator("#phase")).to_have_text("Good")
+    worst = float(page.locator("#worst").inner_text())
+    assert worst == pytest.approx(expected.fit.heading_error_deg.worst, rel=0.06)  # two digits are shown
+    page.keyboard.press("f")
+    expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
+    shown = f"{expected.calibration.offset[0]:.3f}".replace("-", "−")
+    expect(page.locator("#parameters tbody tr").first).to_contain_text(shown)
+
+
+def test_every_export_shows_what_the_server_gives(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.keyboard.press("f")
+    targets = page.locator("#export-target option").evaluate_all("options => options.map(option => option.value)")
+    assert len(targets) > 20
+    for target in targets[::5]:
+        page.locator("#export-target").select_option(target)
+        answer = page.request.get(f"{visitor.program.address}export/{target}", headers={"Accept": "application/json"})
+        found = answer.json()
+        text = found.get("text") or found.get("refusal") or "bytes, to be downloaded"
+        expect(page.locator("#preview")).to_contain_text(text.splitlines()[-1].strip()[1:])
+
+
+def test_what_is_downloaded_is_what_the_server_has_and_flinders_reads_it(
+    visitor: Visitor, program: Program, tmp_path: Path
+) -> None:
+    page = done(visitor.page())
+    page.get_by_role("button", name="Finish").click()
+    files = {}
+    for button in ("Calibration", "Readings", "Report"):
+        with page.expect_download() as started:
+            page.locator("#finish-panel").get_by_role("button", name=button, exact=True).click()
+        files[button] = tmp_path / started.value.suggested_filename
+        started.value.save_as(files[button])
+    downloaded = document.read(files["Calibration"])
+    assert same(downloaded, document.loads(page.request.get(f"{program.address}calibration.json").body()))
+    assert same(downloaded, calibrated(program.recording, tmp_path / "by-command.json"))
+    assert files["Readings"].read_bytes() == program.recording.read_bytes()
+    assert same(downloaded, calibrated(files["Readings"], tmp_path / "again.json"))
+    assert "<title>" in files["Report"].read_text(encoding="utf-8")
+
+
+def test_an_export_is_copied_as_it_is_shown(visitor: Visitor) -> None:
+    context = visitor.context(permissions=["clipboard-read", "clipboard-write"])
+    page = done(visitor.page(context))
+    page.keyboard.press("f")
+    page.locator("#export-target").select_option("micropython")
+    expect(page.locator("#preview")).to_contain_text("def ")
+    page.keyboard.press("c")
+    expect(page.locator("#copy")).to_have_text("Copied")
+    assert page.evaluate("navigator.clipboard.readText()") == page.locator("#preview").text_content()
+
+
+# leaving out
+
+
+def brush(page: Page, first: float, last: float) -> None:
+    """Drag over a part of the field strength."""
+    chart = page.locator("#strength [role=application]")
+    chart.scroll_into_view_if_needed()
+    box = chart.bounding_box()
+    assert box is not None
+    y = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + first * box["width"], y)
+    page.mouse.down()
+    page.mouse.move(box["x"] + last * box["width"], y, steps=4)
+    page.mouse.up()
+
+
+def test_a_stretch_is_left_out_by_dragging_and_comes_back_by_undo(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    brush(page, 0.4, 0.6)
+    start, end = (float(page.locator(f"#{name}").input_value()) for name in ("from", "to"))
+    assert 18 < start < 27
+    assert 32 < end < 40
+    page.get_by_role("button", name="Leave out").click()
+    until(page, f"flinders.store.state.excluded_readings > 0 && {SETTLED}")
+    assert state(page, "excluded_readings") == pytest.approx(50 * (end - start), abs=3)
+    assert np.ravel(state(page, "excluded")) == pytest.approx([start, end], abs=0.01)
+    expect(page.locator("#source-words")).to_contain_text("taken out")
+    expect(page.locator("#span")).to_be_hidden()
+    page.get_by_role("button", name="Undo").click()
+    until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
+    page.get_by_role("button", name="Redo").click()
+    until(page, "flinders.store.state.excluded.length === 1")
+    page.get_by_role("button", name="Undo").click()
+    until(page, "flinders.store.state.excluded.length === 0")
+
+
+def test_a_stretch_is_left_out_and_put_back_by_keys_alone(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.keyboard.press("x")
+    expect(page.locator("#from")).to_be_focused()
+    page.keyboard.press("Control+a")
+    page.keyboard.type("10")
+    page.keyboard.press("Tab")
+    page.keyboard.type("20.5")
+    page.keyboard.press("Enter")
+    until(page, "flinders.store.state.excluded.length === 1")
+    assert np.ravel(state(page, "excluded")) == pytest.approx([10, 20.5])
+    chart = page.locator("#strength [role=application]")
+    chart.focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("Shift+ArrowRight")
+    expect(page.locator("#span")).to_be_visible()
+    page.keyboard.press("x")
+    until(page, "flinders.store.state.excluded.length === 2")
+    page.keyboard.press("z")
+    page.keyboard.press("Control+z")
+    until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
+
+
+def test_a_stretch_that_is_none_is_refused_with_words(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.keyboard.press("x")
+    page.keyboard.press("Control+a")
+    page.keyboard.type("30")
+    page.keyboard.press("Tab")
+    page.keyboard.type("20")
+    page.keyboard.press("Enter")
+    expect(page.locator("#notices")).to_contain_text("a beginning and a later end")
+    page.keyboard.press("Escape")
+    expect(page.locator("#span")).to_be_hidden()
+    assert state(page, "excluded") == []
+
+
+# one state
+
+
+def test_a_reload_keeps_everything(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.locator("#target").fill("2.5")
+    page.keyboard.press("Enter")
+    page.locator("#goal").select_option("attitude")
+    page.locator("#dip").fill("-33")
+    page.keyboard.press("Enter")
+    page.evaluate("flinders.connection.send({type: 'exclude', start_s: 5, end_s: 6})")
+    page.get_by_role("button", name="Light or dark").click()
+    until(page, "flinders.store.state.excluded.length === 1 && flinders.store.state.dip_deg === -33")
+    before = page.evaluate("({...flinders.store.state, revision: 0, rate_hz: 0})")
+    page.reload()
+    until(page, "window.flinders?.store.state && flinders.store.points.count === 3000")
+    after = page.evaluate("({...flinders.store.state, revision: 0, rate_hz: 0})")
+    for name in ("target_deg", "goal", "dip_deg", "excluded", "excluded_readings", "readings", "can_undo"):
+        assert after[name] == before[name], name
+    expect(page.locator("#target")).to_have_value("2.5")
+    expect(page.locator("#goal")).to_have_value("attitude")
+    expect(page.locator("html")).to_have_attribute("data-theme", "light")
+    for command in ({"type": "target", "deg": 1}, {"type": "dip", "deg": 60}, {"type": "goal", "goal": "heading"}):
+        page.evaluate("command => flinders.connection.send(command)", command)
+    page.evaluate("flinders.connection.send({type: 'undo'})")
+    until(page, "flinders.store.state.goal === 'heading' && !flinders.store.state.excluded.length")
+
+
+def test_two_tabs_see_the_same(visitor: Visitor) -> None:
+    context = visitor.context()
+    one, other = done(visitor.page(context)), done(visitor.page(context))
+    one.locator("#target").fill("0.7")
+    one.keyboard.press("Enter")
+    expect(other.locator("#target")).to_have_value("0.7")
+    other.evaluate("flinders.connection.send({type: 'exclude', start_s: 30, end_s: 40})")
+    until(one, "flinders.store.state.excluded.length === 1")
+    one.keyboard.press("z")
+    until(other, "flinders.store.state.excluded.length === 0")
+    other.evaluate("flinders.connection.send({type: 'target', deg: 1})")
+    for page in (one, other):
+        until(page, f"flinders.store.state.target_deg === 1 && {SETTLED}")
+    views = [page.evaluate("JSON.stringify(flinders.store.view)") for page in (one, other)]
+    assert views[0] == views[1]
+
+
+def test_a_target_that_cannot_be_meant_goes_back_to_what_holds(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    field, notices = page.locator("#target"), page.locator("#notices li")
+    for typed in ("0", "-1", "400", "", "abc"):
+        field.click()
+        page.keyboard.press("Control+a")
+        page.keyboard.press("Delete")
+        page.keyboard.type(typed)
+        page.keyboard.press("Enter")
+        expect(notices.last).to_contain_text("need a number from 0.05 to 180")
+        expect(field).to_have_value("1")
+        notices.last.get_by_role("button").click()
+        expect(notices).to_have_count(0)
+    assert state(page, "target_deg") == 1
+
+
+# files
+
+
+def dropped(page: Page, name: str, content: bytes) -> None:
+    """Let a file fall on the page."""
+    page.evaluate(
+        """([name, content]) => {
+            const transfer = new DataTransfer();
+            transfer.items.add(new File([new Uint8Array(content)], name));
+            const how = {bubbles: true, cancelable: true, dataTransfer: transfer};
+            for (const type of ["dragenter", "dragover", "drop"]) {
+                document.body.dispatchEvent(new DragEvent(type, how));
+            }
+        }""",
+        [name, list(content)],
+    )
+
+
+def test_a_log_that_is_dropped_gets_the_same_views_and_leaves_again(visitor: Visitor, tumble: Path) -> None:
+    page = done(visitor.page())
+    rows = tumble.read_bytes().splitlines(keepends=True)
+    dropped(page, "half.csv", b"".join(rows[:1501]))
+    expect(page.locator("#source-name")).to_have_text("half.csv")
+    until(page, "flinders.store.state.opened === 'half.csv' && flinders.store.points.count === 1500")
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good", timeout=GOOD_MS)
+    expect(page.locator("#clear")).to_be_hidden()
+    page.get_by_role("button", name="Back to the sensor").click()
+    until(page, "flinders.store.state.opened === null && flinders.store.points.count === 3000")
+    expect(page.locator("#source-name")).to_have_text("tumble.csv")
+
+
+HOSTILE = "<img src=x onerror=alert(1)>.csv"
+
+
+def test_a_hostile_name_is_text(visitor: Visitor, tumble: Path) -> None:
+    page = done(visitor.page())
+    page.on("dialog", lambda dialog: pytest.fail(f"the page was made to say {dialog.message}"))
+    dropped(page, HOSTILE, tumble.read_bytes())
+    expect(page.locator("#source-name")).to_have_text(HOSTILE)
+    assert page.locator("img[src=x]").count() == 0
+    page.get_by_role("button", name="Back to the sensor").click()
+    dropped(page, HOSTILE, b"\x89PNG nothing of the kind")
+    expect(page.locator("#notices [data-severity=error]")).to_contain_text(HOSTILE)
+    assert page.locator("img[src=x]").count() == 0
+    visitor.forgive(422)
+
+
+def test_what_is_no_log_is_refused_with_words_and_changes_nothing(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    notice = page.locator("#notices [data-severity=error]")
+    for content in (b"", b"\x89PNG\r\n\x1a\n" + bytes(200), b"name,colour\nx,red\n", b"1,2\n3,4\n"):
+        dropped(page, "holiday.png", content)
+        expect(notice).to_contain_text("holiday.png")
+        assert "Traceback" not in notice.inner_text()
+        notice.get_by_role("button").click()
+        expect(notice).to_have_count(0)
+    assert state(page, "opened") is None
+    visitor.forgive(422)
+
+
+def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared(
+    visitor: Visitor, program: Program, tmp_path: Path
+) -> None:
+    page = done(visitor.page())
+    calibrated(program.recording, tmp_path / "before.json")
+    page.keyboard.press("f")
+    dropped(page, "before.json", (tmp_path / "before.json").read_bytes())
+    expect(page.locator("#previous-words")).to_contain_text(
+        re.compile("before.json: it agrees with this one", re.IGNORECASE)
+    )
+    page.get_by_role("button", name="Compare with none").click()
+    expect(page.locator("#previous-words")).not_to_contain_text("before.json")
+    dropped(page, "before.json", b"{}")
+    expect(page.locator("#notices [data-severity=error]")).to_contain_text("before.json")
+    visitor.forgive(422)
+
+
+# everybody
+
+
+def sizes(targets: Locator) -> list[tuple[str, float, float]]:
+    """Name, width and height of all that can be touched here."""
+    found: list[list[Any]] = targets.evaluate_all(
+        """elements => elements.filter(element => element.checkVisibility()).map(element => {
+            const label = element.closest("label");
+            const boxes = [element, label].filter(Boolean).map(one => one.getBoundingClientRect());
+            return [element.id || element.name || element.getAttribute("aria-label") || element.textContent,
+                    Math.max(...boxes.map(box => box.width)), Math.max(...boxes.map(box => box.height))];
+        })"""
+    )
+    return [(str(name), float(width), float(height)) for name, width, height in found]
+
+
+TOUCH_PX = 40
+TARGETS = "button, select, input:not([type=file]), a:not(.skip)"
+
+
+def test_a_phone_shows_everything_without_scrolling_sideways(visitor: Visitor) -> None:
+    page = done(visitor.page(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True))
+    small = []
+    for opener, within in ((None, "body"), ("#finish", "#finish-panel"), ("#help", "#help-panel")):
+        if opener:
+            page.locator(opener).tap()
+        shown = page.locator(within)
+        expect(shown).to_be_visible()
+        wide = shown.evaluate("element => Math.max(element.scrollWidth, document.documentElement.scrollWidth)")
+        assert wide <= 360, within
+        small += [size for size in sizes(shown.locator(TARGETS)) if min(size[1:]) < TOUCH_PX]
+        if opener:
+            shown.locator(".shut").tap()
+    assert small == [], f"targets of less than {TOUCH_PX} pixels"
+
+
+def test_a_phone_gives_each_view_its_room_and_scrolls_down(visitor: Visitor) -> None:
+    page = done(visitor.page(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True))
+    assert page.evaluate("document.documentElement.scrollHeight") > 740
+    for panel in ("stage", "strength", "projections", "deviation", "histogram", "dial"):
+        box = page.locator(f"#{panel}").bounding_box()
+        assert box is not None
+        assert box["width"] > 250, panel
+        assert box["height"] > 80, panel
+
+
+def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    for width, height in ((1280, 800), (1920, 1080), (3840, 2160)):
+        page.set_viewport_size({"width": width, "height": height})
+        sizes = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
+        assert sizes == [width, height]
+
+
+FOCUS = """() => {
+    const element = document.activeElement;
+    const label = element.closest("label");
+    const shown = [element, label, label?.querySelector("span")]
+        .filter(Boolean)
+        .map(one => getComputedStyle(one))
+        .some(one => (one.outlineStyle !== "none" && parseFloat(one.outlineWidth) >= 1) || one.boxShadow !== "none");
+    return {id: element.id || element.getAttribute("aria-label") || element.textContent.trim() || element.tagName,
+            tag: element.tagName, role: element.getAttribute("role"), shown};
+}"""
+
+
+def tabbed(page: Page, most: int = 80) -> list[dict[str, Any]]:
+    """All that Tab comes to, in order, until it leaves the page or comes around."""
+    found: list[dict[str, Any]] = []
+    for _ in range(most):
+        page.keyboard.press("Tab")
+        place = page.evaluate(FOCUS)
+        if place["tag"] == "BODY" or (found and place["id"] == found[0]["id"]):
+            break
+        found.append(place)
+    return found
+
+
+def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    places = tabbed(page)
+    names = [place["id"] for place in places]
+    assert names[0] == "Skip to the sphere"
+    order = ["open", "pause", "clear", "theme", "help", "finish", "target", "why", "goal", "dip", "reset", "exclude"]
+    assert [name for name in names if name in order] == order
+    assert [place["id"] for place in places if not place["shown"]] == [], "no focus is visible"
+    assert [place["role"] for place in places].count("application") == 2, " | ".join(names)
+
+
+def test_help_opens_by_its_key_tells_all_keys_and_gives_the_focus_back(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.locator("#theme").focus()
+    page.keyboard.press("?")
+    expect(page.locator("#help-panel")).to_be_visible()
+    assert page.locator("#keys dt").count() >= 15
+    inside = tabbed(page, most=12)
+    assert all(place["id"] != "finish" for place in inside), "Tab leaves an open dialog"
+    page.keyboard.press("Escape")
+    expect(page.locator("#help-panel")).to_be_hidden()
+    expect(page.locator("#theme")).to_be_focused()
+
+
+def test_shortcuts_act_and_can_be_switched_off(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    for key, mode in (("2", "clouds"), ("3", "raw"), ("4", "corrected"), ("1", "sphere")):
+        page.keyboard.press(key)
+        expect(page.locator(f"input[value={mode}]")).to_be_checked()
+    page.keyboard.press("l")
+    expect(page.locator("html")).to_have_attribute("data-theme", "light")
+    page.keyboard.press("t")
+    expect(page.locator("#target")).to_be_focused()
+    page.keyboard.press("2")  # now a digit
+    expect(page.locator("input[value=sphere]")).to_be_checked()
+    page.keyboard.press("Escape")
+    page.locator("#target").fill("1")
+    page.keyboard.press("Enter")
+    page.keyboard.press("?")
+    page.locator("#single-keys").uncheck()
+    page.keyboard.press("Escape")
+    page.keyboard.press("4")
+    expect(page.locator("input[value=sphere]")).to_be_checked()
+    assert state(page, "target_deg") == 1
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_axe_finds_nothing_serious(visitor: Visitor, axe: str, scheme: str) -> None:
+    page = done(visitor.page(color_scheme=scheme, reduced_motion="reduce"))
+    assert grave(page, axe) == []
+    for key, panel in (("f", "finish"), ("?", "help")):
+        page.keyboard.press(key)
+        expect(page.locator(f"#{panel}-panel")).to_be_visible()
+        assert grave(page, axe) == [], panel
+        page.keyboard.press("Escape")
+
+
+def test_the_page_cannot_ask_another_host(browser: Browser, program: Program) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(program.address)
+    with pytest.raises(Error, match=r"Failed to fetch|Content Security Policy"):
+        page.evaluate("fetch('http://192.0.2.1/')")
+    refused = page.evaluate(
+        """() => new Promise(resolve => {
+            document.addEventListener("securitypolicyviolation", event => resolve(event.violatedDirective));
+            document.body.append(Object.assign(new Image(), {src: "http://192.0.2.1/x.png"}));
+        })"""
+    )
+    assert refused == "img-src"
+    context.close()
+
+
+def test_what_watches_over_these_tests_notices_strangers_and_complaints(browser: Browser, program: Program) -> None:
+    visitor = Visitor(browser, program)
+    page = visitor.context().new_page()
+    with page.expect_event("pageerror"):
+        page.evaluate("console.error('a complaint'); setTimeout(() => { throw new Error('another') })")
+    with pytest.raises(Error):
+        page.goto("http://192.0.2.1/")
+    visitor.close()
+    assert visitor.strangers == ["http://192.0.2.1/"]
+    assert any("a complaint" in words for words in visitor.complaints)
+    assert any("another" in words for words in visitor.complaints)
+
+
+# the line
+
+
+def test_a_program_that_ends_is_noticed_and_comes_back_with_everything(
+    browser: Browser, tumble: Path, tmp_path: Path
+) -> None:
+    with Program(tmp_path, "--replay", str(tumble), "--speed", "500") as first:
+        visitor = Visitor(browser, first)
+        page = done(visitor.page())
+        page.evaluate("flinders.connection.send({type: 'exclude', start_s: 5, end_s: 6})")
+        until(page, "flinders.store.state.excluded.length === 1")
+        port = re.findall(r":(\d+)/", first.address)[0]
+    expect(page.locator("#lost")).to_contain_text("Flinders does not answer")
+    page.locator("#theme").click()
+    page.locator("#undo").click()
+    expect(page.locator("#notices")).to_contain_text("no connection")
+    with Program(tmp_path, "--resume", str(tmp_path / "session.csv"), "--simulate", "--port", port):
+        page.locator("#retry").click()
+        expect(page.locator("#lost")).to_be_hidden()
+        until(page, "flinders.store.state.excluded.length === 1 && flinders.store.state.readings >= 3000")
+    visitor.complaints.clear()  # the browser notes each connection that was refused
+    visitor.close()

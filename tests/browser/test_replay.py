@@ -1,0 +1,56 @@
+"""Recordings of real sensors played back on the page: the calibration is that of the command line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from benchmarks.stage import Program
+from click.testing import CliRunner
+from tests.browser.visitor import Visitor, until
+
+from flinders import document
+from flinders.cli import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from playwright.sync_api import Browser
+
+LIMITED = 3
+LOGS = {
+    "michaelwro_fxos8700/mag-readings.txt": "a table without header or times",
+    "sunsided_hmc5883l/full-sphere.csv": "a table with times, acceleration and rate",
+    "dronekit_log171_3mags/log171.bin": "a log of ArduPilot",
+}
+
+
+@pytest.mark.parametrize("name", LOGS, ids=LOGS.get)
+def test_a_log_played_back_gives_the_calibration_of_the_command_line(
+    browser: Browser, recordings: Callable[[str], Path], tmp_path: Path, name: str
+) -> None:
+    log, plain = recordings(name), tmp_path / "plain.json"
+    done = CliRunner().invoke(main, ["calibrate", str(log), "-o", str(plain)])
+    assert done.exit_code in (0, LIMITED), done.output
+    expected = document.read(plain)
+    assert expected.fit is not None
+    with Program(tmp_path, "--replay", str(log), "--speed", "2000") as program:
+        visitor = Visitor(browser, program)
+        page = visitor.page()
+        until(page, "flinders.store.state.source.link === 'ended' && flinders.store.view?.offset")
+        page.keyboard.press("f")
+        with page.expect_download() as started:
+            page.locator("#save-calibration").click()
+        started.value.save_as(tmp_path / "from-page.json")
+        visitor.close()
+    found = document.read(tmp_path / "from-page.json")
+    assert found.fit is not None
+    assert found.fit.samples == expected.fit.samples
+    assert found.fit.verdict == expected.fit.verdict
+    size = expected.calibration.field_strength
+    np.testing.assert_allclose(found.calibration.offset, expected.calibration.offset, atol=1e-6 * size)
+    np.testing.assert_allclose(found.calibration.matrix, expected.calibration.matrix, atol=1e-6)
+    assert visitor.complaints == []
+    assert visitor.strangers == []

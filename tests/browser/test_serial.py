@@ -1,0 +1,138 @@
+"""A board on a serial port, as a browser sees it: good, noisy, unplugged, garbled, slow and fast."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from benchmarks.stage import Board, Program, motioncal
+from playwright.sync_api import expect
+from tests.browser.visitor import Visitor, until
+
+import flinders
+from flinders import document, simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser, Page
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="the board is a pseudo-terminal")
+
+TUMBLE = simulate.tumble(seed=3, noise=0.3)
+LINES = motioncal(TUMBLE.samples.field)
+COUNTS_PER_DPS = 16  # of MotionCal
+
+
+class Bench:
+    """A board, the program that listens to it, and a browser."""
+
+    def __init__(self, browser: Browser, board: Board, program: Program) -> None:
+        self.board, self.program = board, program
+        self.visitor = Visitor(browser, program)
+
+    def page(self) -> Page:
+        return self.visitor.page()
+
+
+@pytest.fixture
+def bench(browser: Browser, tmp_path: Path) -> Iterator[Bench]:
+    with Board(tmp_path / "ttyBoard") as board, Program(tmp_path, "--serial", str(board.port)) as program:
+        bench = Bench(browser, board, program)
+        yield bench
+        bench.visitor.close()
+    assert bench.visitor.complaints == []
+    assert bench.visitor.strangers == []
+
+
+def is_near(offset: object, within: float) -> bool:
+    return bool(np.abs(np.asarray(offset) - TUMBLE.sensor.offset).max() < within)
+
+
+def test_a_good_board_becomes_good_and_its_calibration_is_true(bench: Bench, tmp_path: Path) -> None:
+    page = bench.page()
+    expect(page.locator("#empty-lead")).to_have_text("Waiting for readings")
+    bench.board.play(LINES, 400)
+    until(page, "flinders.store.state.phase === 'good' && flinders.store.state.used > 2000")
+    assert page.evaluate("flinders.store.state.unit") == "µT"
+    assert page.evaluate("flinders.store.state.rate_hz") == pytest.approx(400, rel=0.2)
+    page.keyboard.press("f")
+    with page.expect_download() as started:
+        page.locator("#save-calibration").click()
+    started.value.save_as(tmp_path / "cal.json")
+    assert is_near(document.read(tmp_path / "cal.json").calibration.offset, 0.1)
+
+
+def test_a_noisy_board_is_said_to_be_noisy(bench: Bench) -> None:
+    noisy = simulate.tumble(seed=3, noise=6.0).samples.field
+    bench.board.play(motioncal(noisy), 200)
+    page = bench.page()
+    until(page, "flinders.store.view?.noise > 5 && flinders.store.view?.noise < 7 && flinders.store.state.used > 300")
+    expect(page.locator("#residuals-noise")).to_contain_text("σ")
+    assert page.evaluate("flinders.store.view.heading_error_deg.worst") > 0.5
+
+
+def test_a_board_that_is_unplugged_is_missed_and_comes_back(bench: Bench) -> None:
+    bench.board.play(LINES, 200)
+    page = bench.page()
+    until(page, "flinders.store.state.readings > 300 && flinders.store.view")
+    bench.board.unplug()
+    expect(page.locator("#source")).to_have_attribute("data-link", "gone")
+    expect(page.locator("#phase")).to_contain_text("rong")
+    expect(page.locator("#advice-words")).to_contain_text("is gone")
+    before = page.evaluate("flinders.store.state.readings")
+    bench.board.plug()
+    expect(page.locator("#source")).to_have_attribute("data-link", "connected")
+    until(page, f"flinders.store.state.readings > {before + 200}")
+    expect(page.locator("#notices")).to_contain_text("is back")
+    until(page, "flinders.store.state.phase === 'good'")
+
+
+def test_garbage_between_lines_is_passed_over(bench: Bench) -> None:
+    rng = np.random.default_rng(1)
+    garbled = [
+        line if n % 5 else rng.integers(0, 256, 40, np.uint8).tobytes() + b"\r\n" for n, line in enumerate(LINES)
+    ]
+    bench.board.play(garbled, 400)
+    page = bench.page()
+    until(page, "flinders.store.state.phase === 'good' && flinders.store.state.used > 1500")
+    assert is_near(page.evaluate("flinders.store.view.offset"), 0.2)
+    assert page.evaluate("flinders.store.state.rejected") == 0
+
+
+def test_a_wrong_baud_rate_is_suspected_where_only_garbage_comes(bench: Bench) -> None:
+    rng = np.random.default_rng(2)
+    bench.board.play([rng.integers(128, 256, 60, np.uint8).tobytes() for _ in range(100)], 50)
+    page = bench.page()
+    expect(page.locator("#advice-words")).to_contain_text("baud", timeout=15_000)
+    expect(page.locator("#phase")).to_contain_text("rong")
+    assert page.evaluate("flinders.store.state.readings") == 0
+
+
+def test_one_reading_a_second_is_slow_and_no_fault(bench: Bench) -> None:
+    bench.board.play(LINES[::50], 1)
+    page = bench.page()
+    until(page, "flinders.store.state.readings >= 4 && Math.abs(flinders.store.state.rate_hz - 1) < 0.6")
+    expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
+    assert page.evaluate("flinders.store.state.reasons.filter(reason => reason.severity === 'warning')") == []
+
+
+def test_a_thousand_readings_a_second_are_all_recorded_and_shown(bench: Bench) -> None:
+    count = 8000
+    lines = [line.replace(b",0,0,0,", b",0,0,%d," % number) for number, line in enumerate((3 * LINES)[:count])]
+    bench.board.play(lines, 1000)
+    page = bench.page()
+    until(page, f"flinders.store.state.readings >= {count}")
+    assert page.evaluate("flinders.store.state.rate_hz") == pytest.approx(1000, rel=0.2)
+    bench.board.stop()
+    until(
+        page, "flinders.store.points.count === Math.ceil(flinders.store.state.readings / flinders.store.state.stride)"
+    )
+    rate = flinders.read(bench.program.recording).rate
+    assert rate is not None
+    numbers = np.rint(np.degrees(rate[:, 2]) * COUNTS_PER_DPS).astype(int)
+    np.testing.assert_array_equal(numbers[:count], np.arange(count))
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good")

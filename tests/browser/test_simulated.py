@@ -1,0 +1,77 @@
+"""From the first reading of a simulated sensor to the file: what somebody sees who has nothing plugged in."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from benchmarks.stage import Program
+from playwright.sync_api import expect
+from tests.browser.visitor import Visitor, grave, until, visiting
+
+from flinders import document
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser
+
+
+@pytest.fixture
+def visitor(browser: Browser, tmp_path: Path) -> Iterator[Visitor]:
+    with Program(tmp_path, "--simulate") as program:
+        yield from visiting(browser, program)
+
+
+def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Path) -> None:
+    page = visitor.page()
+    expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
+    expect(page.locator("#source-name")).to_have_text("simulation")
+    until(page, "flinders.store.state.readings > 20 && flinders.store.points.count > 20")
+    until(page, "flinders.store.state.phase === 'good'")
+    expect(page.locator("#phase")).to_have_text("Good")
+    expect(page.locator("#advice-words")).to_contain_text("press Finish")
+    page.locator("#pause").click()
+    expect(page.locator("#pause")).to_have_text("Go on")
+    page.get_by_role("button", name="Finish").click()
+    expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
+    page.locator("#export-target").select_option("json")
+    expect(page.locator("#preview")).to_contain_text("matrix")
+    with page.expect_download() as exported:
+        page.locator("#export-file").click()
+    assert exported.value.path().read_text(encoding="utf-8") == page.locator("#preview").text_content()
+    with page.expect_download() as started:
+        page.locator("#save-calibration").click()
+    started.value.save_as(tmp_path / "cal.json")
+    saved = document.read(tmp_path / "cal.json")
+    served = document.loads(page.request.get(f"{visitor.program.address}calibration.json").body())
+    assert saved.calibration == served.calibration
+    assert saved.fit is not None
+    assert saved.fit.verdict == "good"
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_axe_finds_nothing_serious_while_it_collects(visitor: Visitor, axe: str, scheme: str) -> None:
+    page = visitor.page(color_scheme=scheme, reduced_motion="reduce")
+    page.locator("#target").fill("0.05")  # which takes minutes
+    page.keyboard.press("Enter")
+    until(page, "flinders.store.state.target_deg === 0.05 && flinders.store.view && flinders.store.points.count > 50")
+    expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
+    assert grave(page, axe) == []
+
+
+def test_it_starts_again_only_when_that_is_confirmed(visitor: Visitor) -> None:
+    page = visitor.page()
+    until(page, "flinders.store.state.readings > 60")
+    page.keyboard.press("n")
+    page.locator("#confirm .shut").click()
+    expect(page.locator("#confirm")).to_be_hidden()
+    assert page.evaluate("flinders.store.state.readings") > 60
+    page.keyboard.press("p")
+    until(page, "flinders.store.state.paused")
+    page.keyboard.press("n")
+    page.locator("#confirmed").click()
+    until(page, "flinders.store.state.readings < 60")
+    expect(page.locator("#notices")).to_contain_text("egun anew")
+    until(page, "!flinders.store.state.paused && flinders.store.points.count > 5")
