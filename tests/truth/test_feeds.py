@@ -19,7 +19,7 @@ from flinders.errors import ArrayError, OutputError, UsageError
 from flinders.live.feeds import AT_ONCE, Feed, Kept, Replay
 from flinders.live.mavlink import ARDUPILOT, PX4, Vehicle
 from flinders.live.readings import Event, Reading, samples_of
-from flinders.live.simulated import Simulated
+from flinders.live.simulated import SimulatedFeed
 from flinders.live.sinks import Resumed, ToFile
 from flinders.live.sources import Udp
 from flinders.live.telemetry import Telemetry
@@ -141,14 +141,14 @@ def test_a_real_recording_is_played_back(recordings: Callable[[str], Path]) -> N
 
 
 def test_the_simulated_sensor_is_calibrated_to_its_truth() -> None:
-    feed = Simulated(seed=2, speed=None)
+    feed = SimulatedFeed(seed=2, speed=None)
     readings, _ = asked(feed, lambda readings, _: len(readings) >= 3000)
     found = fit(samples_of(readings)).calibration
     matrix, offset = feed.truth.sensor.correction
     np.testing.assert_allclose(found.offset, offset, atol=0.3)
     np.testing.assert_allclose(found.matrix / np.cbrt(np.linalg.det(found.matrix)),
                                matrix / np.cbrt(np.linalg.det(matrix)), atol=0.01)  # fmt: skip
-    again, _ = asked(Simulated(seed=2, speed=None), lambda readings, _: len(readings) >= 3000)
+    again, _ = asked(SimulatedFeed(seed=2, speed=None), lambda readings, _: len(readings) >= 3000)
     assert again == readings
 
 
@@ -162,7 +162,7 @@ def test_the_simulated_sensor_is_calibrated_to_its_truth() -> None:
     ],
 )
 def test_it_turns_to_where_it_is_told_at_its_rate_and_stays(wanted: Floats) -> None:
-    feed = Simulated(seed=3, speed=None, imu=simulate.Imu(gyro_noise=0.0), turn_deg_s=90.0)
+    feed = SimulatedFeed(seed=3, speed=None, imu=simulate.Imu(gyro_noise=0.0), turn_deg_s=90.0)
     assert isinstance(feed.next(0.1), Event)
     feed.turn_to(wanted)
     turned = [feed.next(0.1) for _ in range(4)]  # 4 s: more than half a turn
@@ -176,7 +176,7 @@ def test_it_turns_to_where_it_is_told_at_its_rate_and_stays(wanted: Floats) -> N
 
 
 def test_half_a_turn_is_turned() -> None:
-    feed = Simulated(seed=3, speed=None)
+    feed = SimulatedFeed(seed=3, speed=None)
     feed.next(0.1)
     feed.turn_to(np.eye(3))
     for _ in range(4):
@@ -188,7 +188,7 @@ def test_half_a_turn_is_turned() -> None:
 
 
 def test_rate_and_attitude_agree_while_it_tumbles() -> None:
-    feed = Simulated(seed=4, speed=None, imu=simulate.Imu(gyro_noise=0.0, acceleration_noise=0.0))
+    feed = SimulatedFeed(seed=4, speed=None, imu=simulate.Imu(gyro_noise=0.0, acceleration_noise=0.0))
     feed.next(0.1)
     before = feed.attitude
     for _ in range(140):  # twice through what is drawn: forwards, backwards and on
@@ -204,7 +204,7 @@ def test_rate_and_attitude_agree_while_it_tumbles() -> None:
 
 def test_it_keeps_time_and_stands_still_while_nobody_asks() -> None:
     clock = Clock()
-    feed = Simulated(seed=1, rate_hz=100.0, clock=clock, sleep=clock.sleep)
+    feed = SimulatedFeed(seed=1, rate_hz=100.0, clock=clock, sleep=clock.sleep)
     count = 0
     assert isinstance(feed.next(0.1), Event)
     while clock.now < 110.0:
@@ -224,13 +224,13 @@ def test_it_keeps_time_and_stands_still_while_nobody_asks() -> None:
 )
 def test_what_is_no_attitude_is_refused(attitude: ArrayLike) -> None:
     with pytest.raises((UsageError, ArrayError)):
-        Simulated().turn_to(attitude)
+        SimulatedFeed().turn_to(attitude)
 
 
 @pytest.mark.parametrize("more", [{"rate_hz": 0.0}, {"speed": -1.0}, {"turn_deg_s": np.nan}])
 def test_a_simulation_needs_sound_numbers(more: dict[str, float]) -> None:
     with pytest.raises(UsageError, match="need a number above 0"):
-        Simulated(**more)  # type: ignore[arg-type]
+        SimulatedFeed(**more)  # type: ignore[arg-type]
 
 
 # their recording

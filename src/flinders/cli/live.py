@@ -355,9 +355,9 @@ def _replay(log: str, speed: float, named: dict[str, Any]) -> _Source:
 
 def _simulation() -> _Source:
     from flinders.live.feeds import Kept
-    from flinders.live.simulated import Simulated
+    from flinders.live.simulated import SimulatedFeed
 
-    return _Source("simulated", lambda sink, resumed: Kept(Simulated(SEED), sink, resumed=resumed), {})
+    return _Source("simulated", lambda sink, resumed: Kept(SimulatedFeed(SEED), sink, resumed=resumed), {})
 
 
 def _continued(path: Path | None, edits: Edits, axes: Axes, reading: dict[str, Any]) -> tuple[Session, Clock]:

@@ -8,7 +8,7 @@
 ([500, 500, 500, 500, 500, 500], 'ended')
 
 A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Recorder` is
-one, for what arrives as lines; so are `Telemetry` and `Simulated`. `Kept` records those that are no lines.
+one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `Kept` records those that are no lines.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A simulated sensor: it tumbles by itself, or turns to where it is told.
 
->>> feed = Simulated(seed=1, speed=None)
+>>> feed = SimulatedFeed(seed=1, speed=None)
 >>> feed.next(0.1).kind, len(feed.next(0.1))
 ('connected', 50)
 >>> feed.turn_to(np.eye(3))                                        # level, heading north
@@ -52,7 +52,7 @@ SHORTEST_S: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class SimulatedSite:
     """What is true of a simulated sensor.
 
     Attributes
@@ -67,7 +67,7 @@ class Truth:
     dip_deg: float
 
 
-class Simulated:
+class SimulatedFeed:
     """A sensor with its iron, turned in the earth's field.
 
     Parameters
@@ -90,7 +90,7 @@ class Simulated:
 
     Attributes
     ----------
-    truth : Truth
+    truth : SimulatedSite
 
     Raises
     ------
@@ -122,7 +122,7 @@ class Simulated:
             if not 0 < value < math.inf:
                 raise UsageError(f"{what} is {value:g}: need a number above 0")
         of_sensor, of_motion, self._noise = np.random.default_rng(seed).spawn(3)
-        self.truth = Truth(Sensor.random(of_sensor) if sensor is None else sensor, field_strength, dip_deg)
+        self.truth = SimulatedSite(Sensor.random(of_sensor) if sensor is None else sensor, field_strength, dip_deg)
         self._imu = Imu() if imu is None else imu
         self._world, self._step = north_and_down(dip_deg), 1.0 / rate_hz
         self._speed, self._clock, self._sleep = speed, clock, sleep
