@@ -155,7 +155,7 @@ def test_and_what_is_claimed_in_the_end_is_so(start: str) -> None:
 
 def test_a_cap_needs_far_less_than_filling_its_holes() -> None:
     """A level heading does not need all of the sphere."""
-    assert steps("advice", "cap", "heading").mean() < 0.75 * steps("hole", "cap", "heading").mean()
+    assert steps("advice", "cap", "heading").mean() < 0.8 * steps("hole", "cap", "heading").mean()
 
 
 def test_errors_are_those_of_the_cells_and_the_worst_is_the_goals() -> None:

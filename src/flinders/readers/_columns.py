@@ -524,7 +524,8 @@ def _time(column: Column, unit: str, values: Floats) -> Column:
     """Find the factor to seconds, and where a clock that counts from 1970 starts."""
     values = values[np.isfinite(values)]
     first = float(values[0]) if len(values) else 0.0
-    step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
+    with np.errstate(over="ignore"):  # of numbers that are no times
+        step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
     factor = FACTORS[TIME][unit] if unit else _seconds(first, step)
     return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
 
