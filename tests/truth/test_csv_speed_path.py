@@ -117,7 +117,9 @@ def parsed(text: str, grid: Grid = XYZ) -> Floats | None:
 
 @settings(here, max_examples=50)
 @given(files())
-@example(b"t;note;mx;my;mz\n\n0,0;;0,0;0,0;0,0\n1,;;0,0;0,0;0,0\n1,7976931348623157e308;;0,0;0,0;0,0\n\n0,0;;0,0;0,0;0,0\n")
+@example(
+    b"t;note;mx;my;mz\n\n0,0;;0,0;0,0;0,0\n1,;;0,0;0,0;0,0\n1,7976931348623157e308;;0,0;0,0;0,0\n\n0,0;;0,0;0,0;0,0\n"
+)
 @pytest.mark.usefixtures("by_few")
 def test_a_file_reads_the_same_with_and_without_pyarrow(tmp_path: Path, content: bytes) -> None:
     """Samples, their lines, what is left out and when that is said, progress, corrected copies, messages: all alike."""

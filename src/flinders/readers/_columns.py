@@ -195,7 +195,9 @@ class Columns:
         column = self.of_kind(kind)
         if column is None:
             return None
-        taken = (self.taken(values, column) - column.start) * column.factor
+        with np.errstate(over="ignore"):
+            taken = (self.taken(values, column) - column.start) * column.factor
+        taken[np.isinf(taken)] = np.nan
         return taken[:, 0] if len(column.cells) == 1 else taken
 
 
