@@ -103,6 +103,12 @@ def test_help_comes_without_the_heavy_libraries(words: str) -> None:
     assert not loaded & {"numpy", "scipy", "rich", "msgspec"}
 
 
+def test_what_else_was_recorded_goes_by_names_that_are_told(home: Path) -> None:
+    ended = flinders_("calibrate", "tumble.csv", "--with", "gyro")
+    assert ended.code == 2
+    assert all(name in ended.err for name in ("auto", "rate", "dip", "tilt", "attitude", "current", "temperature"))
+
+
 def test_a_recording_may_have_a_name_that_is_no_utf_8(home: Path) -> None:
     odd = os.fsdecode(b"tumble\xff.csv")
     Path("tumble.csv").rename(odd)

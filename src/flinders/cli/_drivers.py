@@ -133,7 +133,9 @@ def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> 
 
     drivers, others = asked_for(words)
     if others:
-        raise UsageError(f"--with {others[0]}: need {', '.join(KINDS)}")
+        from flinders.estimators.aids import AIDS, AUTO
+
+        raise UsageError(f"--with {others[0]}: need one of {', '.join((AUTO, *AIDS, *KINDS))} (rate is that of a gyro)")
     if previous is not None and not drivers:
         raise UsageError("--previous goes with --with current, throttle or temperature: say which of them to find")
     if drivers:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.errors import UsageError
 from flinders.estimators.estimate import Estimate
-from flinders.estimators.turned import require_two_axes, sphere_about, steps_of
+from flinders.estimators.turned import refuse_unless_positive, require_two_axes, sphere_about, steps_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -82,9 +81,7 @@ class Px4Observer:
         UsageError
             For anything but a positive number.
         """
-        gain: object = self.gain
-        if not (isinstance(gain, int | float) and 0.0 < gain < np.inf):
-            raise UsageError(f"gain is {gain!r}: need a positive number, such as PX4's {GAIN:g}")
+        refuse_unless_positive(gain=self.gain)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Observe the whole recording; the offset is that at its end.

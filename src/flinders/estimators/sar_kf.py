@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.errors import UsageError
 from flinders.estimators.estimate import FINEST, Estimate
-from flinders.estimators.turned import require_two_axes, sphere_about, steps_of
+from flinders.estimators.turned import refuse_unless_positive, require_two_axes, sphere_about, steps_of
 from flinders.simulate.rotations import turns
 
 if TYPE_CHECKING:
@@ -85,10 +84,9 @@ class SarKf:
         UsageError
             For anything but positive numbers.
         """
-        given: dict[str, object] = {"noise": self.noise, "gyro_noise": self.gyro_noise}
-        for name, value in given.items():
-            if value is not None and not (isinstance(value, int | float) and 0.0 < value < np.inf):
-                raise UsageError(f"{name} is {value!r}: need a positive number")
+        refuse_unless_positive(gyro_noise=self.gyro_noise)
+        if self.noise is not None:
+            refuse_unless_positive(noise=self.noise)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Filter the whole recording; the offset is that at its end.

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import NeedsRate, NeedsSamples, NotAnEllipsoid, OneAxisTurned
+from flinders.errors import NeedsRate, NeedsSamples, NotAnEllipsoid, OneAxisTurned, UsageError
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.uncertainty import SPHERICAL, algebraic_noise
 from flinders.quadric import Ellipsoid
@@ -95,6 +95,19 @@ class Steps:
         half = np.linalg.norm(self.turn, axis=1) * self.seconds / 2.0
         stretched: Floats = self.turn * np.where(half > 1e-8, np.tan(half) / np.maximum(half, 1e-8), 1.0)[:, np.newaxis]
         return stretched
+
+
+def refuse_unless_positive(**options: object) -> None:
+    """Let options of a method through that are positive numbers.
+
+    Raises
+    ------
+    UsageError
+        For any other; names it.
+    """
+    for name, value in options.items():
+        if not (isinstance(value, int | float) and 0.0 < value < np.inf):
+            raise UsageError(f"{name} is {value!r}: need a positive number")
 
 
 def steps_of(readings: Readings, method: str) -> list[Steps]:
