@@ -13,7 +13,6 @@ Names are looked up when they are first used, so that importing the package cost
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -69,6 +68,8 @@ __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
+        from importlib.metadata import version
+
         return version("flinders")
     if name not in _HOMES:
         raise AttributeError(f"module 'flinders' has no attribute {name!r}")

@@ -30,7 +30,8 @@ from flinders.live.session import (
     step,
     wants_fit,
 )
-from flinders.live.snapshot import Evaluated, evaluate
+from flinders.live.evaluation import evaluate
+from flinders.live.snapshot import Evaluated
 from flinders.live.spans import History
 from flinders.live.track import SHOWN, Clock, Track, stride_for
 from flinders.units import Unit

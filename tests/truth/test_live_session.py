@@ -32,7 +32,7 @@ from flinders.live.session import (
     state,
     step,
 )
-from flinders.live.snapshot import evaluate
+from flinders.live.evaluation import evaluate
 from flinders.live.track import Track
 from flinders.samples import Samples
 from flinders.units import Unit

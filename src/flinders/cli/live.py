@@ -120,12 +120,11 @@ def command(
     sys.setswitchinterval(SWITCH_S)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
     from flinders.axes import Axes
-    from flinders.judged import Judged
     from flinders.live.access import Gate, Tokens
     from flinders.live.server import Hub, application, listening, serve
 
     turned = Axes.of(axes)
-    judged = None if previous is None else Judged.load(previous)
+    judged = None if previous is None else _loaded(previous)
     listener = listening(host, web_port)
     with contextlib.ExitStack() as stack:
         stack.callback(listener.close)
@@ -143,6 +142,12 @@ def command(
     say(f"recorded in {supply.path}: flinders calibrate {supply.path}" if is_there else "nothing came to be recorded")
     if as_json:
         print_json(_ended(hub.session, str(supply.path) if is_there else None))
+
+
+def _loaded(previous: str) -> Judged:
+    from flinders.judged import Judged
+
+    return Judged.load(previous)
 
 
 def _ended(session: Session, recording: str | None) -> dict[str, Any]:
@@ -362,13 +367,14 @@ def _simulation() -> _Source:
 
 def _continued(path: Path | None, edits: Edits, axes: Axes, reading: dict[str, Any]) -> tuple[Session, Clock]:
     """A new session, or the one that a file holds."""
-    from flinders.live.finish import load
     from flinders.live.session import Session, Stretch
     from flinders.live.spans import History
     from flinders.live.track import Clock
 
     live, timeline = Stretch(axes=axes), Clock()
     if path is not None:
+        from flinders.live.finish import load
+
         before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
         log, timeline = load(path, path.name, before, **reading)
         say(f"{path}: goes on after {counted(log.track.total, 'reading')}")

@@ -33,6 +33,11 @@ Result = TypeVar("Result")
 
 ASK_S: Final = 0.05
 """Longest wait of one question."""
+REST_S: Final = 0.045
+"""From an answer to the next question, where little came: what comes meanwhile is then read in one go. A little below a
+twentieth of a second, so that pages get twenty updates in each."""
+LITTLE: Final = 40
+"""Readings of an answer; a faster sensor is asked again at once, before what the system keeps for it is full."""
 FULL: Final = 250_000
 """Readings that wait to be taken, at most: a recording played back as fast as possible waits for the server then."""
 FULL_S: Final = 0.01
@@ -46,10 +51,16 @@ class Pump(threading.Thread):
     Parameters
     ----------
     feed : Feed
+
+    Attributes
+    ----------
+    tell : callable
+        Called on the feed's thread when something is in the box.
     """
 
     def __init__(self, feed: Feed) -> None:
         super().__init__(name="feed", daemon=True)
+        self.tell: Callable[[], object] = lambda: None
         self._feed = feed
         self._box: deque[list[Reading] | Event] = deque()
         self._jobs: deque[Callable[[], None]] = deque()
@@ -110,8 +121,11 @@ class Pump(threading.Thread):
         if found:
             self._put += _size(found)
             self._box.append(found)
-        if isinstance(found, Event) and found.kind == "ended":
-            self._is_over = True
+            self.tell()
+        if isinstance(found, Event):
+            self._is_over = found.kind == "ended"
+        elif 0 < len(found or ()) < LITTLE:
+            self._stopping.wait(REST_S)
 
     def _do_jobs(self) -> None:
         while True:

@@ -1,8 +1,10 @@
 """The server of the live page: HTTP and WebSocket around a session. The only file that knows asyncio.
 
-A thread asks the sensor (`pump`), and twenty times a second this takes what came into the session (`session.step`).
-Fits run in another thread. Each page has a task of its own that sends the newest state when its connection takes it, so
-that a slow page gets fewer and larger frames, and delays nobody.
+A thread asks the sensor (`pump`), and some twenty times a second this takes what came into the session
+(`session.step`). Fits run in another thread. Each page has a task of its own that sends the newest state when its
+connection takes it, so that a slow page gets fewer and larger frames, and delays nobody.
+
+What only a fit or an answer needs is imported there: meanwhile the page is on its way to the browser.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
+import functools
 import logging
 import secrets
 import signal
@@ -35,15 +38,9 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from flinders.conventions.motioncal import Packet
-from flinders.document import Provenance, dumps, loads
 from flinders.errors import DocumentError, FitError, FlindersError, LinkError, NotSent, OutputError, UsageError
-from flinders.exporters import EXPORTERS, find
 from flinders.files import reason
-from flinders.judged import Judged
-from flinders.live import motioncal
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_of, set_cookie, shown_name
-from flinders.live.finish import Finished, finished, load
 from flinders.live.messages import LONGEST, FitMessage, Hello, Limits, Notice, TargetInfo, encode, parse
 from flinders.live.pump import Pump
 from flinders.live.readings import Event as FeedEvent
@@ -67,9 +64,9 @@ from flinders.live.session import (
     step,
     wants_fit,
 )
-from flinders.live.snapshot import evaluate
 from flinders.live.store import Edits
 from flinders.live.track import Clock
+from flinders.report.script import joined
 from flinders.report.view import tiles_view
 from flinders.units import Unit
 
@@ -82,7 +79,9 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.axes import Axes
+    from flinders.document import Provenance
     from flinders.live.feeds import Feed
+    from flinders.live.finish import Finished
     from flinders.live.messages import Link
     from flinders.live.readings import Reading
     from flinders.live.sinks import Sink
@@ -90,8 +89,11 @@ if TYPE_CHECKING:
     from flinders.live.sources import ByteSource
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
-TICK_S: Final = 0.05
-"""From one look at what came to the next, and from one frame to the next."""
+SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"app.js": (), "views/scene.js": ("Scene",)}
+"""Modules that are sent with all that they import, and what they export: two answers instead of twenty-five."""
+SOONEST_S: Final = 0.04
+LATEST_S: Final = 0.1
+"""From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
 STATE_S: Final = 0.2
 """From one state to the next, unless something was asked for."""
 MOST_PAGES: Final = 20
@@ -199,6 +201,7 @@ class Hub:
         self._final: Finished | None = None
         self._finishing = asyncio.Lock()
         self._is_asked = False
+        self._came = asyncio.Event()
 
     @property
     def now(self) -> float:
@@ -207,13 +210,16 @@ class Hub:
 
     async def run(self) -> None:
         """Take in, fit and tell, until cancelled."""
+        loop = asyncio.get_running_loop()
+        self._pump.tell = lambda: loop.call_soon_threadsafe(self._came.set)
         self._pump.start()
         try:
             while True:
+                self._came.clear()
                 self._take()
                 self._fit_if_due()
                 self._wake_pages()
-                await asyncio.sleep(TICK_S)
+                await self._something()
         except Exception as error:  # noqa: BLE001 - a fault of ours ends the program, which reports it
             self.failure = error
             signal.raise_signal(signal.SIGTERM)
@@ -241,6 +247,8 @@ class Hub:
 
     def hello(self) -> Hello:
         """The first message to a page."""
+        from flinders.exporters import EXPORTERS
+
         return Hello(
             version=version("flinders"),
             session=self.name,
@@ -256,6 +264,8 @@ class Hub:
 
         From the file; where that has a hole, from what is in memory.
         """
+        from flinders.live.finish import finished
+
         async with self._finishing:
             session = self.session
             path = None if session.unrecorded else self.supply.path
@@ -268,6 +278,13 @@ class Hub:
     async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
         """Do something on the thread of the feed."""
         return await asyncio.wrap_future(self._pump.do(job))
+
+    async def _something(self) -> None:
+        """Wait until something has come, or for so long that time itself may have something to say."""
+        await asyncio.sleep(SOONEST_S)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(LATEST_S - SOONEST_S):
+                await self._came.wait()
 
     def _take(self) -> None:
         """Take what the sensor gave: readings that came together as one event."""
@@ -333,6 +350,8 @@ class Hub:
 
 def _timed(session: Session) -> tuple[Evaluated, float]:
     """Fit what a session holds, and say how long the processor took: how busy the machine is otherwise is no matter."""
+    from flinders.live.evaluation import evaluate
+
     begun = time.thread_time()
     return evaluate(snapshot(session)), time.thread_time() - begun
 
@@ -469,6 +488,7 @@ def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callabl
         Route("/open", _open, methods=["POST"]),
         Route("/previous", _previous, methods=["POST"]),
         Route("/send", _send, methods=["POST"]),
+        *(Route(f"/static/{entry}", _script) for entry in SCRIPTS),
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
     ]
     app = Starlette(routes=routes, lifespan=lifespan, exception_handlers={FlindersError: _on_error})
@@ -487,8 +507,24 @@ async def _index(_: Request) -> Response:
     return FileResponse(page, media_type="text/html; charset=utf-8")
 
 
+def _script(request: Request) -> Response:
+    """One of the page's modules, joined; without it, as without the 3-D view, the page knows what to do."""
+    entry = request.url.path.removeprefix("/static/")
+    try:
+        return Response(_joined(entry), media_type="text/javascript; charset=utf-8")
+    except FileNotFoundError:
+        return _told(f"{entry} is missing from this installation", 404)
+
+
+@functools.cache
+def _joined(entry: str) -> str:
+    return joined(entry, exported=SCRIPTS[entry])
+
+
 async def _calibration(request: Request) -> Response:
     """The calibration file of all readings."""
+    from flinders.document import dumps
+
     hub: Hub = request.app.state.hub
     found = await hub.final()
     return _download(dumps(found.fit.to_document(_provenance(found))).encode(), "calibration.json", "application/json")
@@ -518,11 +554,15 @@ async def _report(request: Request) -> Response:
 
 def _provenance(found: Finished) -> Provenance:
     """Which release made a calibration, when, of which file."""
+    from flinders.document import Provenance
+
     return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=found.files)
 
 
 async def _export(request: Request) -> Response:
     """The calibration for a target: its text with what to know about it, or the file."""
+    from flinders.exporters import find
+
     hub: Hub = request.app.state.hub
     try:
         exporter = find(request.path_params["target"])
@@ -553,6 +593,8 @@ def _download(content: bytes, filename: str, kind: str) -> Response:
 
 async def _open(request: Request) -> Response:
     """Open a log that was dropped on the page: its bytes go to a file of our own, which is read and deleted."""
+    from flinders.live.finish import load
+
     hub: Hub = request.app.state.hub
     name = shown_name(request.query_params.get("name", ""))
     with tempfile.TemporaryDirectory(prefix="flinders-") as folder:
@@ -592,6 +634,9 @@ async def _saved(request: Request, path: Path) -> int | None:
 
 async def _previous(request: Request) -> Response:
     """Take a calibration file to compare with."""
+    from flinders.document import loads
+    from flinders.judged import Judged
+
     hub: Hub = request.app.state.hub
     name = shown_name(request.query_params.get("name", ""))
     content = b""
@@ -609,6 +654,9 @@ async def _previous(request: Request) -> Response:
 
 async def _send(request: Request) -> Response:
     """Send the calibration to the board that the readings come from."""
+    from flinders.conventions.motioncal import Packet
+    from flinders.live import motioncal
+
     hub: Hub = request.app.state.hub
     board = hub.supply.board
     if board is None:

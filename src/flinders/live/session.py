@@ -4,7 +4,7 @@
 thread: each event says when it was, and a recorded list of events is a test and a demo.
 
 >>> from flinders import simulate
->>> from flinders.live.snapshot import evaluate
+>>> from flinders.live.evaluation import evaluate
 >>> rows = rows_of(simulate.tumble(seed=1).samples)
 >>> session, told = step(Session(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
 >>> wants_fit(session, at=60.0)
@@ -71,7 +71,7 @@ if TYPE_CHECKING:
 
 FITTED: Final = 20_000
 """Readings of a live fit, at most; of more, every second one, every third …"""
-SHARE: Final = 0.05
+SHARE: Final = 0.03
 """Of a core, that fits take."""
 FASTEST_S: Final = 0.25
 """From one fit to the next, at the least."""

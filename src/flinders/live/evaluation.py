@@ -1,0 +1,258 @@
+"""One fit of what a session holds: from a snapshot to all that follows from it, without a clock or a side effect.
+
+>>> from flinders import simulate
+>>> from flinders.live.snapshot import Snapshot
+>>> found = evaluate(Snapshot(key=7, samples=simulate.tumble(seed=1).samples))
+>>> found.key, found.view.verdict, found.used, [reason.code for reason in found.reasons]
+(7, 'good', 3000, [])
+>>> [reason.code for reason in evaluate(Snapshot(key=8, samples=Samples.of(np.ones((50, 3))))).reasons]
+['stuck-axis', 'stale']
+
+The same snapshot gives the same, in whichever thread, so that the server may run it beside the sensor.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+import numpy as np
+
+from flinders.comparison import compare
+from flinders.errors import FitError, FlindersError, counted, figures
+from flinders.fitting import fit
+from flinders.judged import Judged
+from flinders.live.messages import PreviousState, Reason
+from flinders.live.snapshot import Evaluated
+from flinders.live.way import led
+from flinders.report.view import view
+from flinders.result import Refused
+from flinders.samples import Samples  # noqa: TC001 - the example above makes some
+from flinders.units import MICROTESLA
+from flinders.verdict import EARTH_UT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.live.snapshot import Snapshot
+    from flinders.report.view import View
+    from flinders.result import Fit
+
+WRONG: Final = (
+    "saturated",
+    "field-changed",
+    "noise",
+    "alternating",
+    "strays",
+    "axis-ratio",
+    "structure",
+    "recordings-differ",
+)
+"""Findings that say that something is wrong, and not only that more turning is needed."""
+STALE_S: Final = 2.0
+"""Seconds of equal readings after which a sensor is said to have stopped."""
+STALE_ROWS: Final = 10
+FROZEN_ROWS: Final = 20
+FROZEN_S: Final = 2.0
+"""Readings and seconds in which one axis stays as it is and the others do not, after which that is said."""
+LIVELY: Final = 0.9
+"""Of its steps before, so many have to be changes: a coarse axis is equal for a while by itself."""
+MOVING: Final = 0.1
+"""Of their range so far, that the other axes move by meanwhile."""
+SETTLED: Final = 5.0
+"""A fit is settled, and its findings are told, once its error is below so many targets, …"""
+SETTLED_FRACTION: Final = 0.7
+"""… or so much of the sphere has been seen, …"""
+SETTLED_S: Final = 30.0
+"""… or so many seconds of readings are there: more of the same would not help."""
+STILL_S: Final = 6.0
+"""Seconds without a turn after which somebody is reminded."""
+STILL_DEG: Final = 5.0
+LEAST_DEG: Final = 0.001
+"""A smaller difference is not told in figures."""
+OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
+"""What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
+
+
+def evaluate(snapshot: Snapshot) -> Evaluated:
+    """Fit a snapshot and look at what came out."""
+    samples = snapshot.samples
+    found, refusal, code = _fitted(snapshot)
+    drawn = None
+    if found is not None:
+        drawn = view(found, samples, numbers=snapshot.numbers, goal=snapshot.goal, frame=snapshot.frame)
+        if snapshot.is_followed:
+            drawn = led(drawn, found, samples, goal=snapshot.goal, frame=snapshot.frame)
+        drawn = _beyond_level(drawn, found)
+    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, found), *_of_fit(found, samples)]
+    used = 0 if drawn is None else sum(drawn.tiles_seen) or samples.field.shape[0]
+    return Evaluated(
+        key=snapshot.key,
+        fit=found,
+        view=drawn,
+        refusal=refusal,
+        reasons=tuple(sorted(reasons, key=lambda reason: reason.severity != "warning")),
+        used=used,
+        rejected=0 if drawn is None else len(samples) - used,
+        previous=_compared(found, snapshot),
+    )
+
+
+def _beyond_level(drawn: View, found: Fit) -> View:
+    """Say what is missing of a calibration that is good held level: more level turns would add nothing."""
+    is_done = found.plane and found.verdict == "limited" and found.heading_error_deg.worst <= found.target_deg
+    if not is_done or drawn.guidance is None:
+        return drawn
+    words = "it is good held level; for headings that hold when it is tilted, turn it tilted and upside down too"
+    return msgspec.structs.replace(drawn, guidance=msgspec.structs.replace(drawn.guidance, words=words))
+
+
+def _fitted(snapshot: Snapshot) -> tuple[Fit | None, str, str]:
+    """The fit, or why there is none and the code of that."""
+    try:
+        return fit(snapshot.samples, target_deg=snapshot.target_deg, dip_deg=snapshot.dip_deg), "", ""
+    except Refused as refused:
+        return refused.fit, "", ""
+    except FitError as error:
+        return None, str(error), error.code
+
+
+def _of_refusal(code: str, words: str) -> Iterator[Reason]:
+    """Why there is no fit; that there are too few readings yet is no fault."""
+    if code in ("stuck-axis", "out-of-scale"):
+        yield Reason(code, words)
+    elif code:
+        yield Reason("no-rotation" if code == "unmoved" else code, words, "info")
+
+
+def _of_fit(found: Fit | None, samples: Samples) -> Iterator[Reason]:
+    """What the findings of a fit say is wrong; of one that is only beginning, nothing yet."""
+    if found is None:
+        return
+    settled = (
+        found.heading_error_deg.worst < SETTLED * found.target_deg
+        or found.coverage.fraction >= SETTLED_FRACTION
+        or _seconds(samples) >= SETTLED_S
+    )
+    for finding in found.findings:
+        if finding.code in WRONG and finding.severity != "note" and (settled or finding.code == "saturated"):
+            yield Reason(finding.code, finding.advice)
+        elif finding.code in ("stale-repeats", "mirrored-axes"):
+            yield Reason(finding.code, finding.advice, "info")
+    if settled and not found.is_flat:
+        yield from _of_unit(found)
+
+
+def _seconds(samples: Samples) -> float:
+    """From the first reading to the last; 0 where there are no times."""
+    return 0.0 if samples.time is None or not len(samples) else float(samples.time[-1] - samples.time[0])
+
+
+def _of_unit(found: Fit) -> Iterator[Reason]:
+    """Whether the field is none of the earth's, and which other unit would explain it."""
+    calibration, radius = found.calibration, found.ellipsoid.radius
+    low, high = EARTH_UT
+    if calibration.unit != MICROTESLA or low <= radius <= high:
+        return
+    likely = [unit for unit, factor in OTHER_UNITS.items() if low <= radius / factor <= high]
+    hint = f": as readings in {likely[0]} would be; try --unit {likely[0]}" if likely else ": check --unit and --scale"
+    yield Reason(
+        "wrong-unit",
+        f"the field is {figures(radius, 3)} µT, and the earth's {low:g} to {high:g} µT{hint}. Headings do not depend "
+        "on it",
+    )
+
+
+def _of_motion(samples: Samples, found: Fit | None) -> Iterator[Reason]:
+    """Whether the newest readings still change, and turn."""
+    time = samples.time
+    count = len(samples)
+    if time is None or not count:
+        time = np.arange(float(count))
+    same = _equal_at_the_end(samples.field)
+    if same >= STALE_ROWS and time[-1] - time[-same] >= STALE_S:
+        yield Reason(
+            "stale",
+            f"the last {counted(same, 'reading')} are all the same: the sensor has stopped measuring, or a loop prints "
+            "faster than it is read; check its wiring and its mode",
+        )
+    elif frozen := _frozen(samples.field, time):
+        axis, seconds = frozen
+        yield Reason(
+            "frozen-axis",
+            f"axis {axis} has been the same for {seconds:.1f} s while the others change: turn the sensor another "
+            "way, and where that does not wake it, the sensor or its wiring is at fault; then begin anew",
+        )
+    elif found is not None and not found.is_flat and time[-1] - time[0] > STILL_S:
+        newest = samples.field[time >= time[-1] - STILL_S]
+        if len(newest) > 3 and _widest_deg(found.calibration.apply(newest)) < STILL_DEG:
+            yield Reason("no-rotation", f"it has not been turned for {STILL_S:.0f} s", "info")
+
+
+def _frozen(field: Floats, time: Floats) -> tuple[str, float] | None:
+    """Which axis has stopped in the newest readings while the others move, and since how many seconds.
+
+    >>> time = np.arange(400) / 50.0
+    >>> field = 50.0 * np.sin(np.outer(time, [1.0, 1.3, 1.7]))
+    >>> _frozen(field, time) is None
+    True
+    >>> field[250:, 1] = field[250, 1]
+    >>> _frozen(field, time)
+    ('y', 2.98)
+    """
+    spread = np.ptp(field, axis=0) if len(field) else np.zeros(3)
+    for axis in range(3):
+        run = _equal_at_the_end(field[:, [axis]])
+        if not FROZEN_ROWS <= run < len(field) or time[-1] - time[-run] < FROZEN_S:
+            continue
+        before = np.diff(field[: len(field) - run + 1, axis])
+        others = [other for other in range(3) if other != axis]
+        moves = np.ptp(field[-run:, others], axis=0) >= MOVING * spread[others]
+        if moves.all() and np.mean(before != 0.0) >= LIVELY:
+            return "xyz"[axis], round(float(time[-1] - time[-run]), 3)
+    return None
+
+
+def _equal_at_the_end(field: Floats) -> int:
+    """How many readings, counted from the end, are the same.
+
+    >>> _equal_at_the_end(np.array([[1.0, 2, 3], [4, 5, 6], [4, 5, 6]]))
+    2
+    """
+    if not len(field):
+        return 0
+    unlike = np.flatnonzero(np.any(field != field[-1], axis=1))
+    return len(field) - (int(unlike[-1]) + 1 if len(unlike) else 0)
+
+
+def _widest_deg(corrected: Floats) -> float:
+    """How far directions are from their mean, at the most."""
+    lengths = np.linalg.norm(corrected, axis=1, keepdims=True).clip(min=np.finfo(float).tiny)
+    directions = corrected / lengths
+    mean = directions.mean(axis=0)
+    mean /= max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
+    return float(np.rad2deg(np.arccos(np.clip(directions @ mean, -1.0, 1.0))).max())
+
+
+def _compared(found: Fit | None, snapshot: Snapshot) -> PreviousState | None:
+    """How far the calibration from before is off the present one."""
+    previous = snapshot.previous
+    if previous is None:
+        return None
+    if found is None or found.verdict == "refused":
+        return PreviousState(previous.name, None, "nothing to compare with yet")
+    try:
+        apart = compare(
+            previous, Judged.from_fit(found, name="this one"), dip_deg=snapshot.dip_deg, target_deg=snapshot.target_deg
+        )
+    except FlindersError as error:
+        return PreviousState(previous.name, None, str(error))
+    worst = apart.heading_difference_deg.worst
+    said = {
+        "agree": "it agrees with this one: no more apart than chance explains",
+        "differ": "it differs from this one by more than chance, but by less than the target",
+        "contradict": "it contradicts this one: something near the sensor has changed",
+    }[apart.verdict]
+    told = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
+    return PreviousState(previous.name, worst, f"{said} ({told} of heading at the worst)")
