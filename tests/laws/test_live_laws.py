@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from flinders import simulate
 from flinders.errors import UsageError
+from flinders.live.evaluation import evaluate
 from flinders.live.messages import Clear, Exclude, Pause, Redo, Restore, Target, Undo, parse
 from flinders.live.session import (
     SHARE,
@@ -30,7 +31,6 @@ from flinders.live.session import (
     step,
     wants_fit,
 )
-from flinders.live.evaluation import evaluate
 from flinders.live.snapshot import Evaluated
 from flinders.live.spans import History
 from flinders.live.track import SHOWN, Clock, Track, stride_for

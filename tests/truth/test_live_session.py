@@ -14,6 +14,7 @@ import pytest
 from flinders import fitting, simulate
 from flinders.axes import Axes
 from flinders.judged import Judged
+from flinders.live.evaluation import evaluate
 from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SetGoal, SourceState, State, Target
 from flinders.live.session import (
     Arrived,
@@ -32,7 +33,6 @@ from flinders.live.session import (
     state,
     step,
 )
-from flinders.live.evaluation import evaluate
 from flinders.live.track import Track
 from flinders.samples import Samples
 from flinders.units import Unit
