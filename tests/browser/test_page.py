@@ -179,7 +179,6 @@ def test_a_stretch_is_left_out_and_put_back_by_keys_alone(visitor: Visitor) -> N
     page = done(visitor.page())
     page.keyboard.press("x")
     expect(page.locator("#from")).to_be_focused()
-    page.keyboard.press("Control+a")
     page.keyboard.type("10")
     page.keyboard.press("Tab")
     page.keyboard.type("20.5")
@@ -195,6 +194,17 @@ def test_a_stretch_is_left_out_and_put_back_by_keys_alone(visitor: Visitor) -> N
     until(page, "flinders.store.state.excluded.length === 2")
     page.keyboard.press("z")
     page.keyboard.press("Control+z")
+    until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
+
+
+def test_x_marks_a_stretch_and_leaves_it_out_as_the_list_of_keys_says(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.keyboard.press("x")
+    marked = [float(page.locator(f"#{name}").input_value()) for name in ("from", "to")]
+    page.keyboard.press("x")
+    until(page, "flinders.store.state.excluded.length === 1")
+    assert np.ravel(state(page, "excluded")) == pytest.approx(marked)
+    page.keyboard.press("z")
     until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
 
 
@@ -271,6 +281,69 @@ def test_a_target_that_cannot_be_meant_goes_back_to_what_holds(visitor: Visitor)
         notices.last.get_by_role("button").click()
         expect(notices).to_have_count(0)
     assert state(page, "target_deg") == 1
+
+
+LAID = """async ([counts, view]) => {
+    const {Scene} = await import("/static/views/scene.js");
+    const {points, hello} = flinders.store;
+    const host = document.createElement("div");
+    Object.assign(host.style, {position: "fixed", inset: "0 auto auto 0", width: "300px", height: "200px"});
+    document.body.append(host);
+    const scene = new Scene(host, {tiles: hello.tiles, theme: "dark"});
+    const frame = () => new Promise(resolve => requestAnimationFrame(resolve));
+    scene.setMode("clouds");
+    scene.setView(view);
+    let from = 0;
+    for (const count of counts) {
+        const known = {...points, count};
+        if (from === 0) scene.setPoints(known);
+        else scene.appendPoints(known, from);
+        from = count;
+        for (let k = 0; k < 3; k += 1) await frame();
+    }
+    for (let k = 0; k < 60; k += 1) { scene.redraw(); await frame(); }
+    scene.redraw();
+    const copy = new OffscreenCanvas(300, 200).getContext("2d");
+    const canvas = host.querySelector("canvas");
+    await frame();
+    copy.drawImage(canvas, 0, 0, 300, 200);
+    scene.dispose();
+    host.remove();
+    return [...copy.getImageData(0, 0, 300, 200).data];
+}"""
+"""Draws the readings in so many steps, and returns the pixels."""
+
+
+def test_readings_drawn_onto_a_picture_that_was_kept_look_as_when_all_are_drawn(visitor: Visitor) -> None:
+    page = done(visitor.page(reduced_motion="reduce"))
+    view = page.evaluate("flinders.store.view")
+    kept, whole, fewer = (
+        np.array(page.evaluate(LAID, [counts, view])).reshape(200, 300, 4).astype(int)
+        for counts in ([2000, 2400, 2700, 3000], [3000], [2000])
+    )
+    assert np.ptp(whole[..., 3]) == 255, "something is drawn"
+    assert np.abs(kept - whole).mean() < 0.25 * np.abs(fewer - whole).mean()
+
+
+INK = """text => {
+    const [figure, worst] = ["#figure", "#worst"].map(one => document.querySelector(one));
+    worst.textContent = text;
+    figure.style.setProperty("--ems", EMS(text));
+    const number = figure.getBoundingClientRect(), arc = document.querySelector("#gauge svg").getBoundingClientRect();
+    const [right, middle, foot] = [number.right, arc.left + arc.width / 2, number.y + 0.2 * number.height];
+    const up = (arc.y + 144 / 202 * arc.height - foot) / (arc.width / 320);
+    return [(right - middle) / (arc.width / 320), Math.sqrt(107 ** 2 - up ** 2)];
+}"""
+"""How far a number reaches to the right of the middle, and how far the arc is there, in units of the gauge."""
+
+
+@pytest.mark.parametrize("text", ["12.3", "0.043", "0.0043", "> 90", "–"])
+@pytest.mark.parametrize("width", [360, 1280])
+def test_no_number_covers_the_arc(visitor: Visitor, text: str, width: int) -> None:
+    page = done(visitor.page(viewport={"width": width, "height": 800}))
+    room = page.evaluate("async text => String((await import('/static/views/gauge.js')).ems(text))", text)
+    reach, arc = page.evaluate(INK.replace("EMS(text)", f"'{room}'"), text)
+    assert 8.0 < reach < arc - 2.0
 
 
 # files
@@ -384,6 +457,22 @@ def test_a_phone_shows_everything_without_scrolling_sideways(visitor: Visitor) -
         if opener:
             shown.locator(".shut").tap()
     assert small == [], f"targets of less than {TOUCH_PX} pixels"
+
+
+def test_a_phone_keeps_advice_and_finish_in_sight_beside_each_other(visitor: Visitor) -> None:
+    page = done(visitor.page(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True))
+    for scrolled in (0, 700, 100_000):
+        page.evaluate("y => scrollTo(0, y)", scrolled)
+        words, button = (page.locator(f"#{name}").bounding_box() for name in ("advice-words", "finish"))
+        assert words is not None
+        assert button is not None
+        assert words["x"] + words["width"] <= button["x"]
+        assert max(words["y"] + words["height"], button["y"] + button["height"]) <= 740
+    foot = page.locator("#projections").bounding_box()
+    bar = page.locator("#advice").bounding_box()
+    assert foot is not None
+    assert bar is not None
+    assert foot["y"] + foot["height"] <= bar["y"], "the end of the page can be scrolled out of the bar"
 
 
 def test_a_phone_gives_each_view_its_room_and_scrolls_down(visitor: Visitor) -> None:

@@ -8,26 +8,30 @@ import struct
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from html import unescape
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.testing as npt
 import pytest
+from scipy.spatial.transform import Rotation
 
 from flinders import fitting, simulate
 from flinders.calibration import Calibration
+from flinders.drivers import Driver
 from flinders.errors import FitError, TooFewSamples
 from flinders.judged import Judged
 from flinders.report import script
+from flinders.report.beside import mounting
 from flinders.report.drawn import Drawn
 from flinders.report.figures import coverage_map, error_map, projections
 from flinders.report.html import page, python_of
 from flinders.report.revisited import doubts, revisited
 from flinders.report.terminal import plot
 from flinders.report.text import degrees
+from flinders.report.view import tile_errors_deg
 from flinders.result import Refused
 from flinders.samples import Joined, Samples
-from flinders.tiles import tiles
+from flinders.tiles import tile_of, tiles
 
 if TYPE_CHECKING:
     from flinders.result import Fit
@@ -261,6 +265,76 @@ def test_a_calibration_of_another_sensor_is_doubted() -> None:
     fit, _ = fitted()
     other = simulate.tumble(seed=9, n=500).samples
     assert "another sensor" in " ".join(doubts(Judged.from_fit(fit), other))
+
+
+def driven() -> tuple[Fit, Samples]:
+    motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3], amperes=20.0)
+    flight = simulate.tumble(seed=3, n=1500, disturbances=[motors]).samples
+    return fitting.fit(flight, drivers=("current",)), flight
+
+
+def test_what_the_offset_follows_is_taken_off_before_anything_is_drawn() -> None:
+    fit, flight = driven()
+    drawn = Drawn.of(fit, flight)
+    assert drawn.residuals[drawn.is_used].std() == pytest.approx(fit.noise, rel=0.05)
+    left_in, taken_off = (drawn.strengths(is_followed=is_followed).std() for is_followed in (False, True))
+    assert left_in > 4.0 * taken_off
+    npt.assert_array_equal(drawn.recorded, flight.field)
+
+
+def test_a_report_tells_what_the_offset_follows_and_its_python_does_so_too() -> None:
+    fit, flight = driven()
+    found = Page.of(page(fit, flight))
+    assert "What the offset follows" in found.words
+    assert "Current, µT per A" in found.words
+    sigma = np.sqrt(np.diag(fit.drivers_covariance)[9:12])  # type: ignore[arg-type]
+    assert f"± {sigma[0]:.4f}" in found.words
+    assert flight.current is not None
+    names: dict[str, Any] = {"raw": flight.field, "current": flight.current}
+    exec(python_of(fit.calibration), names)
+    npt.assert_allclose(names["corrected"], fit.calibration.apply(flight.field, current=flight.current), atol=1e-9)
+
+
+def test_python_of_a_growing_scale_divides_by_it() -> None:
+    warm = Driver(
+        "temperature", np.array([0.1, 0.0, -0.2]), reference=20.0, lowest=10.0, highest=30.0, gain_per_unit=0.002
+    )
+    calibration = replace(fitted()[0].calibration, drivers=(warm,))
+    rows, celsius = np.array([[20.0, 5.0, -40.0], [10.0, 30.0, 20.0]]), np.array([12.0, 28.0])
+    names: dict[str, Any] = {"raw": rows, "temperature": celsius}
+    exec(python_of(calibration), names)
+    npt.assert_allclose(names["corrected"], calibration.apply(rows, temperature=celsius), atol=1e-9)
+
+
+def test_a_rotation_that_was_found_is_not_said_to_be_unseen() -> None:
+    boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
+    fit = fitting.fit(boat, aids=("rate", "dip"))
+    text = Page.of(page(fit, boat)).words
+    assert "no magnetometer can see" not in text
+    assert "as told by gyro and accelerometer" in text
+    assert "as gyro and accelerometer tell it, adds" in mounting(fit)
+    stated = replace(fitted()[0], alignment_error_deg=0.5)
+    assert "no magnetometer can see" in mounting(stated)
+
+
+def test_the_map_is_in_the_axes_of_corrected_readings() -> None:
+    """A rotation turns the map with the readings: each tile has the error of the direction that is turned into it."""
+    fit, _ = fitted("tilted")
+    turn = Rotation.from_rotvec([0.2, -0.4, 0.9]).as_matrix()
+    matrix = turn @ fit.calibration.matrix
+    turned = replace(fit, calibration=replace(fit.calibration, matrix=matrix, rotation="estimated"))
+    errors, moved = tile_errors_deg(fit), tile_errors_deg(turned)
+    there = tile_of(tiles().centres @ turn)
+    npt.assert_allclose(moved, errors[there], rtol=0.25)
+    assert np.abs(moved - errors).max() > 4.0 * np.abs(moved - errors[there]).max(), (
+        "or the turn is too small to be told"
+    )
+
+
+def test_residuals_of_a_level_turn_are_those_of_its_circle() -> None:
+    fit, samples = fitted("level")
+    drawn = Drawn.of(fit, samples)
+    assert drawn.residuals[drawn.is_used].std() == pytest.approx(fit.noise, rel=0.1)
 
 
 def test_a_terminal_shows_before_after_and_a_map_in_twelve_lines() -> None:

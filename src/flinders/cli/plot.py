@@ -8,9 +8,8 @@ from typing import Any, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._calibration import sensor_option
 from flinders.cli._talk import print_json, say
-from flinders.cli.report import pictured
+from flinders.cli.report import of_a_pair, pictured
 from flinders.errors import NotExportable, UsageError
 
 WHAT: Final = ("all", "projections", "deviation", "residuals", "coverage")
@@ -30,12 +29,7 @@ Example:
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @click.option("-o", "--output", required=True, metavar="FILE", help="Figure to write: .svg, .png or .pdf.")
 @click.option("--what", type=click.Choice(WHAT), default="all", show_default=True, help="What is drawn.")
-@_options.shown
-@_options.columns
-@sensor_option
-@_options.log
-@_options.force
-@_options.as_json
+@of_a_pair
 def command(
     calibration: str,
     recordings: tuple[str, ...],

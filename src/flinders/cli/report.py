@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -25,6 +25,14 @@ OTHER = (
 )
 
 
+def of_a_pair(function: _options.Function) -> _options.Function:
+    """The options of a command that draws a calibration and a recording."""
+    options = (_options.shown, _options.columns, sensor_option, _options.log, _options.force, _options.as_json)
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
 @click.command(
     "report",
     short_help="Write a report of a calibration and a recording.",
@@ -40,12 +48,7 @@ Example:
     "-o", "--output", metavar="FILE", help="HTML file to write, - for standard output [default: report.html]."
 )
 @click.option("--pdf", metavar="FILE", help="Also print it to PDF, by a browser that is installed.")
-@_options.shown
-@_options.columns
-@sensor_option
-@_options.log
-@_options.force
-@_options.as_json
+@of_a_pair
 def command(
     calibration: str,
     recordings: tuple[str, ...],
@@ -116,7 +119,7 @@ def pictured(
     judged = load(name, calibration, recordings)
     with progress("reading") as watch:
         as_recorded = opened(calibration, judged.calibration, recordings, progress=watch, **reading)
-        recording = cast("Joined", settled(as_recorded, judged.calibration))
+        recording = settled(as_recorded, judged.calibration)
         fit = revisited(judged, recording, target_deg=target_deg, dip_deg=dip_deg)
         own = made_from(calibration, as_recorded.recordings)
         plain = replace(judged, calibration=judged.calibration.at())
@@ -125,7 +128,7 @@ def pictured(
         notes.append(OTHER)
     for note in notes:
         say(f"! {note}")
-    return judged, recording, fit, notes
+    return judged, as_recorded, fit, notes
 
 
 def _check_outputs(path: str | None, pdf: str | None, inputs: tuple[str, ...], *, force: bool) -> str | None:

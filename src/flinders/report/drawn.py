@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Final, Self
 import msgspec
 import numpy as np
 
-from flinders.report.view import view
+from flinders.driven import settled
+from flinders.report.view import lengths_off, view
 from flinders.samples import Samples, singles
 from flinders.units import label
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.planar import Plane
     from flinders.report.view import View
     from flinders.result import Fit
     from flinders.samples import Recording
@@ -42,7 +44,11 @@ class Drawn:
     view : View or None
         None where there is no fit at all.
     raw : (n, 3) float, in `unit`
-        Every `stride`-th reading.
+        Every `stride`-th reading, without what the calibration follows.
+    recorded : (n, 3) float, in `unit`
+        The same as they were recorded.
+    driving : dict of str to (n,) float
+        What drives the offset, by name, where the calibration follows anything.
     when : (n,) float
         Seconds since the first, or numbers of readings, as `clock` says.
     clock : str
@@ -54,16 +60,21 @@ class Drawn:
     stride : int
     unit : str
         ``µT`` or ``counts``.
+    plane : str, optional
+        That of a fit to readings of one plane.
     """
 
     view: View | None
     raw: Floats
+    recorded: Floats
+    driving: dict[str, Floats]
     when: Floats
     clock: str
     is_used: NDArray[np.bool_]
     total: int
     stride: int
     unit: str
+    plane: Plane | None = None
 
     @classmethod
     def of(cls, fit: Fit | None, recording: Recording, *, most: int = MOST) -> Self:
@@ -74,16 +85,18 @@ class Drawn:
         fit : Fit or None
             Good, limited or refused; None where the recording gave none.
         recording : Recording
-            The readings that were fitted.
+            The readings that were fitted, as they were recorded.
         most : int
             Readings that are kept for drawing; the `View` counts them all.
 
         Raises
         ------
         InputError
-            For a recording that cannot be read.
+            For a recording that cannot be read, or lacks what the calibration follows.
         """
-        samples = _whole(recording)
+        drivers = () if fit is None else fit.calibration.drivers
+        recorded, driving = _whole(recording), {driver.name: _column(recording, driver.name) for driver in drivers}
+        samples = recorded if fit is None or not drivers else _whole(settled(recording, fit.calibration))
         seen = None if fit is None else _seen(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:
@@ -93,12 +106,15 @@ class Drawn:
         return cls(
             seen,
             samples.field[::stride],
+            recorded.field[::stride],
+            {name: values[::stride] for name, values in driving.items()},
             when[::stride],
             clock,
             is_used[::stride],
             len(samples),
             stride,
             label(recording.unit.inside),
+            None if fit is None else fit.plane,
         )
 
     def without_claims(self) -> Self:
@@ -127,6 +143,14 @@ class Drawn:
         corrected: Floats = (self.raw - shown.offset) @ np.transpose(shown.matrix)
         return corrected
 
+    def strengths(self, *, is_followed: bool) -> Floats:
+        """(n,) lengths of the corrected readings: with what drives the offset taken off, and not."""
+        if self.view is None or self.view.shown is None:
+            return np.empty(0)
+        shown, field = self.view.shown, self.raw if is_followed else self.recorded
+        strengths: Floats = np.linalg.norm((field - shown.offset) @ np.transpose(shown.matrix), axis=1)
+        return strengths
+
     @property
     def shape(self) -> Floats | None:
         """(3, 3) S of the ellipsoid raw = offset + S u that the correction makes a sphere; None where there is none."""
@@ -140,8 +164,7 @@ class Drawn:
         """(n,) how much longer each corrected reading is than the field; empty where there is no correction."""
         if self.view is None or self.view.shown is None:
             return np.empty(0)
-        residuals: Floats = np.linalg.norm(self.corrected, axis=1) - self.view.shown.strength
-        return residuals
+        return lengths_off(self.corrected, self.view.shown.strength, self.plane)
 
 
 def _seen(fit: Fit, samples: Samples) -> View:
@@ -165,6 +188,11 @@ def _whole(recording: Recording) -> Samples:
         time=np.concatenate(times) if len(times) == len(blocks) else None,
         source=recording.source,
     )
+
+
+def _column(recording: Recording, name: str) -> Floats:
+    """(N,) what drives the offset, of all readings."""
+    return np.concatenate([getattr(block, name) for block in recording.blocks()] or [np.empty(0)])
 
 
 def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:

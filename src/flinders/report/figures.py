@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import figures
+from flinders.report.beside import called
 from flinders.report.colours import LEGEND, class_of, seen_ends, seen_level
 from flinders.tiles import tiles
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+    from flinders.drivers import Driver
     from flinders.report.drawn import Drawn
     from flinders.report.view import View
     from flinders.result import Fit
@@ -454,6 +456,28 @@ def histogram(view: View, unit: str) -> str:
     parts.append(f'<path class="bell" d="{_path(box.places(np.stack([middles, bell], axis=1)))}"/>')
     parts.append(_text(box.left + box.width / 2, 216, f"longer than the field, {unit}", "middle"))
     return _svg(SIDE + 100, 222, "Histogram of the residuals", parts)
+
+
+def followed(drawn: Drawn, driver: Driver) -> str:
+    """Strength of the corrected field over what drives the offset: with that left in, and taken off."""
+    assert drawn.view is not None
+    assert drawn.view.shown is not None
+    driving = drawn.driving[driver.name]
+    is_shown = drawn.is_used & np.isfinite(driving)
+    values, origin = driving[is_shown], driver.reference
+    rows = [drawn.strengths(is_followed=is_followed)[is_shown] for is_followed in (False, True)]
+    low, high = np.quantile(rows, [0.002, 0.998]) if len(values) else (0.0, 1.0)
+    margin = 0.06 * max(float(high - low), 1e-9)
+    first, last = float(values.min(initial=origin)), float(values.max(initial=origin))
+    box = _Box(58, 10, WIDE - 88, 190, (first, low - margin), (max(last, first + 1e-9), high + margin))
+    parts = list(_grid(box, drawn.unit, "", "", many=8))
+    for kind, strengths in zip(("before", "after"), rows, strict=True):
+        parts.append(_dots(kind, box.holds(box.places(_thinned(np.stack([values, strengths], axis=1))))))
+    level = box.y(drawn.view.shown.strength)
+    parts.append(_line(box.left, level, box.left + box.width, level, "aim"))
+    parts.append(_text(box.left + box.width / 2, 236, called(driver), "middle"))
+    parts.append(_text(14, box.top + box.height / 2, drawn.unit, "middle", turned=True))
+    return _svg(WIDE, 242, f"Strength of the corrected field over {driver.name}, before and after following it", parts)
 
 
 # --------------------------------------------------------------------------------------------------------- deviation

@@ -31,6 +31,7 @@ import numpy as np
 
 from flinders.document import Provenance
 from flinders.errors import counted, figures
+from flinders.report import beside
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS, variables
 from flinders.report.drawn import Drawn
@@ -61,7 +62,7 @@ START: Final = "m0.theming(() => {});\nm0.copying();"
 
 FIGURES: Final = (
     "pictures", "before", "after", "error_map", "error_legend", "coverage_map", "seen_legend", "residuals", "histogram",
-    "deviation", "correlation",
+    "deviation", "correlation", "followed",
 )  # fmt: skip
 """What a report shows, where it is known."""
 
@@ -105,7 +106,7 @@ def page(
     outcome : Fit or FitError
         What was found, or the refusal.
     recording : Recording, optional
-        The readings that were fitted; they are gone through once, and held in memory meanwhile. Without them there
+        The readings that were fitted, as they were recorded; they are held in memory meanwhile. Without them there
         are no figures.
     provenance : Provenance, optional
         Release, date and files; by default this release, now, and none.
@@ -137,6 +138,7 @@ def page(
         "findings": _findings(fit),
         "notes": list(notes),
         "parameters": _parameters(fit),
+        "beside": _beside(fit),
         "listings": _listings(fit, listings),
         "files": [_file(file) for file in provenance.files],
         "asked": dict(asked or {}),
@@ -175,14 +177,38 @@ def python_of(calibration: Calibration) -> str:
     if calibration.raw.scale != 1.0:
         lines.append(f"scale = {calibration.raw.scale!r}  # {unit} in one {calibration.raw.name} of the recording")
         raw = f"scale * ({raw})" if "@" in raw else f"scale * {raw}"
+    if calibration.drivers:
+        lines += _driven_lines(calibration)
+        raw = f"{raw} - driven"
     lines += [
         f"offset = np.array({calibration.offset.tolist()})  # {unit}",
         "matrix = np.array([",
         *(f"    {row}," for row in calibration.matrix.tolist()),
         "])",
-        f"corrected = ({raw} - offset) @ matrix.T  # rows of x, y, z",
+        f"corrected = {_divided(calibration, f'({raw} - offset)')} @ matrix.T  # rows of x, y, z",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _driven_lines(calibration: Calibration) -> list[str]:
+    """What drives the offset, as Python: one value of each for each row."""
+    terms = [
+        f"np.outer({driver.name} - {driver.reference!r}, {driver.per_unit.tolist()})" for driver in calibration.drivers
+    ]
+    told = [
+        f"{beside.called(one)}{f', as of {one.lag_s:.3g} s before' if one.lag_s else ''}" for one in calibration.drivers
+    ]
+    gains = [
+        f"gain = 1.0 + {one.gain_per_unit!r} * ({one.name} - {one.reference!r})"
+        for one in calibration.drivers
+        if one.gain_per_unit
+    ]
+    return [f"# of each row: {'; '.join(told)}", f"driven = {' + '.join(terms)}  # {label(calibration.unit)}", *gains]
+
+
+def _divided(calibration: Calibration, field: str) -> str:
+    """Where the scale grows with a driver, the field without that."""
+    return f"({field} / gain[:, np.newaxis])" if any(one.gain_per_unit for one in calibration.drivers) else field
 
 
 # ------------------------------------------------------------------------------------------------------------- words
@@ -223,9 +249,23 @@ def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
             f"before: {degrees(raw.worst)}; the target is {fit.target_deg:g}°",
         ),
         ("All headings, rms", degrees(error.rms), f"before: {degrees(raw.rms)}"),
-        ("Within target up to a tilt of", tilt, f"held level, dip {error.dip_deg:g}°".replace("-", "−")),
+        ("Holds up to a tilt of", tilt, f"held level, dip {error.dip_deg:g}°".replace("-", "−")),
+        *([] if fit.alignment_error_deg is None else [_mounting(fit, fit.alignment_error_deg)]),
         *strengths,
     ]
+
+
+def _mounting(fit: Fit, error_deg: float) -> tuple[str, str, str]:
+    """What the mounting adds, and who says so."""
+    is_told = fit.calibration.rotation == "estimated"
+    return ("Mounting adds", degrees(error_deg), f"as told by {beside.tellers(fit)}" if is_told else "as it was stated")
+
+
+def _beside(fit: Fit | None) -> dict[str, Any]:
+    """What was recorded beside the magnetometer; nothing of a refused fit."""
+    if fit is None or fit.verdict == "refused":
+        return {"aids": [], "found": [], "drivers": []}
+    return {"aids": beside.aids(fit), "found": beside.found_beside(fit), "drivers": beside.drivers(fit)}
 
 
 def _findings(fit: Fit | None) -> list[dict[str, str]]:
@@ -324,8 +364,9 @@ def _figures(drawn: Drawn, fit: Fit | None) -> dict[str, Any]:
         found["histogram"] = Markup(drawing.histogram(view, drawn.unit))
     if view.turn is not None:
         found["deviation"] = Markup(drawing.deviation(view, target))
-    if fit is not None and fit.verdict != "refused" and not claims_nothing(fit):
-        found["correlation"] = Markup(drawing.correlation(fit))
+    if fit is not None and fit.verdict != "refused":
+        found["correlation"] = None if claims_nothing(fit) else Markup(drawing.correlation(fit))
+        found["followed"] = marked([drawing.followed(drawn, driver) for driver in fit.calibration.drivers])
     return found
 
 

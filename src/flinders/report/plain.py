@@ -17,6 +17,7 @@ import textwrap
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import counted, figures
+from flinders.report.beside import mounting
 from flinders.report.text import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
 from flinders.report.words import FINDINGS, REFUSALS
 from flinders.result import TILTS, Fit, Refused
@@ -123,15 +124,12 @@ def _what_was_found(fit: Fit) -> str:
 def _how_far_off(fit: Fit) -> str:
     raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
     before = "any angle: the compass does not work" if raw.worst > 100.0 else f"up to {degrees(raw.worst)}"
-    mounting = (
-        f" The mounting, as well as it is known, adds {degrees(fit.alignment_error_deg)}."
-        if fit.alignment_error_deg is not None
-        else ""
-    )
+    adds = mounting(fit).replace(" (1 σ)", "")
+    told = f" {adds[:1].upper()}{adds[1:]}." if adds else ""
     return (
         f"Without the calibration headings are off by {before}. With it, expect them to be off by {degrees(error.rms)} "
         f"on average and by {degrees(error.worst)} at the worst heading; in 19 of 20 cases by no more than twice that. "
-        f"The target was {fit.target_deg:g}°.{mounting} This is for a vehicle that is level, where the field dips by "
+        f"The target was {fit.target_deg:g}°.{told} This is for a vehicle that is level, where the field dips by "
         f"{abs(error.dip_deg):g}°, and for as long as nothing magnetic near the sensor comes, goes or is switched on."
     )
 

@@ -2,7 +2,7 @@ r"""Modules of the page as one script that a file can hold: no server, no second
 
 A page that is opened from a disk cannot import modules, so they are joined when a report is written: each becomes a
 function that is called once and returns what it exports. Our modules use the two plainest forms of import and export,
-and `joined` refuses any other.
+and `joined` refuses any other. The live page gets its modules joined too, since a browser asks for them one by one.
 
 >>> wrapped = _wrapped("m1", 'import { a as b } from "./x.js";\nexport const c = b + 1;\n', {"./x.js": "m0"})
 >>> print(wrapped)
@@ -18,7 +18,10 @@ from __future__ import annotations
 import posixpath
 import re
 from importlib.resources import files
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 IMPORT: Final = re.compile(r'^import\s*\{([^}]*)\}\s*from\s*"([^"]+)";', re.MULTILINE)
 EXPORT: Final = re.compile(r"^export (?=(?:async )?(?:function\*?|class|const) (\w+))", re.MULTILINE)
@@ -33,13 +36,15 @@ class NotJoined(Exception):
     """A module is written in a form that cannot be joined; that is a mistake of ours, which a test finds."""
 
 
-def joined(entry: str = "report.js") -> str:
+def joined(entry: str = "report.js", *, exported: Sequence[str] = ()) -> str:
     """Join a module of ``static`` and all that it imports into the text of one module script.
 
     Parameters
     ----------
     entry : str
         Path within ``static``.
+    exported : sequence of str
+        What the script exports of what the module does; a page imports that by name.
 
     Raises
     ------
@@ -51,6 +56,8 @@ def joined(entry: str = "report.js") -> str:
     names: dict[str, str] = {}
     parts: list[str] = []
     _join(entry, names, parts)
+    if exported:
+        parts.append(f"export const {{ {', '.join(exported)} }} = {names[entry]};\n")
     return "\n".join(parts)
 
 

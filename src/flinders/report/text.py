@@ -143,6 +143,8 @@ def _verdict(fit: Fit) -> RenderableType:
     from rich.table import Table
     from rich.text import Text
 
+    from flinders.report.beside import mounting
+
     error = fit.heading_error_deg
     within = f"worst heading good to {degrees(error.worst)} (1 σ; the target is {fit.target_deg:g}°)"
     words = {
@@ -159,8 +161,8 @@ def _verdict(fit: Fit) -> RenderableType:
     grid.add_column()
     grid.add_row(Text(fit.verdict.upper(), f"bold {COLOURS[fit.verdict]}"), words)
     grid.add_row("", Text(basis, "dim"))
-    if fit.alignment_error_deg is not None and fit.verdict != "refused":
-        grid.add_row("", f"the mounting adds {degrees(fit.alignment_error_deg)} (1 σ), which no magnetometer can see")
+    if fit.verdict != "refused" and (adds := mounting(fit)):
+        grid.add_row("", adds)
     return grid
 
 

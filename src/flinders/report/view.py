@@ -19,7 +19,8 @@ readings are drawn, so that the picture gets better while the sensor is being tu
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 from msgspec import Struct
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.guidance import Frame, Goal, Guidance
+    from flinders.planar import Plane
     from flinders.result import Fit
     from flinders.samples import Samples
 
@@ -251,51 +253,105 @@ def view(
     goal, frame : str
         As in `flinders.guidance`.
     """
-    health = Health.of(samples)
-    is_at_rail = np.zeros(len(samples), bool)
-    for rail in health.rails:
-        is_at_rail |= samples.field[:, rail.axis] == rail.value
-    runs = _runs_left_out(fit, is_at_rail)
-    is_used = ~is_at_rail & ~_are_strays(fit, samples, is_at_rail, runs)
-    is_refused, has_surface = fit.verdict == "refused", not fit.is_flat
-    calibration, numbered = fit.calibration, np.arange(len(samples)) if numbers is None else np.asarray(numbers)
-    corrected = calibration.at().apply(samples.field[is_used]) if has_surface else np.empty((0, 3))
-    errors = tile_errors_deg(fit) if has_surface else np.full(len(tiles().centres), np.nan)
-    error, limit = fit.heading_error_deg, fit.attitude_limit_deg if has_surface else None
+    rejected = Rejected.of(fit, samples)
+    numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)
+    corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.at().apply(samples.field[~rejected.rows])
+    errors = np.full(len(tiles().centres), np.nan) if fit.is_flat else tile_errors_deg(fit)
     return View(
         verdict=fit.verdict,
-        sentence=sentence(fit, limit),
         method=fit.method,
-        unit=label(calibration.unit),
-        field_strength=None if is_refused else calibration.field_strength,
-        field_strength_known=calibration.field_strength_known,
-        offset=None if is_refused else _triple(calibration.offset),
-        offset_sigma=None if is_refused else _triple(fit.offset_sigma),
-        matrix=None if is_refused else _matrix(calibration.matrix),
-        matrix_sigma=None if is_refused else _matrix(matrix_sigma(fit)),
-        noise=fit.noise if has_surface else None,
+        unit=label(fit.calibration.unit),
+        field_strength_known=fit.calibration.field_strength_known,
         samples=fit.samples,
-        heading_error_deg=HeadingErrorView(error.rms, error.worst, error.dip_deg, fit.target_deg)
-        if has_surface
-        else None,
-        uncorrected_heading_error_deg=None if is_refused else _uncorrected(fit),
-        attitude_limit_deg=limit,
-        any_attitude_deg=ErrorView(float(np.sqrt(np.mean(errors**2))), float(errors.max())) if has_surface else None,
         findings=tuple(FindingView(**finding.as_dict()) for finding in fit.findings),
         tiles_deg=tuple(round(angle, 4) if angle < LOST_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
-        rejected=_numbered([*runs, *_runs(np.flatnonzero(is_at_rail))], numbered),
-        residuals=residuals(fit, corrected) if has_surface else None,
-        turn=turn(fit) if has_surface else None,
-        guidance=guidance(fit, goal, frame) if has_surface else None,
-        shown=Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength)
-        if has_surface
-        else None,
+        rejected=_numbered(rejected.runs, numbered),
+        **(dict.fromkeys(COPIED) if fit.verdict == "refused" else _copied(fit)),
+        **(_flat(fit) if fit.is_flat else _claimed(fit, corrected, errors, goal, frame)),
     )
 
 
+COPIED: Final = (
+    "field_strength", "offset", "offset_sigma", "matrix", "matrix_sigma", "uncorrected_heading_error_deg",
+)  # fmt: skip
+"""What somebody could copy, and is not given of a refused fit."""
+
+CLAIMED: Final = (
+    "noise", "heading_error_deg", "attitude_limit_deg", "any_attitude_deg", "residuals", "turn", "guidance", "shown",
+)  # fmt: skip
+"""What rests on a surface, and is not known where all readings lie in one plane."""
+
+
+def _copied(fit: Fit) -> dict[str, Any]:
+    """`COPIED` of a fit that is not refused."""
+    calibration, raw = fit.calibration, fit.uncorrected_heading_error_deg
+    return {
+        "field_strength": calibration.field_strength,
+        "offset": _triple(calibration.offset),
+        "offset_sigma": _triple(fit.offset_sigma),
+        "matrix": _matrix(calibration.matrix),
+        "matrix_sigma": _matrix(matrix_sigma(fit)),
+        "uncorrected_heading_error_deg": ErrorView(raw.rms, raw.worst),
+    }
+
+
+def _claimed(fit: Fit, corrected: Floats, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
+    """`CLAIMED` of a fit that has a surface, and the sentence about it."""
+    calibration, error, limit = fit.calibration, fit.heading_error_deg, fit.attitude_limit_deg
+    return {
+        "sentence": sentence(fit, limit),
+        "noise": fit.noise,
+        "heading_error_deg": HeadingErrorView(error.rms, error.worst, error.dip_deg, fit.target_deg),
+        "attitude_limit_deg": limit,
+        "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
+        "residuals": residuals(fit, corrected),
+        "turn": turn(fit),
+        "guidance": guidance(fit, goal, frame),
+        "shown": Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
+    }
+
+
+def _flat(fit: Fit) -> dict[str, Any]:
+    return {"sentence": sentence(fit), **dict.fromkeys(CLAIMED)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rejected:
+    """Readings that a fit left out.
+
+    Attributes
+    ----------
+    rows : (N,) bool
+        Strays, and what sits at the end of an axis.
+    runs : list of (first, last)
+        Places in what was fitted; a run of strays may bridge good ones.
+    """
+
+    rows: NDArray[np.bool_]
+    runs: list[tuple[int, int]]
+
+    @classmethod
+    def of(cls, fit: Fit, samples: Samples) -> Self:
+        """Find them among the readings that were fitted."""
+        is_at_rail = np.zeros(len(samples), bool)
+        for rail in Health.of(samples).rails:
+            is_at_rail |= samples.field[:, rail.axis] == rail.value
+        runs = _runs_left_out(fit, is_at_rail)
+        rows = is_at_rail | _are_strays(fit, samples, is_at_rail, runs)
+        return cls(rows, [*runs, *_runs(np.flatnonzero(is_at_rail))])
+
+
+def rotation_of(fit: Fit) -> Floats:
+    """(3, 3) from the magnetometer's axes, in which the covariance is, to those of corrected readings."""
+    if fit.calibration.rotation == "symmetric":
+        return np.eye(3)
+    rotation: Floats = fit.calibration.matrix @ fit.ellipsoid.shape / fit.calibration.field_strength
+    return rotation
+
+
 def tile_errors_deg(fit: Fit) -> Floats:
-    """(642,) heading error to expect, 1 σ, of a vehicle held so that the field falls into a tile.
+    """(642,) heading error to expect, 1 σ, of a vehicle held so that the corrected field falls into a tile.
 
     A field along u leaves a heading open to where the vehicle's vertical is: it makes 90° − I with u, in any direction
     around it. An error δu across u costs the heading its part along the horizontal, over cos I. So at the worst of the
@@ -308,7 +364,7 @@ def tile_errors_deg(fit: Fit) -> Floats:
     fit : Fit
         Its dip is used.
     """
-    gradients = direction_gradients(fit.ellipsoid, tiles().centres)
+    gradients = direction_gradients(fit.ellipsoid, tiles().centres @ rotation_of(fit))
     covariance = gradients @ fit.covariance @ np.swapaxes(gradients, 1, 2)  # (642, 3, 3), of rank 2
     largest = np.linalg.eigvalsh(covariance)[:, -1].clip(min=0.0)
     level = math.cos(math.radians(fit.heading_error_deg.dip_deg))
@@ -361,7 +417,7 @@ def turn(fit: Fit) -> Turn:
     """What a compass does over a level turn, before and after."""
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
     heading, directions = level_turn(dip, down)
-    raw = fit.ellipsoid.centre[:, np.newaxis] + fit.ellipsoid.shape @ directions
+    raw = fit.calibration.offset[:, np.newaxis] + fit.calibration.shape @ directions
     if down is not None:
         raw = upright(down).T @ raw
     turned = np.exp(1j * (np.arctan2(-raw[1], raw[0]) - heading))
@@ -377,13 +433,18 @@ def residuals(fit: Fit, corrected: Floats) -> Residuals:
     """Count how far (N, 3) corrected readings are from the sphere; of one plane alone, from the circle in it."""
     widest = max(WIDEST * fit.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BINS + 1)
-    if fit.plane:
-        lengths = np.linalg.norm(corrected[:, ["xyz".index(axis) for axis in fit.plane]], axis=1)
-        lengths -= lengths.mean() if len(lengths) else 0.0
-    else:
-        lengths = np.linalg.norm(corrected, axis=1) - fit.calibration.field_strength
+    lengths = lengths_off(corrected, fit.calibration.field_strength, fit.plane)
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
     return Residuals(tuple(edges.tolist()), tuple(counts.tolist()))
+
+
+def lengths_off(corrected: Floats, strength: float, plane: Plane | None) -> Floats:
+    """(N,) how much longer (N, 3) corrected readings are than the field; of one plane, than their mean in it."""
+    if plane is None:
+        lengths: Floats = np.linalg.norm(corrected, axis=1)
+        return lengths - strength
+    lengths = np.linalg.norm(corrected[:, ["xyz".index(axis) for axis in plane]], axis=1)
+    return lengths - lengths.mean() if len(lengths) else lengths
 
 
 def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
@@ -397,7 +458,8 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
             movement(fit) if fit.plane else "turn it slowly through all directions, away from iron and from currents"
         )
         return GuidanceView(None, words, found.worst_deg, found.after_deg, goal)
-    return GuidanceView(_triple(found.direction), found.words(frame), found.worst_deg, found.after_deg, goal)
+    direction = _triple(rotation_of(fit) @ found.direction)
+    return GuidanceView(direction, found.words(frame), found.worst_deg, found.after_deg, goal)
 
 
 def _guide(fit: Fit, goal: Goal) -> Guidance:
@@ -411,11 +473,6 @@ def _guide(fit: Fit, goal: Goal) -> Guidance:
         down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
         goal=goal,
     )
-
-
-def _uncorrected(fit: Fit) -> ErrorView:
-    error = fit.uncorrected_heading_error_deg
-    return ErrorView(error.rms, error.worst)
 
 
 def _runs_left_out(fit: Fit, is_at_rail: NDArray[np.bool_]) -> list[tuple[int, int]]:

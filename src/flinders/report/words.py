@@ -151,6 +151,14 @@ FINDINGS: Final = {
         "from this compass before it was corrected, and was not used.",
         "Take the attitude without its heading, or one that no compass has a part in.",
     ),
+    "aid-empty": Words(
+        "Something that should have helped was recorded as empty. It was not used.",
+        "Check what is recorded beside the compass.",
+    ),
+    "gyro-differs": Words(
+        "The recorded turning rate does not go with the compass. It was not used.",
+        "Check that the instrument is on the same body, is not at its limit, and is recorded as often as the compass.",
+    ),
     "gyro-unit": Words(
         "The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
         "Record the turning rate in radians a second.",

@@ -14,12 +14,12 @@ import { errors, Gap, goesOn, Store } from "./store.js";
 import { legend, palette } from "./views/colours.js";
 import { deviation } from "./views/deviation.js";
 import { corrected, dial, headingOf } from "./views/dial.js";
-import { gauge } from "./views/gauge.js";
+import { ems, gauge } from "./views/gauge.js";
 import { svg } from "./views/plot.js";
 import { projections } from "./views/projections.js";
 import { histogram } from "./views/residuals.js";
 import { select, strength } from "./views/strength.js";
-import { capital, counted, degrees, duration, frequency, ICONS, PHASES, sentence, significant, things } from "./views/words.js";
+import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, significant, things } from "./views/words.js";
 
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
@@ -150,7 +150,9 @@ function drawAll() {
 function drawState(state, view) {
     const { rms, worst } = errors(view, state.goal);
     gauge(byId("gauge", HTMLElement), { rms, worst, target: state.target_deg }, theme());
-    setText(byId("worst", HTMLElement), degrees(worst).replace("°", ""));
+    const figure = degrees(worst).replace("°", "");
+    setText(byId("worst", HTMLElement), figure);
+    byId("figure", HTMLElement).style.setProperty("--ems", ems(figure).toFixed(2));
     byId("degree", HTMLElement).hidden = worst === null;
     setText(byId("worst-what", HTMLElement), state.goal === "attitude" ? "in the worst direction" : "at the worst heading");
     setText(byId("rms", HTMLElement), degrees(rms));
@@ -186,14 +188,26 @@ function drawPhase(state) {
     const told = state.paused ? "Paused" : phase;
     const words = told === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
     if (strong) setText(strong, told);
-    setText(byId("phase-words", HTMLElement), words);
+    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : words);
     const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
     setList(byId("reasons", HTMLElement), others, (reason) => {
         const row = element("li", sentence(reason.advice));
         row.dataset.severity = reason.severity;
         return row;
     });
-    say("phase", `${told}. ${words}`);
+    say("phase", `${told}. ${words}`); // all of it: nothing that is wrong is said twice
+}
+
+/**
+ * What is wrong, in a few words, and what the large type leaves out of it.
+ * @param {State} state
+ * @returns {string}
+ */
+function gravest({ reasons, words }) {
+    const reason = reasons.find(({ severity }) => severity === "warning");
+    const title = reason && REASONS[reason.code];
+    const [, details] = brief(words);
+    return [title, details && sentence(capital(details))].filter(Boolean).join(" ");
 }
 
 /** @param {State} state */
@@ -226,9 +240,9 @@ function drawAdvice(state, view) {
     setText(byId("empty-lead", HTMLElement), state.source.link === "gone" ? "The sensor is gone" : `Waiting for readings`);
     setText(byId("empty-words", HTMLElement), state.source.words);
     const words = advice(state, view);
-    const done = state.phase === "good";
     const wrong = state.phase === "wrong";
-    setIcon(byId("advice", HTMLElement), done ? "good" : wrong ? "wrong" : "next");
+    const stands = ["good", "wrong"].includes(state.phase) || (state.phase === "limited" && !goesOn(state));
+    setIcon(byId("advice", HTMLElement), stands ? ICONS[state.phase] : "next");
     byId("advice", HTMLElement).dataset.phase = state.phase;
     byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
     setText(byId("advice-words", HTMLElement), words);
@@ -243,7 +257,7 @@ function drawAdvice(state, view) {
  */
 function advice(state, view) {
     const guidance = view?.guidance ?? null;
-    if (state.phase === "wrong") return sentence(state.words);
+    if (state.phase === "wrong") return sentence(brief(state.words)[0]);
     if (!goesOn(state) && state.readings > 0) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
         const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
@@ -303,12 +317,13 @@ function drawNow(view) {
 
 // Scene -------------------------------------------------------------------------------------------------------------
 
-/** The sphere comes as a module of its own: where it cannot be had, all else works. */
+/** The sphere comes as a module of its own, after the first picture: where it cannot be had, all else works. */
 async function startScene() {
     const tiles = store.hello?.tiles;
     if (sceneAsked || !tiles) return;
     sceneAsked = true;
     const host = byId("scene", HTMLElement);
+    await painted();
     try {
         const { Scene: Made } = await import("./views/scene.js");
         scene = new Made(host, { tiles, theme: theme(), interactive: true });
@@ -324,8 +339,14 @@ async function startScene() {
     drawAll();
 }
 
-/** @type {State["excluded"] | null} */
-let maskedSpans = null;
+/** Until what has been drawn so far is on the screen; of a page that nobody looks at, a second. */
+function painted() {
+    return new Promise((resolve) => {
+        requestAnimationFrame(() => requestAnimationFrame(() => window.setTimeout(resolve)));
+        window.setTimeout(resolve, 1000);
+    });
+}
+
 /** @type {View | null} */
 let sceneView = null;
 let sceneLeads = true;
@@ -349,9 +370,8 @@ function drawScene(view, state) {
     }
     const spans = state?.excluded ?? [];
     const key = JSON.stringify([spans, view?.rejected ?? [], store.points.stride]);
-    if (key !== maskKey || spans !== maskedSpans) {
+    if (key !== maskKey) {
         maskKey = key;
-        maskedSpans = spans;
         scene.setMask(spans, view?.rejected ?? [], store.points.stride);
     }
 }
@@ -560,7 +580,7 @@ function leaveOut() {
         }
         marked(0.45 * end, 0.55 * end);
         select(byId("strength", HTMLElement), 0.45 * end, 0.55 * end);
-        from.focus();
+        from.select(); // and what is typed takes its place
         return;
     }
     const chosen = span();
@@ -581,6 +601,12 @@ for (const field of [from, to]) {
         if (from.valueAsNumber < to.valueAsNumber) select(byId("strength", HTMLElement), from.valueAsNumber, to.valueAsNumber);
     });
 }
+byId("cut", HTMLFormElement).addEventListener("keydown", (event) => {
+    const act = { x: leaveOut, b: putBack }[event.key.toLowerCase()]; // which no number has in it
+    if (!act || !(event.target instanceof HTMLInputElement) || event.ctrlKey || event.metaKey || !singleKeys()) return;
+    event.preventDefault();
+    act();
+});
 byId("cut", HTMLFormElement).addEventListener("submit", (event) => {
     event.preventDefault();
     leaveOut();
@@ -717,7 +743,7 @@ const shortcuts = [
     { keys: ["p"], words: "pause, go on", act: onPage(togglePause) },
     { keys: ["n"], words: "start again", act: onPage(confirmClear) },
     { keys: ["t"], words: "type a target", act: onPage(() => byId("target", HTMLInputElement).select()) },
-    { keys: ["x", "delete"], words: "leave the marked stretch of time out", act: onPage(leaveOut) },
+    { keys: ["x", "delete"], words: "mark a stretch of time; again: leave it out", act: onPage(leaveOut) },
     { keys: ["b"], words: "put the marked stretch back", act: onPage(putBack) },
     { keys: ["z", "ctrl+z"], words: "undo", act: onPage(() => send({ type: "undo" })) },
     { keys: ["shift+z", "ctrl+y", "ctrl+shift+z"], words: "redo", act: onPage(() => send({ type: "redo" })) },
@@ -741,6 +767,9 @@ window.matchMedia("(prefers-color-scheme: light)").addEventListener("change", (e
     themed();
 });
 themed();
+new ResizeObserver(([{ target }]) => {
+    document.documentElement.style.setProperty("--foot", `${Math.ceil(target.getBoundingClientRect().height)}px`);
+}).observe(byId("advice", HTMLElement)); // which on a phone lies over the foot of the page
 
 /** For tests and for those who look: what the page knows. */
 Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection }) });

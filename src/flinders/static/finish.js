@@ -180,12 +180,12 @@ export class Finish {
         /** @type {[string, string][]} */
         const rows = view
             ? [
-                  ["heading error, worst (1 σ)", degrees(error?.worst)],
-                  ["heading error, rms (1 σ)", degrees(error?.rms)],
+                  ["heading error, worst (1\u00a0σ)", degrees(error?.worst)],
+                  ["heading error, rms (1\u00a0σ)", degrees(error?.rms)],
                   ["without calibration, worst", degrees(raw?.worst)],
                   ["tilt within the target", tilt(view.attitude_limit_deg)],
-                  ["field strength", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
-                  ["noise (1 σ)", withUnit(significant(view.noise, 3), view.unit)],
+                  [view.field_strength_known ? "field strength" : "field strength, relative", withUnit(measured(view.field_strength, view.noise).value, view.unit)],
+                  ["noise (1\u00a0σ)", withUnit(significant(view.noise, 3), view.unit)],
                   ["readings used", counted(view.samples)],
                   ["method", view.method],
               ]

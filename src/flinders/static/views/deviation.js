@@ -51,8 +51,6 @@ function drawDeviation(panel, view, target) {
         return wraps ? [/** @type {const} */ ([NaN, NaN]), point] : [point];
     });
     panel.draw("path", { class: "raw", d: path(raw) });
-    const name = places(panel, { left, right }, [0.3 * panel.em + 0.9 * panel.em, middle - 1.1 * panel.em], "raw");
-    say(panel, freest(name, raw), "before");
     const top = Math.max(worst, target ?? 0);
     const end = roundUp(1.2 * (Number.isFinite(top) && top > 0 ? top : 1));
     const marked = target && target > 0.4 * end ? [target, end] : [end];
@@ -65,17 +63,13 @@ function drawDeviation(panel, view, target) {
         panel.draw("path", { class: "band", d: `${path(left_open)}L${right} ${floor}L${left} ${floor}Z` });
         panel.draw("path", { class: "corrected", d: path(left_open) });
     }
-    const level = target ? lower(target) : NaN;
-    const aim = [/** @type {const} */ ([left, level]), /** @type {const} */ ([right, level])];
-    const lines = [middle + 0.85 * panel.em, level - 0.3 * panel.em, level + 1.05 * panel.em, bottom - 0.3 * panel.em];
-    const within = lines.filter((y) => y - 0.6 * panel.em >= middle && y <= bottom - 0.2 * panel.em);
-    const after = freest(places(panel, { left, right }, within, "after, 1 σ"), [...left_open, [NaN, NaN], ...aim]);
-    if (target) panel.draw("path", { class: "target", d: path(aim) });
-    say(panel, after, "after");
     if (!target) return;
-    const clear = (/** @type {Place} */ { x, wide }) => !after || x + wide < after.x || x > after.x + after.wide;
-    const beside = places(panel, { left, right }, within.filter((y) => Math.abs(y - level) < 1.1 * panel.em), "target").filter(clear);
-    say(panel, freest(beside, left_open), "aim");
+    const level = lower(target);
+    panel.draw("path", { class: "target", d: `M${left} ${level}H${right}` });
+    const lines = [level - 0.3 * panel.em, level + 1.05 * panel.em];
+    const within = lines.filter((y) => y - 0.6 * panel.em >= middle && y <= bottom - 0.2 * panel.em);
+    const place = freest(places(panel, { left, right }, within, "target"), left_open);
+    if (place) tick(panel, place.x + place.wide / 2, place.y, place.words, "middle", "aim");
 }
 
 /** @typedef {import("./plot.js").Place} Place */
@@ -94,15 +88,6 @@ function places(panel, { left, right }, lines, words) {
     return [right - wide - gap, left + gap, (left + right - wide) / 2].flatMap((x) =>
         lines.map((y) => ({ x, y, wide, high: 0.75 * panel.em, words })),
     );
-}
-
-/**
- * @param {Panel} panel
- * @param {Place | null} place Null: there is no room.
- * @param {string} name Of the class.
- */
-function say(panel, place, name) {
-    if (place) tick(panel, place.x + place.wide / 2, place.y, place.words, "middle", name);
 }
 
 /**

@@ -34,6 +34,19 @@ export function gaugeAngle(deg, target) {
     return LEFT_DEG + ((RIGHT_DEG - LEFT_DEG) * Math.log(MOST / ratio)) / Math.log(MOST / LEAST);
 }
 
+/** Widths of letters of the large type, in its size; what is none of these is a digit. */
+const WIDTHS = /** @type {Readonly<Record<string, number>>} */ ({ ".": 0.37, " ": 0.33, ">": 0.82 });
+const [DIGIT, DEGREE] = [0.67, 0.33];
+
+/**
+ * How wide a number is with its sign of degrees, in sizes of the large type: the arc leaves room for so much.
+ * @param {string} number As "0.043", without the sign.
+ * @returns {number}
+ */
+export function ems(number) {
+    return Array.from(number).reduce((sum, letter) => sum + (WIDTHS[letter] ?? DIGIT), DEGREE);
+}
+
 /**
  * Draw the gauge, or move its pointers. The number itself is set by the page, in text.
  * @param {HTMLElement} host

@@ -24,18 +24,31 @@ const HIDDEN = /* glsl */ `
         return (1.0 - smoothstep(0.985, 1.005, off)) * smoothstep(0.0, 0.02, far - entry);
     }`;
 
+/**
+ * A material of our own shaders; what the processor tells them can be changed later, by its name.
+ *
+ * @param {{uniforms: Record<string, any>, vertexShader: string, fragmentShader: string, isFlat?: boolean}} said
+ *     isFlat: drawn over all that is there, whatever its distance
+ * @returns {ShaderMaterial}
+ */
+function shaded({ uniforms, isFlat = false, ...shaders }) {
+    /** @type {Uniforms} */
+    const named = Object.fromEntries(Object.entries(uniforms).map(([name, value]) => [name, { value }]));
+    const how = { transparent: true, depthTest: !isFlat, depthWrite: !isFlat };
+    return new ShaderMaterial({ ...how, uniforms: named, ...shaders });
+}
+
 /** @returns {ShaderMaterial} */
 export function tileMaterial() {
-    return new ShaderMaterial({
-        transparent: true,
+    return shaded({
         uniforms: {
-            share: { value: 1 },
-            seam: { value: new Color() },
-            unknown: { value: new Color() },
-            ink: { value: new Color() },
-            next: { value: -1 },
-            pulse: { value: 0 },
-            depth: { value: 0.28 },
+            share: 1,
+            seam: new Color(),
+            unknown: new Color(),
+            ink: new Color(),
+            next: -1,
+            pulse: 0,
+            depth: 0.28,
         },
         vertexShader: /* glsl */ `
             attribute vec2 local;
@@ -113,17 +126,16 @@ export function tileMaterial() {
 
 /** @returns {ShaderMaterial} */
 export function pointMaterial() {
-    return new ShaderMaterial({
-        transparent: true,
+    return shaded({
         uniforms: {
-            onto: { value: 0 },
-            size: { value: 1 },
-            colour: { value: new Color() },
-            rejected: { value: new Color() },
-            excluded: { value: new Color() },
-            opacity: { value: 1 },
-            haze: { value: new Vector2(1, 2) },
-            least: { value: 2 },
+            onto: 0,
+            size: 1,
+            colour: new Color(),
+            rejected: new Color(),
+            excluded: new Color(),
+            opacity: 1,
+            haze: new Vector2(1, 2),
+            least: 2,
         },
         vertexShader: /* glsl */ `
             attribute float mark;
@@ -180,20 +192,18 @@ export function pointMaterial() {
  * @returns {ShaderMaterial}
  */
 export function lineMaterial({ width, opacity = 1, behind = 0, border = 0 }) {
-    return new ShaderMaterial({
-        transparent: true,
-        depthTest: false,
-        depthWrite: false,
+    return shaded({
+        isFlat: true,
         uniforms: {
-            thick: { value: width },
-            opacity: { value: opacity },
-            behind: { value: behind },
-            border: { value: border },
-            colour: { value: new Color() },
-            halo: { value: new Color() },
-            viewport: { value: new Vector2(1, 1) },
-            scale: { value: 1 },
-            eye: { value: new Vector3() },
+            thick: width,
+            opacity: opacity,
+            behind: behind,
+            border: border,
+            colour: new Color(),
+            halo: new Color(),
+            viewport: new Vector2(1, 1),
+            scale: 1,
+            eye: new Vector3(),
         },
         vertexShader: /* glsl */ `
             attribute vec3 start;
@@ -244,19 +254,17 @@ export function lineMaterial({ width, opacity = 1, behind = 0, border = 0 }) {
 
 /** A dot in a ring, of one size on the screen; of two, each ring has the colour of its cloud. @returns {ShaderMaterial} */
 export function markerMaterial() {
-    return new ShaderMaterial({
-        transparent: true,
-        depthTest: false,
-        depthWrite: false,
+    return shaded({
+        isFlat: true,
         uniforms: {
-            side: { value: 20 },
-            ink: { value: new Color() },
-            halo: { value: new Color() },
-            first: { value: new Color() },
-            second: { value: new Color() },
-            both: { value: 0 },
-            eye: { value: new Vector3() },
-            solid: { value: 1 },
+            side: 20,
+            ink: new Color(),
+            halo: new Color(),
+            first: new Color(),
+            second: new Color(),
+            both: 0,
+            eye: new Vector3(),
+            solid: 1,
         },
         vertexShader: /* glsl */ `
             uniform float side;

@@ -6,7 +6,8 @@
  * and the corrected readings together, "raw" and "corrected" one of them: all from one buffer on the graphics card, the
  * corrected ones under the matrix W (x − b) / F, which moves from the old fit to the new one before the eye.
  *
- * It draws when something has changed, and a picture makes no garbage worth collecting.
+ * It draws when something has changed, and a picture makes no garbage worth collecting. Tiles, grids and readings are
+ * the ground; where the processor draws, the ground is kept, and only readings that are new are drawn onto it.
  *
  * @typedef {import("./colours.js").Theme} Theme
  * @typedef {import("./geometry.js").Tiles} Tiles
@@ -60,11 +61,15 @@ import {
     strokes,
     tileAt,
 } from "./geometry.js";
+import { Kept } from "./kept.js";
 import { Labels } from "./labels.js";
 import { Ball, cloud, drawFirst, lines, marker, rewrite } from "./parts.js";
 
 /** Milliseconds that colours and matrices take from one fit to the next. */
 const TRANSITION = 350;
+
+/** Changes that nobody sees happen, of 255 of a tint and of the sphere's radius: they are made at once. */
+const [UNSEEN_TINT, UNSEEN_WAY] = [6, 0.004];
 
 /** Newest directions that the tail of the marker shows, and for how many seconds. */
 const [TAIL, TAIL_SECONDS] = [64, 2.5];
@@ -79,8 +84,8 @@ const [FINEST, MOST_SLOW] = [2, 700_000];
 /** So many readings are drawn in full size. */
 const FEW = 3000;
 
-/** Where axes end, where their names are, and how much room that takes. */
-const [AXIS, NAME, SPHERE_RADIUS] = [1.16, 1.225, 1.27];
+/** Where axes end, where their names are, and how far from the edge of the picture those stay, in pixels. */
+const [AXIS, NAME, MARGIN] = [1.16, 1.225, 3];
 
 /** Radius of the ring around the direction that is advised. */
 const RING = Math.sin((8.5 * Math.PI) / 180);
@@ -107,6 +112,11 @@ export class Picture {
     unsent = Infinity;
     /** How many there are in the arrays that are held: `points` may have grown into others since. */
     count = 0;
+    /** Whether the ground has to be drawn anew, and how many readings are in the one that is kept. */
+    stale = true;
+    laid = 0;
+    /** From where the ground was seen: the numbers of two matrices. */
+    seen = new Float64Array(32);
     /** When the transition began, and the last picture was drawn: milliseconds. */
     started = -Infinity;
     last = 0;
@@ -143,12 +153,17 @@ export class Picture {
         this.theme = theme;
         this.target_deg = target_deg;
         this.software = isSoftware(context);
-        this.still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+        this.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+        this.kept = this.software ? new Kept(context) : null;
         this.renderer = new WebGLRenderer({ canvas, context });
         this.renderer.setClearColor(0, 0);
+        this.renderer.autoClear = false;
         placeCanvas(host, canvas, interactive);
-        canvas.addEventListener("webglcontextrestored", () => this.redraw());
-        this.eye = new Eye(canvas, { interactive, wheel, still: this.still, changed: () => this.redraw() });
+        canvas.addEventListener("webglcontextrestored", () => {
+            this.kept?.drop();
+            this.#anew();
+        });
+        this.eye = new Eye(canvas, { interactive, wheel, still: this.calm, changed: () => this.redraw() });
         this.labels = new Labels(host, { x: "x", y: "y", z: "z", offset: "offset", next: "go here" });
 
         this.ball = new Ball(tiles);
@@ -170,11 +185,14 @@ export class Picture {
         this.trace = lines(this.trail, { width: 3, border: 1.5, behind: 0.15 }, 5);
         this.marker = marker(this.places);
 
+        this.still = [this.ball.part, this.grid, this.gridRaw];
         this.lines = [this.grid, this.gridRaw, this.axes, this.ring, this.ripple, this.push, this.arrow, this.trace];
         this.seenFromEye = [...this.lines, this.marker];
         this.parts = [this.ball.part, this.raw, this.corrected, ...this.seenFromEye];
-        this.stage = new Stage();
-        this.stage.add(...this.parts);
+        this.ground = new Stage();
+        this.ground.add(this.ball.part, this.grid, this.gridRaw, this.raw, this.corrected);
+        this.front = new Stage();
+        this.front.add(this.axes, this.ring, this.ripple, this.push, this.arrow, this.trace, this.marker);
 
         const way = (/** @type {Way["part"]} */ part) => ({ part, from: new Matrix4(), to: new Matrix4() });
         this.rawWay = way(this.raw);
@@ -278,13 +296,19 @@ export class Picture {
         this.rejected = rejected;
         if (this.points === null) return;
         mark(this.marks, this.points, 0, excluded, rejected, stride);
-        this.marked.needsUpdate = true;
-        this.redraw();
+        this.unsent = 0;
+        this.#anew();
     }
 
     resetCamera() {
         this.eye.reset();
         this.#look();
+    }
+
+    /** Draw soon, and the ground too. */
+    #anew() {
+        this.stale = true;
+        this.redraw();
     }
 
     redraw() {
@@ -302,6 +326,7 @@ export class Picture {
             part.material.dispose();
         }
         this.renderer.dispose();
+        this.kept?.drop();
         this.labels.remove();
         this.canvas.remove();
     }
@@ -312,18 +337,47 @@ export class Picture {
     #frame = (time) => {
         this.waiting = 0;
         if (this.host.clientWidth === 0 || this.renderer.getContext().isContextLost()) return;
-        const share = this.still ? 1 : Math.min(Math.max((time - this.started) / TRANSITION, 0), 1);
+        const share = this.calm ? 1 : Math.min(Math.max((time - this.started) / TRANSITION, 0), 1);
         this.#move(share * share * (3 - 2 * share));
         const turning = this.eye.step((time - this.last) / 1000);
         this.last = time;
         this.#pulse(time);
         this.#send();
         this.#lookFromEye();
-        this.renderer.render(this.stage, this.eye.camera);
+        if (share < 1) this.stale = true;
+        this.#drawGround();
+        this.renderer.render(this.front, this.eye.camera);
         this.#placeLabels();
         if (turning || share < 1) this.redraw();
         else this.#pulseOn();
     };
+
+    /** Tiles, grids and readings: as they are kept with the new readings on them, or all anew. */
+    #drawGround() {
+        const { renderer, kept, readings, count } = this;
+        const { camera } = this.eye;
+        renderer.clear(); // also where a kept picture covers all: a browser clears late, and would clear that
+        const stays = !this.#hasMoved() && !this.stale && this.laid <= count && kept?.bring();
+        if (!stays || this.laid < count) {
+            readings.setDrawRange(stays ? this.laid : 0, stays ? count - this.laid : count);
+            for (const part of this.still) part.material.visible = !stays;
+            renderer.render(this.ground, camera);
+            kept?.keep();
+        }
+        [this.stale, this.laid] = [false, count];
+    }
+
+    /** Whether the eye is elsewhere than at the last picture. */
+    #hasMoved() {
+        const { matrixWorld, projectionMatrix } = this.eye.camera;
+        let moved = false;
+        for (let k = 0; k < 32; k += 1) {
+            const number = k < 16 ? matrixWorld.elements[k] : projectionMatrix.elements[k - 16];
+            moved ||= Math.abs(this.seen[k] - number) > 1e-5; // a controller rounds anew each time it looks
+        }
+        if (moved) this.seen.set([...matrixWorld.elements, ...projectionMatrix.elements]);
+        return moved;
+    }
 
     /** Hand new readings to the graphics card, and only those. */
     #send() {
@@ -331,8 +385,9 @@ export class Picture {
         this.field.clearUpdateRanges();
         this.field.addUpdateRange(3 * this.unsent, 3 * (this.count - this.unsent));
         this.field.needsUpdate = true;
+        this.marked.clearUpdateRanges();
+        this.marked.addUpdateRange(this.unsent, this.count - this.unsent);
         this.marked.needsUpdate = true;
-        this.readings.setDrawRange(0, this.count);
         this.#dress();
         this.unsent = Infinity;
     }
@@ -366,8 +421,8 @@ export class Picture {
 
     /** @param {number} time  milliseconds */
     #pulse(time) {
-        const phase = this.still ? 0.35 : (time % PULSE_PERIOD) / PULSE_PERIOD;
-        this.ball.uniforms.pulse.value = 0.5 + 0.5 * Math.cos(2 * Math.PI * phase);
+        const phase = this.calm ? 0.35 : (time % PULSE_PERIOD) / PULSE_PERIOD;
+        this.ball.uniforms.pulse.value = this.kept ? 0.5 : 0.5 + 0.5 * Math.cos(2 * Math.PI * phase);
         const wide = 0.55 + 0.75 * phase;
         this.ripple.scale.set(wide, wide, 1);
         this.ripple.material.uniforms.opacity.value = 0.9 * (1 - phase);
@@ -375,7 +430,7 @@ export class Picture {
 
     #pulseOn() {
         clearTimeout(this.pulsing);
-        if (this.still || !this.ripple.visible) return;
+        if (this.calm || !this.ripple.visible) return;
         this.pulsing = setTimeout(() => this.redraw(), this.software ? PULSE_SLOW : PULSE);
     }
 
@@ -385,6 +440,7 @@ export class Picture {
     #hold(points) {
         this.points = points;
         this.unsent = 0;
+        this.stale = true;
         if (points.field === this.field.array) return;
         this.field = new BufferAttribute(points.field, 3).setUsage(DynamicDrawUsage);
         this.marked = new BufferAttribute(new Uint8Array(points.field.length / 3), 1).setUsage(DynamicDrawUsage);
@@ -400,18 +456,21 @@ export class Picture {
     /** Colour the tiles. @param {boolean} slowly  from what they are now */
     #paint(slowly) {
         const { tiles_deg: errors = null, tiles_seen: seen = null } = this.view ?? {};
+        let most = 0;
         for (let tile = 0; tile < this.tiles.corners.length; tile += 1) {
             const error = errors?.[tile] ?? null;
             const [red, green, blue] = errorColour(error, this.target_deg, this.theme);
-            this.tints[4 * tile] = 255 * red;
-            this.tints[4 * tile + 1] = 255 * green;
-            this.tints[4 * tile + 2] = 255 * blue;
-            this.tints[4 * tile + 3] = error === null ? 0 : seen?.[tile] ? 255 : 128;
+            const tint = [255 * red, 255 * green, 255 * blue, error === null ? 0 : seen?.[tile] ? 255 : 128];
+            for (let k = 0; k < 4; k += 1) {
+                most = Math.max(most, Math.abs(tint[k] - this.tints[4 * tile + k]));
+                this.tints[4 * tile + k] = tint[k];
+            }
         }
-        this.ball.paint(this.tints, slowly);
-        if (slowly) this.started = performance.now();
+        const gently = slowly && most > UNSEEN_TINT;
+        this.ball.paint(this.tints, gently);
+        if (gently) this.started = performance.now();
         this.#describe();
-        this.redraw();
+        this.#anew();
     }
 
     /** What is drawn in this mode, under which matrices. @param {boolean} slowly */
@@ -443,7 +502,7 @@ export class Picture {
         this.draw.copy(this.mode === "raw" ? this.rawWay.to : this.correctedWay.to);
         this.onto.from = this.onto.now;
         this.onto.to = sphere && shown !== null ? 1 : 0;
-        if (slowly) this.started = performance.now();
+        if (slowly && this.#goesFar()) this.started = performance.now();
         else {
             for (const { from, to } of this.ways) from.copy(to);
             this.onto.from = this.onto.to;
@@ -451,7 +510,13 @@ export class Picture {
         this.#dress();
         this.#look();
         this.#markNow();
-        this.redraw();
+        this.#anew();
+    }
+
+    /** Whether the way from the old fit to the new one is long enough to be seen. */
+    #goesFar() {
+        if (this.onto.from !== this.onto.to) return true;
+        return this.ways.some(({ from, to }) => to.elements.some((number, k) => Math.abs(number - from.elements[k]) > UNSEEN_WAY));
     }
 
     /** The offset, from the zero of the raw readings to the middle of their cloud. */
@@ -491,7 +556,7 @@ export class Picture {
     #look() {
         const known = this.view?.shown != null;
         if (!known || this.mode === "sphere" || this.mode === "corrected") {
-            this.eye.frame(this.place.set(0, 0, 0), SPHERE_RADIUS, this.mode === "sphere" ? 1.35 : 0.3);
+            this.eye.frame(this.place.set(0, 0, 0), this.#withNames(), this.mode === "sphere" ? 1.35 : 0.3);
             return;
         }
         const middle = this.place.setFromMatrixPosition(this.gridWay.to);
@@ -500,6 +565,12 @@ export class Picture {
         const radius = Math.max((gap + reach + own) / 2, reach, own);
         if (gap > 0) middle.multiplyScalar(Math.min(Math.max((gap + reach - own) / 2, 0), gap) / gap);
         this.eye.frame(middle, radius);
+    }
+
+    /** How far the sphere reaches with the names of its axes, which are as large in a small picture. */
+    #withNames() {
+        const half = Math.min(this.host.clientWidth, this.host.clientHeight) / 2;
+        return NAME / Math.max(1 - (this.labels.size / 2 + MARGIN) / Math.max(half, 1), 0.5);
     }
 
     /** For the tail. @param {Vector3} raw */
@@ -616,7 +687,8 @@ export class Picture {
         this.labels.resize(between(side / 40, 12, 26));
         this.#dress();
         this.eye.resize(width, height);
-        this.redraw();
+        this.#look();
+        this.#anew();
     }
 
     // ---------------------------------------------------------------------------------------------------------- words
@@ -634,7 +706,7 @@ export class Picture {
         if (target === null) labels.hide("next");
         else labels.put("next", place.fromArray(target).normalize(), eye.camera, { solid: true, below: eye.pixels(RING) });
         if (!this.push.visible) labels.hide("offset");
-        else labels.put("offset", place.setFromMatrixPosition(this.gridWay.to).multiplyScalar(0.5), eye.camera, { below: eye.pixels(0.06) });
+        else labels.put("offset", place.setFromMatrixPosition(this.gridWay.to).multiplyScalar(0.7), eye.camera, { below: eye.pixels(0.06) });
     }
 
     /** What people who do not see the view are told. */

@@ -118,6 +118,16 @@ export function sentence(words) {
 }
 
 /**
+ * What is found and what to do, without the long list in brackets; and that list, such as of times.
+ * @param {string} words
+ * @returns {[string, string]} The list is empty where there is none.
+ */
+export function brief(words) {
+    const [, before, list, after] = /^([^]*?) \(([^()]{25,})\)([^]*)$/.exec(words) ?? ["", words, "", ""];
+    return [before + after, list];
+}
+
+/**
  * Seconds as a clock shows them: 9 s, 2:05 min, 1:02:05 h.
  * @param {number} seconds
  * @returns {string}
@@ -150,6 +160,25 @@ export const PHASES = Object.freeze({
     good: "Good",
     limited: "Limited",
     wrong: "Something is wrong",
+});
+
+/**
+ * What is wrong, by the code of a reason: short enough to be read at a glance. The reason itself says what to do.
+ * @type {Readonly<Record<string, string>>}
+ */
+export const REASONS = Object.freeze({
+    gone: "The sensor is gone.",
+    "nothing-arrives": "No readings arrive.",
+    stale: "The readings stand still.",
+    "stuck-axis": "An axis is stuck.",
+    "frozen-axis": "An axis has stopped.",
+    saturated: "The sensor is at the end of its range.",
+    "wrong-unit": "The unit seems wrong.",
+    "field-changed": "The field has changed.",
+    noise: "There is too much noise.",
+    strays: "Many readings do not belong to the rest.",
+    structure: "The readings do not fit an ellipsoid.",
+    "axis-ratio": "One axis reads much more than another.",
 });
 
 /**

@@ -1,0 +1,160 @@
+"""What a report says of what was recorded beside the magnetometer: aids that helped a fit, and what its offset follows.
+
+>>> import flinders
+>>> from flinders import simulate
+>>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
+>>> fit = flinders.fit(boat, aids=("rate", "dip"))
+>>> mounting(fit)
+'how the axes sit in the body, as gyro and accelerometer tell it, adds 0.19° (1 σ)'
+>>> [row.name for row in aids(fit)]
+['Gyro', 'Accelerometer']
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import figures
+from flinders.report.text import degrees, with_uncertainty
+from flinders.units import label
+
+if TYPE_CHECKING:
+    from flinders.drivers import Driver
+    from flinders.result import Driven, Fit
+
+WHO: Final = {"rate": "gyro", "dip": "accelerometer", "tilt": "logged tilt", "attitude": "logged attitude"}
+"""What each aid goes by."""
+
+LOST_DEG: Final = 90.0
+"""An error from which on a heading says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class AidRow:
+    """What one aid did, in words."""
+
+    name: str
+    changed: str
+    claimed: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class DriverRow:
+    """What one driver does, in words: the offset in x, y and z for one of its unit, as value and uncertainty."""
+
+    name: str
+    per: str
+    offsets: tuple[tuple[str, str], ...]
+    words: str
+
+
+def mounting(fit: Fit) -> str:
+    """What is not known of how the sensor sits in the vehicle, and adds to the heading error; empty where none is told.
+
+    A rotation that an aid has found is seen by it; one that was stated is seen by nothing.
+    """
+    error = fit.alignment_error_deg
+    if error is None:
+        return ""
+    if fit.calibration.rotation != "estimated":
+        return f"the mounting adds {degrees(error)} (1 σ), which no magnetometer can see"
+    who = tellers(fit)
+    if not error < LOST_DEG:
+        return f"how the axes sit in the body is not told by {who}: no heading of the body is known"
+    return f"how the axes sit in the body, as {who} tell{'' if ' and ' in who else 's'} it, adds {degrees(error)} (1 σ)"
+
+
+def tellers(fit: Fit) -> str:
+    """What was recorded beside the magnetometer and is in the fit."""
+    kept = [] if fit.aids is None else [WHO[aid.name] for aid in fit.aids.each if aid.kept and aid.name in WHO]
+    return " and ".join(kept) or "what was recorded beside"
+
+
+def aids(fit: Fit) -> list[AidRow]:
+    """Each aid that was asked for or tried, in the order in which they were taken."""
+    return [
+        AidRow(
+            WHO.get(aid.name, aid.name).capitalize(),
+            degrees(aid.changed_deg) if aid.kept else "–",
+            f"{degrees(aid.before_deg)} → {degrees(aid.after_deg)}" if aid.kept else "left out",
+            aid.words,
+        )
+        for aid in (() if fit.aids is None else fit.aids.each)
+    ]
+
+
+def found_beside(fit: Fit) -> list[tuple[str, str]]:
+    """What an aided fit found of the instruments beside the magnetometer: name, and number with its uncertainty."""
+    told = fit.aids
+    if told is None:
+        return []
+    rows = []
+    if told.dip_deg is not None:
+        rows.append(("Dip of the field", f"{with_uncertainty(told.dip_deg, told.dip_sigma_deg or 0.0)}°"))
+    if told.gyro_bias is not None and told.gyro_bias_sigma is not None:
+        pairs = zip(np.rad2deg(told.gyro_bias), np.rad2deg(told.gyro_bias_sigma), strict=True)
+        rows.append(("Bias of the gyro, °/s", ", ".join(with_uncertainty(float(b), float(s)) for b, s in pairs)))
+    if told.delay_s is not None:
+        delay = with_uncertainty(1e3 * told.delay_s, 1e3 * (told.delay_sigma_s or 0.0))
+        rows.append(("Magnetometer behind the gyro", f"{delay} ms"))
+    return [(name, number.replace("-", "−")) for name, number in rows]
+
+
+def called(driver: Driver) -> str:
+    """A driver with its unit, as an axis says it.
+
+    >>> from flinders.drivers import Driver
+    >>> called(Driver("current", [0, 0, 0])), called(Driver("throttle", [0, 0, 0]))
+    ('current, A', 'throttle')
+    """
+    return f"{driver.name},{driver.kind.unit}" if driver.kind.unit else driver.name
+
+
+def drivers(fit: Fit) -> list[DriverRow]:
+    """Each thing that the offset follows."""
+    dip = fit.heading_error_deg.dip_deg
+    known = {driven.name: driven for driven in fit.driven if driven.driver is not None}
+    rows = []
+    for place, driver in enumerate(fit.calibration.drivers):
+        rows.append(
+            DriverRow(
+                driver.name.capitalize(),
+                f"{label(fit.calibration.unit)} per {driver.kind.per}",
+                _offsets(fit, driver, place),
+                _told(driver, fit.calibration.driven_deg(driver, dip_deg=dip), known.get(driver.name)),
+            )
+        )
+    return rows
+
+
+def _offsets(fit: Fit, driver: Driver, place: int) -> tuple[tuple[str, str], ...]:
+    """Value and uncertainty of each axis; no uncertainty where none is known."""
+    values = driver.per_unit.tolist()
+    if fit.drivers_covariance is None:
+        return tuple((f"{value:.4g}".replace("-", "−"), "") for value in values)
+    first = 9 + 3 * place
+    sigma = np.sqrt(np.diag(fit.drivers_covariance)[first : first + 3]).tolist()
+    pairs = [with_uncertainty(*pair).replace("-", "−").partition(" ± ") for pair in zip(values, sigma, strict=True)]
+    return tuple((value, uncertainty) for value, _, uncertainty in pairs)
+
+
+def _told(driver: Driver, taken_deg: float, driven: Driven | None) -> str:
+    """Where it was seen, what it does to a heading, and what is left of that."""
+    told = [f"recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}"]
+    left = "" if driven is None else f", of which {degrees(driven.left_deg)} (1 σ) is left when it is followed"
+    told.append(f"at {driver.amount(driver.farthest)} it moves headings by up to {degrees(taken_deg)}{left}")
+    return f"{'; '.join([*told, *_more(driver)])}.".replace("-", "−")
+
+
+def _more(driver: Driver) -> list[str]:
+    """Where the offset holds, where that is not at zero, and lag and growth of the scale, where there are any."""
+    told = [f"the offset of the table below is that at {driver.amount(driver.reference)}"] if driver.reference else []
+    if driver.lag_s:
+        told.append(f"readings follow {abs(driver.lag_s):.2g} s {'later' if driver.lag_s > 0 else 'earlier'}")
+    if driver.gain_per_unit:
+        told.append(f"the scale grows by {figures(100.0 * driver.gain_per_unit)} % per °C")
+    return told
