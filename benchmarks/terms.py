@@ -1,13 +1,16 @@
 """What each aid is worth beside the magnitude of the field, and beside the published methods: tables as Markdown.
 
     python -m benchmarks.terms [--tables magyc,sim,aids,nees,level,real,time] [--trials 200] [--seeds 10]
+    python -m benchmarks.terms --tables nees --motions rocked --cases "rate; attitude"
 
 magyc   MAGYC's simulation: error of the offset, of the soft iron (Frobenius norm of the difference of matrix
         logarithms, determinants taken out), heading rms with the true attitude over that which noise alone leaves;
         medians over seeds. The `magyc` package runs beside them where it is installed.
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
 aids    S4t, `simulate.tumble(motion="swayed")`: level heading error of each aid and of all of them.
-nees    Squared error over claimed covariance for each parameter, mean over trials: 1 is true.
+nees    Squared error over claimed variance for each parameter, mean over trials: 1 is true; and the heading error
+        (rms) over the claim. On S4t, on a tumble by hand and on MAGYC's MAM, 1,500 readings each; gyro's scales,
+        axes and site differ from trial to trial by as much as the fit believes they may.
 level   S7, a level turn, with the field of the site known: heading error level and tilted.
 real    Real recordings: see `benchmarks.terms_recordings`.
 time    CPU seconds, and peak memory of a process of its own.
@@ -25,7 +28,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from itertools import repeat
+from itertools import product, repeat
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -37,16 +40,22 @@ from flinders.attitude import magnetic_heading_deg
 from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.aided import solve
-from flinders.quadric import upper
+from flinders.estimators.joint import SCALE_SIGMA
+from flinders.heading import level_error, level_turn
+from flinders.quadric import symmetric, upper
 from flinders.quaternions import of_matrix
 from flinders.samples import Samples
+from flinders.simulate.rotations import rotation_vectors
+from flinders.terms.parameters import Parameters, across
 from flinders.terms.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
+    from flinders.estimators.aided import Aided
     from flinders.simulate import Simulated, Turning
+    from flinders.terms.parameters import Layout
 
 SEED: Final = 20240915
 OFFSET_MG: Final = np.array([20.0, 120.0, 90.0])
@@ -240,17 +249,8 @@ AIDED: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
 """Terms, and what of the site is known."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Trial:
-    """Level heading error in degrees, and (9,) squared errors over their claimed variances, and of all together."""
-
-    heading_deg: float
-    squares: Floats
-    together: float
-
-
-def trial(title: str, number: int) -> Trial | None:
-    """Fit one S4t recording with some aids; None where that is refused."""
+def trial(title: str, number: int) -> float | None:
+    """Level heading error in degrees of one S4t recording with some aids; None where that is refused."""
     recording, samples, site = swayed(number)
     terms, known = AIDED[title]
     if known == "strength":
@@ -259,20 +259,12 @@ def trial(title: str, number: int) -> Trial | None:
         found = solve(samples, terms, site=site if known else None)
     except FlindersError:
         return None
-    offset, shape = found.parameters.offset, found.parameters.shape
-    error = np.concatenate([offset, upper(shape)])
-    error -= np.concatenate([recording.sensor.offset, FIELD_STRENGTH * upper(np.asarray(recording.sensor.matrix))])
-    covariance = found.covariance[:9, :9]
-    return Trial(
-        heading_error_deg(FIELD_STRENGTH * found.matrix, offset, recording),
-        error**2 / np.diag(covariance),
-        float(error @ np.linalg.solve(covariance, error)) / 9.0,
-    )
+    return heading_error_deg(FIELD_STRENGTH * found.matrix, found.parameters.offset, recording)
 
 
 @cache
-def trials_of(pool: ProcessPoolExecutor, title: str, trials: int) -> list[Trial | None]:
-    """All trials with some aids: two tables show them."""
+def trials_of(pool: ProcessPoolExecutor, title: str, trials: int) -> list[float | None]:
+    """All trials with some aids."""
     return list(pool.map(trial, repeat(title), range(trials), chunksize=4))
 
 
@@ -283,21 +275,163 @@ def aids_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
     alone = math.nan
     for title in AIDED:
         found = trials_of(pool, title, trials)
-        error = _rms([one.heading_deg for one in found if one is not None])
+        error = _rms([one for one in found if one is not None])
         alone = error if math.isnan(alone) else alone
         yield f"| {title} | {error:.3f} | {error / alone:.2f} | {found.count(None)} |"
 
 
-def nees_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
-    """Yield the squared errors over what was claimed."""
-    yield "| aids | b | S diagonal | S across | each, least … most | all nine together |"
-    yield "|---|---:|---:|---:|---:|---:|"
-    for title in AIDED:
-        found = [one for one in trials_of(pool, title, trials) if one is not None]
-        means = np.mean([one.squares for one in found], axis=0)
-        parts = " | ".join(f"{means[part].mean():.2f}" for part in (slice(3), slice(3, 6), slice(6, 9)))
-        together = np.mean([one.together for one in found])
-        yield f"| {title} | {parts} | {means.min():.2f} … {means.max():.2f} | {together:.2f} |"
+MOTIONS: Final = ("swayed", "hand", "rocked")
+"""S4t, all directions in a minute, and MAGYC's MAM in ten."""
+
+CASES: Final[Mapping[str, tuple[tuple[str, ...], bool, float]]] = {
+    "site": ((), True, 0.0),
+    "dip": (("dip",), False, 0.0),
+    "dip, site": (("dip",), True, 0.0),
+    "rate": (("rate",), False, 0.0),
+    "rate, dip": (("rate", "dip"), False, 0.0),
+    "tilt": (("tilt",), False, 0.5),
+    "attitude, clean": (("attitude",), False, 0.02),
+    "attitude": (("attitude",), False, 0.5),
+    "rate, attitude, site": (("rate", "attitude"), True, 0.5),
+}
+"""Terms, whether the site is known, and the noise of the logged attitude about each axis in degrees."""
+
+MOUNTED_RAD: Final = 0.1
+"""How far the axes of magnetometer and body are apart, about each."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Known:
+    """A recording, what is known of its site, and the truth."""
+
+    samples: Samples
+    site: Site
+    true: Parameters
+
+
+def known(motion: str, attitude_deg: float, number: int) -> Known:
+    """Draw sensor, gyro, mounting, site and motion.
+
+    The site's strength is that of the field to 1 %, its dip to a degree, and the mean gain of the sensor is one.
+    """
+    rng = np.random.default_rng([SEED, 3, MOTIONS.index(motion), number])
+    sensor = simulate.Sensor.random(rng)
+    sine, strength = math.sin(math.radians(60.0)), FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01))
+    true = replace(
+        Parameters.at(sensor.offset, 3.0 * FIELD_STRENGTH * sensor.matrix / np.trace(sensor.matrix)),
+        rotation=simulate.turns(rng.normal(0.0, MOUNTED_RAD, (1, 3)))[0],
+        gyro_bias=rng.normal(0.0, 0.01, 3),
+        gyro_scale=rng.normal(0.0, SCALE_SIGMA, 6),
+        sine=sine,
+        direction=simulate.north_and_down(60.0),
+    )
+    turning, noise, gyro_noise = _motion(motion, rng)
+    field = simulate.seen_from(turning.attitudes, true.direction) @ true.ellipsoid_like.T + true.offset
+    felt = turning.rate @ np.linalg.inv(np.eye(3) + symmetric(true.gyro_scale)) + true.gyro_bias
+    attitude = None
+    if attitude_deg:
+        shaken = simulate.turns(rng.normal(0.0, math.radians(attitude_deg), field.shape))
+        attitude = np.array([of_matrix(one) for one in turning.attitudes @ shaken])
+    samples = Samples(
+        field + noise * rng.standard_normal(field.shape),
+        time=turning.time,
+        acceleration=simulate.specific_force(turning.attitudes, rng),
+        rate=felt + gyro_noise * rng.standard_normal(field.shape),
+        attitude=attitude,
+    )
+    site = Site(strength, 60.0 + rng.normal(0.0, 1.0), gain_sigma=0.01, inclination_sigma_deg=1.0)
+    return Known(samples, site, true)
+
+
+def _motion(motion: str, rng: np.random.Generator) -> tuple[Turning, float, float]:
+    """1,500 readings; noise in µT and of the gyro in rad/s, that of MAGYC's for as long a step."""
+    if motion == "rocked":
+        turning = simulate.rocked(rng, seconds=600.0, rate_hz=2.5, amplitudes_deg=AMPLITUDES["MAM 5/5/360"])
+        return turning, 1.0, 0.01 * math.sqrt(2.5 / 10.0)
+    draw = simulate.motions.swayed if motion == "swayed" else simulate.hand_tumble
+    return draw(rng, seconds=60.0, rate_hz=25.0), SIGMA, simulate.RATE_NOISE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scored:
+    """Errors (P,) and their claimed covariance (P, P); squared heading error found and claimed, degrees²."""
+
+    errors: Floats
+    covariance: Floats
+    layout: Layout
+    heading: float
+    claimed: float
+
+
+def scored_trial(motion: str, title: str, number: int) -> Scored | None:
+    """Fit one recording; None where that is refused."""
+    terms, is_known, attitude_deg = CASES[title]
+    drawn = known(motion, attitude_deg, number)
+    try:
+        found = solve(drawn.samples, terms, site=drawn.site if is_known else None)
+    except FlindersError:
+        return None
+    errors = errors_of(found, drawn.true)
+    _, fields = level_turn(60.0)
+    seen = np.linalg.solve(
+        found.parameters.shape, (drawn.true.offset + fields.T @ drawn.true.shape - found.parameters.offset).T
+    )
+    apart = _wrapped_rms(np.arctan2(-seen[1], seen[0]) - np.arctan2(-fields[1], fields[0]))
+    claimed = level_error(found.ellipsoid, found.covariance[:9, :9], dip_deg=60.0).rms
+    return Scored(errors, found.covariance, found.layout, math.degrees(apart) ** 2, claimed**2)
+
+
+def errors_of(found: Aided, true: Parameters) -> Floats:
+    """(P,) what was found less the truth; a rotation as the turn that is left, a direction along its own steps."""
+    at, errors = found.parameters, np.zeros(found.layout.size)
+    for name, columns in found.layout.columns.items():
+        if name == "shape":
+            errors[columns] = upper(at.shape - true.shape)
+        elif name == "rotation":
+            errors[columns] = rotation_vectors((at.rotation @ true.rotation.T)[np.newaxis])[0]
+        elif name == "direction":
+            errors[columns] = across(at.direction).T @ (at.direction - true.direction)
+        else:
+            errors[columns] = getattr(at, name) - getattr(true, name)
+    return errors
+
+
+BLOCKS: Final = {
+    "b": ("offset",), "S": ("shape",), "R": ("rotation",), "dip or m": ("sine", "direction"),
+    "gyro bias": ("gyro_bias",), "gyro scales": ("gyro_scale",), "delay": ("delay",),
+}  # fmt: skip
+"""Columns of the table, and which blocks of parameters each holds."""
+
+
+def nees_table(
+    pool: ProcessPoolExecutor, trials: int, motions: Sequence[str] = MOTIONS, cases: Sequence[str] | None = None
+) -> Iterator[str]:
+    """Yield the squared errors over what was claimed: least and most of the parameters of each block."""
+    yield "| motion | aids | " + " | ".join(BLOCKS) + " | b and S together | all together | heading over claim |"
+    yield "|---|---|" + "---:|" * (len(BLOCKS) + 3)
+    for motion, title in product(motions, cases or CASES):
+        rows = pool.map(scored_trial, repeat(motion), repeat(title), range(trials), chunksize=4)
+        found = [one for one in rows if one is not None]
+        refused = "" if len(found) == trials else f" ({trials - len(found)} refused)"
+        means = np.mean([one.errors**2 / np.diag(one.covariance) for one in found], axis=0)
+        parts = (_least_and_most(means, found[0].layout, names) for names in BLOCKS.values())
+        nine, whole = (np.mean([_together(one, size) for one in found]) for size in (9, len(means)))
+        heading = math.sqrt(sum(one.heading for one in found) / sum(one.claimed for one in found))
+        yield f"| {motion} | {title}{refused} | {' | '.join(parts)} | {nine:.2f} | {whole:.2f} | {heading:.2f} |"
+
+
+def _least_and_most(means: Floats, layout: Layout, names: Sequence[str]) -> str:
+    """Of the parameters of some blocks."""
+    some = [value for name in names if name in layout for value in means[layout.columns[name]].tolist()]
+    if not some:
+        return "–"
+    return f"{some[0]:.2f}" if len(some) == 1 else f"{min(some):.2f} … {max(some):.2f}"
+
+
+def _together(one: Scored, size: int) -> float:
+    """Squared length of the first errors in their claimed covariance, for each."""
+    errors = one.errors[:size]
+    return float(errors @ np.linalg.solve(one.covariance[:size, :size], errors)) / size
 
 
 # (d) S7
@@ -377,7 +511,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "magyc": partial(magyc_table, pool, options.seeds),
             "sim": partial(sim_table, pool, options.seeds),
             "aids": partial(aids_table, pool, options.trials),
-            "nees": partial(nees_table, pool, options.trials),
+            "nees": partial(nees_table, pool, options.trials, options.motions, options.cases),
             "level": partial(level_table, pool, options.trials),
             "real": terms_recordings.tables,
             "time": time_table,
@@ -394,11 +528,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _parser() -> argparse.ArgumentParser:
     """Describe the command line."""
     parser = argparse.ArgumentParser("python -m benchmarks.terms", description="What each aid is worth.")
-    parser.add_argument("--tables", type=lambda text: text.split(","), metavar="NAME,…", help="all by default")
+    parser.add_argument("--tables", type=_listed, metavar="NAME,…", help="all by default")
     parser.add_argument("--trials", type=int, default=200, help="of aids, nees and level")
     parser.add_argument("--seeds", type=int, default=10, help="of magyc and sim")
+    parser.add_argument("--motions", type=_listed, default=MOTIONS, metavar="NAME,…", help="of nees")
+    parser.add_argument("--cases", type=_cased, metavar="NAME;…", help=f"of nees: {'; '.join(CASES)}")
     parser.add_argument("--processes", type=int, default=2)
     return parser
+
+
+def _listed(text: str) -> list[str]:
+    return text.split(",")
+
+
+def _cased(text: str) -> list[str]:
+    return [name.strip() for name in text.split(";")]
 
 
 def _headings(field: Floats, attitudes: Floats) -> Floats:

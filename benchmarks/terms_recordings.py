@@ -6,9 +6,10 @@ The recordings are not part of the project; `benchmarks.recordings` says where t
 
 dip        Angle between the field and the accelerometer's vertical: how far it spreads with the magnetometer alone, and
            with the dip aid, which also finds how the one is turned against the other.
-third      The first third of a recording, with the gyro and without, against the whole: offset in standard deviations
-           of both together, and level heading.
+third      Each third of a recording, with the gyro and without, against the whole by its magnitude alone: offset in
+           standard deviations of both together, level heading, and what the gyro's scales are off by.
 scripted   Headings of a sensor that was rolled and tilted at 0°, 45° and 90°.
+auto       What ``--with auto`` keeps of each.
 """
 
 from __future__ import annotations
@@ -25,12 +26,14 @@ from flinders.attitude import magnetic_heading_deg
 from flinders.estimators import Auto, Readings
 from flinders.estimators.aided import solve
 from flinders.heading import level_turn
+from flinders.result import Refused
 from flinders.simulate import rotation_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.estimators.aided import Aided
     from flinders.samples import Samples
 
 WITH_ACCELEROMETER: Final = ("ckexplorer_acc_mag/acc_mag_log.csv", "timspi_imu_gnss/imu_gnss_data.csv")
@@ -44,6 +47,13 @@ WITH_GYRO: Final = (
     "pichim_betaflight/calTest1_222_240_-8.csv",
 )
 SPHERE: Final = "sunsided_hmc5883l/full-sphere.csv"
+AUTOMATIC: Final = (
+    *WITH_ACCELEROMETER,
+    "sunsided_hmc5883l/full-sphere.csv",
+    "pichim_betaflight/20231014_apex5_mag_on_tpu_02.csv",
+    "pichim_betaflight/calTest1_222_240_-8.csv",
+    "dronekit_log171_3mags/log171.bin",
+)
 SCRIPTED: Final = "sunsided_hmc5883l/roll-and-tilt-at-45-90.csv"
 
 MIRRORED: Final = {"timspi_imu_gnss/imu_gnss_data.csv": np.array([-1.0, 1.0, 1.0])}
@@ -101,24 +111,48 @@ def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(angle - np.median(angle))))
 
 
-def third_of(samples: Samples) -> tuple[float, float, float, float]:
-    """Of the first third: offset with the gyro, and level heading in degrees without and with it, and what is claimed.
+@dataclass(frozen=True, slots=True, eq=False)
+class Third:
+    """What the gyro makes of a third of a tumble, held against the whole by its magnitude alone.
 
-    The first is √(eᵀC⁻¹e / 3) for the difference e of the offsets and the sum C of both covariances; the last is the
-    claimed difference of headings in degrees, from both covariances.
+    Attributes
+    ----------
+    surprise : float
+        √(eᵀC⁻¹e / 3) for the difference e of the offsets and the sum C of both covariances.
+    without_deg, with_deg : float
+        Level heading of the third against the whole, rms, without the gyro and with it.
+    claimed_deg : float
+        The same as it is claimed with the gyro, from both covariances.
+    scale : (6,) float
+        What the gyro's scales are off by, x, y and z first.
     """
-    whole = solve(samples, ("rate",))
-    third = samples[: len(samples) // 3]
+
+    surprise: float
+    without_deg: float
+    with_deg: float
+    claimed_deg: float
+    scale: Floats
+
+
+def thirds_of(samples: Samples) -> list[Third]:
+    """Fit the whole by its magnitude, and each third with the gyro and without."""
+    whole = solve(samples, ())
+    return [third_of(whole, samples[part * len(samples) // 3 : (part + 1) * len(samples) // 3]) for part in range(3)]
+
+
+def third_of(whole: Aided, third: Samples) -> Third:
+    """Hold one third against the whole."""
     aided = solve(third, ("rate",))
     alone = Auto().estimate(Readings.of(third)).ellipsoid
     covariance = whole.covariance[:9, :9] + aided.covariance[:9, :9]
-    apart = aided.parameters.offset - whole.parameters.offset
-    surprise = math.sqrt(float(apart @ np.linalg.solve(covariance[:3, :3], apart)) / 3.0)
-    claimed = flinders.heading.level_error(whole.ellipsoid, covariance).rms
-    truth = whole.ellipsoid
-    without = between_deg(truth.centre, truth.shape, alone.centre, alone.shape)
-    with_it = between_deg(truth.centre, truth.shape, aided.parameters.offset, aided.parameters.shape)
-    return surprise, without, with_it, claimed
+    apart, truth = aided.parameters.offset - whole.parameters.offset, whole.ellipsoid
+    return Third(
+        math.sqrt(float(apart @ np.linalg.solve(covariance[:3, :3], apart)) / 3.0),
+        between_deg(truth.centre, truth.shape, alone.centre, alone.shape),
+        between_deg(truth.centre, truth.shape, aided.parameters.offset, aided.parameters.shape),
+        flinders.heading.level_error(truth, covariance).rms,
+        aided.parameters.gyro_scale,
+    )
 
 
 def between_deg(offset: Floats, shape: Floats, other_offset: Floats, other_shape: Floats) -> float:
@@ -176,11 +210,15 @@ def tables() -> Iterator[str]:
         found = dip_of(read(name))
         turned, sigma = (", ".join(f"{angle:.2f}" for angle in part) for part in (found.rotation_deg, found.sigma_deg))
         yield f"| {name} | {found.before_deg:.2f}° → {found.after_deg:.2f}° | {turned} | {sigma} |"
-    yield "\n| recording | third against whole: offset, σ | heading without gyro | with | claimed |"
-    yield "|---|---:|---:|---:|---:|"
+    yield "\n| recording | thirds against the whole: offset, σ | heading without gyro | with | claimed | scales, % |"
+    yield "|---|---|---:|---:|---:|---|"
     for name in WITH_GYRO:
-        surprise, without, with_it, claimed = third_of(read(name))
-        yield f"| {name} | {surprise:.2f} | {without:.2f}° | {with_it:.2f}° | {claimed:.2f}° |"
+        thirds = thirds_of(read(name))
+        off = ", ".join(f"{third.surprise:.1f}" for third in thirds)
+        apart = np.array([[third.without_deg, third.with_deg, third.claimed_deg] for third in thirds])
+        without, with_it, claimed = np.sqrt(np.mean(apart**2, axis=0))
+        scales = ", ".join(f"{scale:+.1f}" for scale in 100.0 * np.mean([third.scale[:3] for third in thirds], axis=0))
+        yield f"| {name} | {off} | {without:.2f}° | {with_it:.2f}° | {claimed:.2f}° | {scales} |"
     yield "\n| calibration of the scripted turns | at 0° | at 45° | at 90° |"
     yield "|---|---:|---:|---:|"
     sphere = read(SPHERE)
@@ -189,3 +227,18 @@ def tables() -> Iterator[str]:
         found_at = scripted_deg(fitted.parameters.offset, fitted.matrix)
         cells = (f"{middle - found_at[0][0]:.1f} ± {spread:.1f}" for middle, spread in found_at)
         yield f"| {title} | {' | '.join(cells)} |"
+    yield "\n| recording | `auto` keeps | and leaves out |"
+    yield "|---|---|---|"
+    for name in AUTOMATIC:
+        yield f"| {name} | {' | '.join(automatic(name))} |"
+
+
+def automatic(name: str) -> tuple[str, str]:
+    """What `auto` keeps of a recording, each with its worth in degrees, and what it leaves out."""
+    try:
+        fit = flinders.fit(flinders.read(FOLDER / name), aids="auto")
+    except Refused as refusal:
+        fit = refusal.fit
+    each = () if fit.aids is None else fit.aids.each
+    kept = ", ".join(f"{aid.name} ({aid.changed_deg:.2g}°)" for aid in each if aid.kept)
+    return kept or "–", ", ".join(aid.name for aid in each if not aid.kept) or "–"

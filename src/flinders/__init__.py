@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from flinders.result import Fit as Fit
     from flinders.samples import Samples as Samples
     from flinders.summary import Summary as Summary
+    from flinders.together import fit_together as fit_together
     from flinders.units import Unit as Unit
 
 _HOMES: Final = {
@@ -54,6 +55,7 @@ _HOMES: Final = {
     "errors": "",
     "estimators": "",
     "fit": "fitting",
+    "fit_together": "together",
     "merge": "merging",
     "open_log": "readers",
     "open_recording": "readers",

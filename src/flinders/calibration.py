@@ -525,7 +525,7 @@ def _drive_alike(ours: tuple[Driver, ...], theirs: tuple[Driver, ...], tolerance
     return all(
         bool(np.abs(one.shift(end) - other.shift(end)).max() <= tolerance) and one.lag_s == other.lag_s
         for one, other in zip(ours, theirs, strict=True)
-        for end in (one.lowest, one.highest)
+        for end in (one.reference, one.lowest, one.highest, one.farthest)
     )
 
 

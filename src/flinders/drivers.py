@@ -49,18 +49,21 @@ class Kind(NamedTuple):
         What one of it is, where an offset is told.
     least : float
         A recording over which it changes by less tells nothing of it.
+    plausible : (2,) float
+        Lowest and highest value in that unit: what lies beyond is in another one.
     """
 
     key: str
     unit: str
     per: str
     least: float
+    plausible: tuple[float, float]
 
 
 KINDS: Final[Mapping[str, Kind]] = {
-    "current": Kind("current_A", " A", "A", 0.1),
-    "throttle": Kind("throttle", "", "full throttle", 0.02),
-    "temperature": Kind("temperature_C", " °C", "°C", 0.3),
+    "current": Kind("current_A", " A", "A", 0.1, (-1000.0, 1000.0)),
+    "throttle": Kind("throttle", "", "full throttle", 0.02, (0.0, 1.0)),
+    "temperature": Kind("temperature_C", " °C", "°C", 0.3, (-80.0, 150.0)),
 }
 """By the names of the columns of `Samples`."""
 
@@ -78,7 +81,7 @@ class Driver:
     reference : float
         Where the offset of the calibration holds.
     lowest, highest : float
-        What was seen of it when this was found.
+        What was seen of it when this was found; the same number twice where nobody knows.
     lag_s : float, s
         Readings follow so much later.
     gain_per_unit : float
@@ -122,8 +125,15 @@ class Driver:
         return KINDS[self.name]
 
     @property
+    def has_range(self) -> bool:
+        """It is known at which values it was found, which parameters of an autopilot do not say."""
+        return self.lowest < self.highest
+
+    @property
     def farthest(self) -> float:
-        """The end of the recorded range that is farther from the reference."""
+        """The end of the recorded range that is farther from the reference; one unit from it where that is unknown."""
+        if not self.has_range:
+            return self.reference + 1.0
         return max((self.lowest, self.highest), key=lambda value: abs(value - self.reference))
 
     def shift(self, values: ArrayLike) -> Floats:
@@ -137,17 +147,17 @@ class Driver:
         return 1.0 + self.gain_per_unit * (floats(values, self.name) - self.reference)
 
     def beyond(self, values: ArrayLike) -> float:
-        """How far values lie outside the recorded range, as a share of it; 0 inside.
+        """How far values lie outside the recorded range, as a share of it; 0 inside, or where the range is unknown.
 
         >>> Driver("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
         0.25
         """
         seen = floats(values, self.name)
         seen = seen[np.isfinite(seen)]
-        if not len(seen):
+        if not len(seen) or not self.has_range:
             return 0.0
         outside = max(self.lowest - float(seen.min()), float(seen.max()) - self.highest, 0.0)
-        return outside / max(self.highest - self.lowest, np.finfo(float).tiny)
+        return outside / (self.highest - self.lowest)
 
     def amount(self, value: float) -> str:
         """Write a value with its unit.
@@ -161,8 +171,8 @@ class Driver:
         numbers = ", ".join(f"{value:.3g}" for value in self.per_unit + 0.0)
         lag = f", lag {self.lag_s:.2g} s" if self.lag_s else ""
         gain = f", scale {self.gain_per_unit:+.2%} per °C" if self.gain_per_unit else ""
-        origin, span = self.amount(self.reference), f"{self.lowest:.3g} to {self.amount(self.highest)}"
-        return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {origin}, recorded {span}"
+        span = f"recorded {self.lowest:.3g} to {self.amount(self.highest)}" if self.has_range else "range unknown"
+        return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {self.amount(self.reference)}, {span}"
 
 
 def known(name: str) -> Kind:

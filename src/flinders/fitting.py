@@ -28,15 +28,20 @@ from flinders.estimators import (
     with_bias,
     within_range,
 )
-from flinders.estimators.aids import aided_by
+from flinders.estimators.aided import refuse_without
+from flinders.estimators.aids import AUTO, aided_by, available
 from flinders.estimators.driving import following, told
+from flinders.estimators.followed import earned
 from flinders.estimators.kept import concatenated
+from flinders.estimators.level import Level, turned_level
+from flinders.estimators.sited import sited
 from flinders.heading import alignment_error_deg, level_error
 from flinders.planar import down_of
 from flinders.repeats import Part, compared
-from flinders.result import Fit, Refused
+from flinders.result import Aid, Aids, Fit, Refused
 from flinders.samples import Samples, frame_of
 from flinders.terms.prior import SPREAD
+from flinders.terms.support import is_flat
 from flinders.units import Unit
 from flinders.verdict import judge
 
@@ -49,7 +54,7 @@ if TYPE_CHECKING:
     from flinders.estimators.driving import Driving
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats
-    from flinders.result import Aids, Drift
+    from flinders.result import Drift
     from flinders.samples import Recording
     from flinders.summary import Summary
     from flinders.terms.site import Site
@@ -64,7 +69,7 @@ def fit(
     method: str = "auto",
     field_strength: float | None = None,
     target_deg: float = 1.0,
-    dip_deg: float = 60.0,
+    dip_deg: float | None = None,
     alignment_sigma_deg: float | None = None,
     unit: Unit | None = None,
     axes: Axes | None = None,
@@ -87,11 +92,11 @@ def fit(
         unit of the readings. Without it the matrix has determinant 1 and the strength is the radius that results.
     target_deg : float
         Worst heading error that is good enough, in degrees.
-    dip_deg : float
-        Inclination of the field at the site.
+    dip_deg : float, optional
+        Inclination of the field at the site: by default that of `site`, else 60°.
     alignment_sigma_deg : float, optional
         How well the mounting is known, 1 σ about each axis; its heading error is told on its own, since no
-        magnetometer sees it.
+        magnetometer sees it. Of a level turn at a known site it also says how steep a tilt can be, see docs/level.md.
     unit, axes : Unit, Axes, optional
         Of an array or a Summary; a recording brings its own.
     sensor : str, optional
@@ -100,9 +105,9 @@ def fit(
         What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has.
     aids : str or sequence of str
         What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
-        its place. See docs/terms.md.
+        its place, drivers included. See docs/terms.md.
     site : Site, optional
-        What is known of the field at the place, with `aids`.
+        What is known of the field at the place. With its strength, corrected readings have that length.
     **options
         Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
@@ -121,8 +126,12 @@ def fit(
         raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+    if dip_deg is None:
+        dip_deg = 60.0 if site is None or site.inclination_deg is None else site.inclination_deg
     estimator = estimator_of(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
-    driving = None
+    driving, tried = None, cast("tuple[Aid, ...]", ())
+    if aids == AUTO and not drivers and hasattr(source, "blocks"):
+        drivers, tried = earned(cast("Recording", source), spread=options.get("prior", SPREAD), dip_deg=dip_deg)
     if drivers:
         driving, source = following(source, drivers, spread=options.get("prior", SPREAD))
     readings = Readings.of(source)
@@ -133,8 +142,11 @@ def fit(
         unit, axes, frame = recording.unit, recording.axes, frame_of(recording)
     readings = within_range(readings)
     found, told_by = _aided(readings, aids, site, method=method, dip_deg=dip_deg, options=options)
-    estimate = found or estimator.estimate(readings)
+    told_by = told_by if told_by is None else replace(told_by, each=(*tried, *told_by.each))
+    estimate = found or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
     readings = readings if found else at_one_strength(readings, estimate)
+    if site is not None and field_strength is None and estimate.strength == site.strength:
+        field_strength = site.strength
     calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor, frame=frame)
     calibration = _turned(calibration, told_by)
     likelihood = Auto(options.get("prior", SPREAD), dip_deg=dip_deg)
@@ -150,6 +162,48 @@ def fit(
         estimate = replace(estimate, covariance=driving.widened(estimate.covariance))
     fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats, repeated, driving, told_by)
     fitted = _mounted(fitted, alignment_sigma_deg)
+    if fitted.verdict == "refused":
+        raise Refused(fitted)
+    return fitted
+
+
+def judged_as(
+    estimate: Estimate,
+    source: Recording,
+    *,
+    told_by: Aids | None = None,
+    field_strength: float | None = None,
+    target_deg: float = 1.0,
+    dip_deg: float = 60.0,
+    sensor: str | None = None,
+) -> Fit:
+    """Judge an estimate that was made elsewhere, such as by several magnetometers together, as that of a recording.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its covariance knows how residuals hang together.
+    source : Recording
+        The readings that it belongs to, for coverage and health.
+    told_by : Aids, optional
+        With the rotation that corrected readings are turned by.
+    field_strength, target_deg, dip_deg, sensor
+        As for `fit`.
+
+    Raises
+    ------
+    Refused
+        Where it cannot be trusted; it carries the fit.
+    """
+    readings = within_range(Readings.of(source))
+    frame = frame_of(source)
+    calibration = _calibration(
+        estimate, field_strength, unit=source.unit, axes=source.axes, sensor=sensor, frame=frame
+    )  # fmt: skip
+    repeated = _repeated(estimate, readings.summary)
+    estimate = replace(estimate, covariance=estimate.covariance * repeated)
+    calibration = _turned(calibration, told_by)
+    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, None, repeated, None, told_by)
     if fitted.verdict == "refused":
         raise Refused(fitted)
     return fitted
@@ -228,8 +282,37 @@ def _aided(
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
     recording = readings.recording
     samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    if len(samples) >= Level.unknowns and turned_level(samples.field):
+        return None, _of_no_use(samples, aids)
     found, told_by = aided_by(samples, aids, site=site, dip_deg=dip_deg, spread=options.get("prior", SPREAD) or SPREAD)
+    if is_flat(readings.summary.moments.principal_variances, found.noise):
+        return None, _of_no_use(samples, aids)
     return found.estimate() if found.aids else None, told_by
+
+
+def _of_no_use(samples: Samples, aids: str | Sequence[str]) -> Aids:
+    """Say of each aid that a level turn leaves it nothing to tell.
+
+    Raises
+    ------
+    UsageError
+        For an aid that is not known or was not recorded.
+    """
+    names = available(samples) if aids == AUTO else (aids,) if isinstance(aids, str) else tuple(aids)
+    refuse_without(samples, names)
+    words = "the readings lie in one plane, as in a level turn, across which it tells nothing"
+    return Aids(tuple(Aid(name, kept=False, words=words) for name in names))
+
+
+def _sited(
+    estimate: Estimate, readings: Readings, site: Site | None, alignment_sigma_deg: float | None, dip_deg: float
+) -> Estimate:
+    """Hold an estimate by the field of the site; of a dip that someone knows better, by its strength alone."""
+    if estimate.bias.any() or readings.recording is None:
+        return estimate
+    if site is not None and site.inclination_deg is not None and site.inclination_deg != dip_deg:
+        site = replace(site, inclination_deg=None)
+    return sited(estimate, readings, site, dip_deg=dip_deg, alignment_sigma_deg=alignment_sigma_deg)
 
 
 def _calibration(

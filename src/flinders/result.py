@@ -172,6 +172,12 @@ class Driven:
         What it takes off the sum of squares, in the noise that is left.
     lag_sigma_s : float, s
         Of its lag; NaN where none was looked for.
+    lag_is_beyond : bool
+        The end of the search for a lag is best.
+    one_way : float
+        Share of its course that a monotone function of time explains, 0 to 1.
+    attenuation : float
+        By which share its offset per unit is too small, as its meter is noisy.
     """
 
     name: str
@@ -181,6 +187,9 @@ class Driven:
     shared: float = 0.0
     chi_square: float = 0.0
     lag_sigma_s: float = np.nan
+    lag_is_beyond: bool = False
+    one_way: float = 0.0
+    attenuation: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -476,6 +485,11 @@ class Fit(Outcome):
         dip, down = self.heading_error_deg.dip_deg, down_of(self.plane)
         limit = float(np.sqrt(left))
         return attitude_limit_deg(self.ellipsoid, self.covariance, dip_deg=dip, limit_deg=limit, down=down)
+
+    @property
+    def per_degree_of_tilt(self) -> float:
+        """Degrees by which a degree of tilt adds to the worst heading error, independent of what a level one has."""
+        return float(np.sqrt(max(self.tilted_error(1.0).worst ** 2 - self.heading_error_deg.worst**2, 0.0)))
 
     @property
     def uncorrected_heading_error_deg(self) -> HeadingError:

@@ -11,25 +11,28 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
+from flinders.driven import beyond_words
 from flinders.drivers import KINDS
 from flinders.errors import counted, figures
 from flinders.guidance import guide
 from flinders.health import RAIL_SHARE
+from flinders.planar import order_of
 from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.terms.support import flatness_limit, is_flat
 from flinders.units import COUNTS, MICROTESLA, label
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from flinders.calibration import Calibration
     from flinders.coverage import Coverage
+    from flinders.drivers import Driver
     from flinders.guidance import Guidance
     from flinders.health import Health
     from flinders.moments import Moments
     from flinders.quadric import Ellipsoid
     from flinders.repeats import Repeats
-    from flinders.result import Fit, Severity
+    from flinders.result import Driven, Fit, Severity
     from flinders.summary import Summary
 
 CODES: Final = {
@@ -58,6 +61,12 @@ CODES: Final = {
     "driver": "following a driver takes away `number` degrees of heading at the far end of its recorded range",
     "driver-constant": "a driver that was asked for hardly changed: its range is `number`",
     "driver-entangled": "`number` of what tells about a driver could be the attitude as well",
+    "driver-one-way": "`number` of a driver's course goes one way: an offset that drifts would look the same",
+    "driver-noisy": "the meter of a driver is noisy: its offset per unit is `number` too small",
+    "driver-lag": "the end of the search for a lag, `number` seconds, is best",
+    "driver-range": "a driver was recorded at `number`, which its unit or its sign hardly allows",
+    "driver-beyond": "a driver goes `number` of its range beyond what the calibration was made at",
+    "bench-moved": "the sensor on the bench moved: what drivers leave makes a step of `number`",
     "driver-uncertain": "a driver leaves `number` degrees of heading (1 σ) at the far end of its recorded range",
     "composed": "turns in one plane after the other leave a rotation, which costs a level heading `number` degrees",
     "filtered": "the filter that readings went through moved the heading by `number` degrees at the worst",
@@ -65,9 +74,20 @@ CODES: Final = {
     "field-strength": "the field found, `number` µT, is not one of the earth's",
     "circular-attitude": "the yaw of the attitude has the `number` degrees of deviation of an uncorrected compass",
     "gyro-unit": "the rate fits `number` times better in another unit than rad/s",
+    "gyro-differs": "the gyro leaves `number` of how far the field moves, in whatever unit and axes",
+    "aid-empty": "only `number` readings have what an aid goes by",
     "swapped-axes": "an instrument fits `number` times better with its axes exchanged",
     "one-axis": "the body turned about one axis: about the second `number` as much",
     "site-differs": "the field dips by `number` degrees more or less than the site's",
+    "departs": "the sensor departs from the others of its body for a while: by `number` degrees of heading",
+    "departs-throughout": "the sensor is `number` degrees of heading off the others of its body all the time",
+    "disagree": "sensors of one body are `number` degrees of heading apart for a while; which is off is not told",
+    "copied-sensor": "the readings are those of another sensor, turned and scaled, to `limit` of their noise",
+    "mirrored-sensor": "the axes are a mirror image of those of another sensor of the body",
+    "turned-to": "corrected readings are in the axes of another sensor, known to `number` degrees",
+    "unlike-units": "the readings are `number` times as long as those of another sensor of the body",
+    "clock-differs": "the clock is `number` seconds behind that of another sensor of the body",
+    "not-together": "the readings leave open how sensors of one body are turned against each other",
     "mirrored-axes": "the axes mapping turns a right-handed frame into a left-handed one",
     "unit-unknown": "the readings are in counts of which nobody said what they are in µT",
     "scale-unknown": "no field strength was given, so the scale of corrected readings is by convention",
@@ -89,6 +109,8 @@ NOISE_LIMITS, NOISE_REFUSES = 0.05, 0.2
 PRIOR_SHARE: Final = 0.1
 BIAS_SHARE: Final = 0.1
 INFLATED: Final = 2.0
+PLACED, SKEWED = 0.5, 0.15
+"""Of the field: an offset across a level turn is known, a shape across it is not."""
 FAR_APART: Final = 2.0
 """Recordings that are so many targets apart are refused: their mean is off by more than the target from either."""
 
@@ -103,6 +125,10 @@ ALTERNATING: Final = -0.25
 """Correlation of a residual with the next that neither noise has nor what changes slowly."""
 STRAYS: Final = 0.1
 ENTANGLED: Final = 0.95
+ONE_WAY: Final = 0.95
+"""Share of the course of a driver that a monotone function of time explains, beyond which a drift would look alike."""
+NOISY: Final = 0.02
+"""Share by which an offset per unit may be too small."""
 REPEATS: Final = 0.1
 SKIPPED: Final = 0.1
 LONG_STEP: Final = 20.0
@@ -148,6 +174,69 @@ def of_drivers(fit: Fit) -> Iterator[Finding]:
                 f"{driven.shared:.1%} of what tells about {driver.name} could be the attitude as well: vary it in each "
                 "attitude, not in step with the turning",
             )  # fmt: skip
+        yield from of_column(driven)
+
+
+def of_column(driven: Driven) -> Iterator[Finding]:
+    """Whether what was logged of a driver is fit to be followed; of a turned sensor or of one on a bench."""
+    driver, name = driven.driver, driven.name
+    if driver is None:
+        return
+    if driven.one_way > ONE_WAY:
+        yield Finding(
+            "driver-one-way", "limits", driven.one_way, ONE_WAY,
+            f"{name} only went one way while this was recorded: an offset that drifts, or a sensor that moved, would "
+            f"look the same; let {name} go up and down again while recording",
+        )  # fmt: skip
+    if driven.attenuation > NOISY:
+        yield Finding(
+            "driver-noisy", "limits", driven.attenuation, NOISY,
+            f"readings do not follow fast changes of {name}: its meter is noisy, and what was found of it is about "
+            f"{driven.attenuation:.0%} too small; log a smoother {name}, or hold each setting for longer",
+        )  # fmt: skip
+    if driven.lag_is_beyond:
+        yield Finding(
+            "driver-lag", "limits", driver.lag_s, 1.0,
+            f"readings follow {name} best at the end of the search for a lag ({driver.lag_s:+.2g} s): its clock is off "
+            f"by more than a second, or it is not what moves the readings; check the times of the column {name}",
+        )  # fmt: skip
+    yield from _of_range(driver)
+
+
+def _of_range(driver: Driver) -> Iterator[Finding]:
+    """Whether values of a driver can be in its unit, and count in its direction."""
+    low, high = driver.kind.plausible
+    far = max(driver.lowest, driver.highest, key=abs)
+    if not low <= far <= high:
+        yield Finding(
+            "driver-range", "limits", far, high if far > high else low,
+            f"{driver.name} was recorded at up to {driver.amount(far)}: it is in another unit than {driver.kind.per}; "
+            f"convert the column, or what is exported is off by as much",
+        )  # fmt: skip
+    elif driver.name == "current" and -driver.lowest > max(driver.highest, driver.kind.least):
+        yield Finding(
+            "driver-range", "limits", driver.lowest, 0.0,
+            f"current was recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}: what is drawn counts "
+            "negative there, and positive for autopilots; turn the sign of the column round",
+        )  # fmt: skip
+
+
+def of_extrapolation(calibration: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
+    """What lies beyond the range that a driver was found in, by `beyond` of `flinders.driven.Settler`.
+
+    Examples
+    --------
+    >>> from flinders.calibration import Calibration
+    >>> from flinders.drivers import Driver
+    >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
+    >>> followed = Calibration(np.eye(3), [0.0, 0.0, 0.0], 50.0, drivers=(motors,))
+    >>> [(finding.code, finding.number) for finding in of_extrapolation(followed, {"current": 0.25})]
+    [('driver-beyond', 0.25)]
+    """
+    for driver in calibration.drivers:
+        share = beyond.get(driver.name, 0.0)
+        if share > 0.0:
+            yield Finding("driver-beyond", "limits", share, 0.0, beyond_words(driver, share))
 
 
 def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
@@ -198,10 +287,16 @@ def _level(fit: Fit) -> Iterator[Finding]:
     """What a turn in one plane is good for."""
     if fit.plane:
         first, second = fit.plane
+        across = order_of(fit.plane)[2]
+        placed, radius = fit.offset_sigma[across] < PLACED * fit.ellipsoid.radius, fit.ellipsoid.radius
+        how = f"and in {'xyz'[across]} by the site's field" if placed else "only"
+        skewed = float(np.sqrt(np.diag(fit.covariance)[[6, 7, 8]].max())) > SKEWED * radius
+        mounting = "say how well the mounting is known (--alignment-sigma), or " if placed and skewed else ""
         yield Finding(
             "level-plane", "limits", fit.attitude_limit_deg, UPSIDE_DOWN,
-            f"a level turn, corrected in {first} and {second} only, for places where the field dips as here: "
-            f"{attitudes(fit)}. For all attitudes also turn the sensor onto its sides and upside down",
+            f"a level turn, corrected in {first} and {second} {how}, for places where the field dips as here: "
+            f"{attitudes(fit)}; {figures(fit.per_degree_of_tilt)}° for each degree from the plane that it was turned "
+            f"in. For all attitudes {mounting}also turn the sensor onto its sides and upside down",
         )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
@@ -14,7 +15,11 @@ from flinders.terms import turning
 from flinders.terms.parameters import Layout, Parameters, on_the_sphere
 from flinders.terms.shared import Group, Weights, cost_of, eliminated, linearised, residuals_of, rows_of
 
-LAYOUT = Layout.of(drivers=2, rotation=True, slope=True, gyro_bias=True, delay=True, sine=True)
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LAYOUT = Layout.of(drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, delay=True, sine=True)
+POINTED = Layout.of(drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, delay=True, direction=True)
 WEIGHTS = Weights(0.5, 0.004)
 STEP = 1e-6
 
@@ -34,34 +39,44 @@ def group(seed: int, windows: int = 3, n: int = 5) -> Group:
     )
 
 
+def with_attitudes(seed: int) -> Group:
+    """The same with attitudes in place of verticals."""
+    plain = group(seed)
+    vectors = np.random.default_rng(seed).normal(size=(plain.weight.size, 3))
+    return replace(plain, down=None, attitudes=turning.rotations(vectors).reshape(*plain.weight.shape, 3, 3))
+
+
 def somewhere(seed: int) -> Parameters:
     rng = np.random.default_rng(seed)
     plain = Parameters.at(rng.normal(scale=5.0, size=3), 50.0 * np.eye(3) + np.diag(rng.normal(size=3)), drivers=2)
     turned = turning.rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
-    return replace(plain, rotation=turned, drivers=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3)
+    scale = rng.normal(scale=0.02, size=6)
+    return replace(plain, rotation=turned, drivers=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3, gyro_scale=scale)
 
 
-@given(st.integers(0, 10_000))
+@given(st.integers(0, 10_000), st.sampled_from([(group, LAYOUT), (with_attitudes, POINTED)]))
 @settings(max_examples=20)
-def test_jacobians_are_how_residuals_change(seed: int) -> None:
-    readings, at = group(seed), somewhere(seed)
+def test_jacobians_are_how_residuals_change(seed: int, kind: tuple[Callable[[int], Group], Layout]) -> None:
+    draw, layout = kind
+    at = somewhere(seed)
+    readings = draw(seed).at(at)
     directions = readings.guess(at)
-    rows = rows_of(readings, at, directions, LAYOUT, WEIGHTS)
+    rows = rows_of(readings, at, directions, layout, WEIGHTS)
 
     def residual(step: np.ndarray, own: np.ndarray | None = None) -> np.ndarray:
-        moved = at.moved(step, LAYOUT)
+        moved = at.moved(step, layout)
         towards = directions if own is None else on_the_sphere(directions, np.tile(own, (len(directions), 1)))
         taken = readings.at(moved)
-        of_field, of_vertical = residuals_of(taken, moved, towards)
-        assert of_vertical is not None
+        of_field, beside = residuals_of(taken, moved, towards)
+        assert beside is not None
         assert taken.trust is not None
-        scaled = np.swapaxes(of_field, 1, 2) / WEIGHTS.noise
-        return np.concatenate([scaled, (of_vertical * np.sqrt(taken.trust) / WEIGHTS.vertical)[:, None]], axis=1)
+        weighed = beside * np.sqrt(taken.trust)[..., None] / WEIGHTS.vertical
+        return np.swapaxes(np.concatenate([of_field / WEIGHTS.noise, weighed], axis=2), 1, 2)
 
-    for column, unit in enumerate(np.eye(LAYOUT.size)):
+    for column, unit in enumerate(np.eye(layout.size)):
         wanted = (residual(-STEP * unit) - residual(STEP * unit)) / (2 * STEP)
         npt.assert_allclose(rows.jacobian[..., column], wanted, atol=2e-5 * max(1.0, np.abs(wanted).max()))
-    nothing = np.zeros(LAYOUT.size)
+    nothing = np.zeros(layout.size)
     for column, direction in enumerate(np.eye(2)):
         wanted = (residual(nothing, -STEP * direction) - residual(nothing, STEP * direction)) / (2 * STEP)
         npt.assert_allclose(rows.own[..., column], wanted, atol=2e-5 * np.abs(wanted).max())
@@ -72,14 +87,14 @@ def test_jacobians_are_how_residuals_change(seed: int) -> None:
 def test_elimination_leaves_what_the_whole_system_says(seed: int) -> None:
     readings, at = group(seed), somewhere(seed)
     rows = rows_of(readings, at, readings.guess(at), LAYOUT, WEIGHTS)
-    few = eliminated(rows, is_own=True)
+    few = eliminated(rows)
     windows, size = len(rows.residual), LAYOUT.size
     wide = np.zeros((windows, rows.residual[0].size, size + 2 * windows))
     wide[..., :size] = rows.jacobian.reshape(windows, -1, size)
     for index in range(windows):
         wide[index, :, size + 2 * index : size + 2 * index + 2] = rows.own[index].reshape(-1, 2)
     full = wide.reshape(-1, wide.shape[-1])
-    damped = full.T @ full + 1e-6 * np.eye(full.shape[1])  # 45 rows for 25 unknowns, and still not all are seen
+    damped = full.T @ full + 1e-6 * np.eye(full.shape[1])  # 45 rows for 31 unknowns, and still not all are seen
     covariance = np.linalg.inv(damped)[:size, :size]
     npt.assert_allclose(np.linalg.inv(few.matrix + 1e-6 * np.eye(size)), covariance, rtol=2e-3, atol=1e-3)
 
@@ -106,9 +121,9 @@ def test_integration_is_the_product_of_its_steps(seed: int, n: int) -> None:
 
 
 @given(st.integers(0, 10_000))
-def test_a_small_change_of_the_bias_is_taken_to_first_order(seed: int) -> None:
+def test_a_small_change_of_bias_and_scales_is_taken_to_first_order(seed: int) -> None:
     rng = np.random.default_rng(seed)
     turned = turning.integrated(rng.normal(size=(2, 20, 3)), np.full((2, 20), 0.02), np.zeros(3))
-    bias = rng.normal(scale=1e-3, size=3)
-    exact = turning.integrated(turned.rate, turned.interval, bias)
-    npt.assert_allclose(turned.with_bias(bias).rotations, exact.rotations, atol=2e-5)
+    bias, scale = rng.normal(scale=1e-3, size=3), rng.normal(scale=1e-3, size=6)
+    exact = turning.integrated(turned.rate, turned.interval, bias, scale)
+    npt.assert_allclose(turned.with_gyro(bias, scale).rotations, exact.rotations, atol=2e-5)

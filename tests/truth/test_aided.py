@@ -74,12 +74,14 @@ def test_without_aids_it_is_the_likelihood() -> None:
 
 
 def test_each_aid_improves_the_heading_and_all_of_them_most() -> None:
-    """Of the magnitude alone, 12 seeds of 60 s: 0.50 with the gyro, 0.21 with the accelerometer, 0.16 with both."""
+    """Of the magnitude alone, 12 seeds of 60 s: 0.45 with a gyro of known scales, 0.23 with the accelerometer, and 0.18
+    with both; 0.75 and 0.19 where the scales of the gyro are found as well.
+    """
     errors = dict.fromkeys([(), ("rate",), ("dip",), ("rate", "dip")], 0.0)
     for seed in range(3):
         true = swayed(seed)
         for terms in errors:
-            errors[terms] += heading_error_deg(solve(true.samples, terms), true) ** 2
+            errors[terms] += heading_error_deg(solve(true.samples, terms, gyro_scale=0.0), true) ** 2
     alone = errors.pop(())
     assert all(np.sqrt(squared / alone) < 0.8 for squared in errors.values())
     assert np.sqrt(errors["rate", "dip"] / alone) <= 0.35

@@ -24,7 +24,8 @@ from flinders.driven import Settler
 from flinders.drivers import Driver
 from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators import Likelihood, Readings
-from flinders.estimators.driving import driving_of, still
+from flinders.estimators.bench import still
+from flinders.estimators.driving import driving_of
 from flinders.exporters import EXPORTERS, Asked, find
 from flinders.result import Refused
 from flinders.samples import Samples
@@ -112,10 +113,10 @@ def test_a_lag_is_found_only_where_there_is_one() -> None:
 def test_current_and_temperature_are_told_apart() -> None:
     samples = simulate.tumble(seed=5, disturbances=[MOTORS, WARM]).samples
     found = driving_of([samples], ("temperature", "current"))
-    current, temperature = found.drivers if found.drivers[0].name == "current" else found.drivers[::-1]
+    current, temperature = found.drivers  # in the order of a calibration, whatever was asked for first
     sigma = np.sqrt(np.diag(found.covariance))
-    assert np.all(np.abs(temperature.per_unit - [0.3, -0.2, 0.1]) < 4.0 * sigma[:3])
-    assert np.all(np.abs(current.per_unit - PER_AMPERE) < 4.0 * sigma[3:6])
+    assert np.all(np.abs(current.per_unit - PER_AMPERE) < 4.0 * sigma[:3])
+    assert np.all(np.abs(temperature.per_unit - [0.3, -0.2, 0.1]) < 4.0 * sigma[3:6])
     assert abs(temperature.gain_per_unit) < 4.0 * sigma[-1]
     fit = flinders.fit(samples, drivers=("current", "temperature"))
     assert [driver.name for driver in fit.calibration.drivers] == ["current", "temperature"]
@@ -325,27 +326,40 @@ def strength(samples: Samples, calibration: Calibration) -> Floats:
 
 
 @pytest.mark.parametrize(
-    ("sensor", "before", "after"), [("2", 0.067, 0.031), ("3", 0.096, 0.033)], ids=["internal", "second internal"]
+    ("sensor", "before", "after"),
+    [
+        ("1", (0.0136, 0.0100), (0.0132, 0.0024)),
+        ("2", (0.064, 0.072), 2 * (0.0312,)),
+        ("3", (0.093, 0.102), (0.033, 0.032)),
+    ],
+    ids=["external", "internal", "second internal"],
 )
-@pytest.mark.parametrize("held_out", [0, 1])
+@pytest.mark.parametrize("held_out", [1, 0])
 def test_in_flight_the_current_takes_off_what_it_can(
-    sensor: str, before: float, after: float, held_out: int, recordings: Callable[[str], Path]
+    sensor: str,
+    before: tuple[float, float],
+    after: tuple[float, float],
+    held_out: int,
+    recordings: Callable[[str], Path],
 ) -> None:
-    """Every other block of 5 s is held out. What is left there, of the strength of the field: 3.1 % of 7.0 and 6.3 %,
-    3.3 and 3.4 % of 10.0 and 9.2 %; that is 0.2 to 3.3 % more than what a straight line in n c leaves that is fitted to
-    these blocks themselves, as nobody could do in flight.
+    """Every other block of 5 s is held out, but for the last 10 s, in which the drone lies on its back at 22 to 25 A.
+
+    The other half has 5 s of that; with them the external compass leaves 18 % more than the best line.
+
+    What is left of the strength of the field is 0.3 to 3.5 % more than what a straight line in n c leaves that is
+    fitted to these blocks themselves, as nobody could do in flight (``python -m benchmarks.drivers``).
     """
     samples = flight(recordings, sensor)
     block = np.arange(len(samples)) * BLOCKS // len(samples)
     learnt = [samples[block == place] for place in range(BLOCKS) if place % 2 != held_out]
-    others = [samples[block == place] for place in range(BLOCKS) if place % 2 == held_out]
+    others = [samples[block == place] for place in range(BLOCKS - 2) if place % 2 == held_out]
     found = driving_of(learnt, ("current",))
     ellipsoid = Likelihood().estimate(Readings.of(np.concatenate([part.field for part in learnt]))).ellipsoid
     plain = Calibration.from_ellipsoid(ellipsoid.centre, ellipsoid.shape)
     without = np.concatenate([strength(part, plain) for part in others])
     with_it = np.concatenate([strength(part, found.calibration) for part in others])
-    assert without.std() / without.mean() == pytest.approx(before, rel=0.25)
-    assert with_it.std() / with_it.mean() == pytest.approx(after, rel=0.1)
+    assert without.std() / without.mean() == pytest.approx(before[1 - held_out], rel=0.05)
+    assert with_it.std() / with_it.mean() == pytest.approx(after[1 - held_out], rel=0.05)
     settled = np.concatenate([Settler(found.calibration)(part).field for part in others])
     u = (settled - found.ellipsoid.centre) @ np.linalg.inv(found.ellipsoid.shape)
     normals = magnitude.information(u / np.linalg.norm(u, axis=1, keepdims=True), found.ellipsoid)[:, :3]
@@ -353,6 +367,26 @@ def test_in_flight_the_current_takes_off_what_it_can(
     line = np.column_stack([normals * current[:, np.newaxis], np.ones(len(current))])
     best = with_it - line @ np.linalg.lstsq(line, with_it, rcond=None)[0]
     assert with_it.std() <= 1.05 * best.std()
+
+
+def test_upright_ours_leaves_a_third_of_what_the_calibration_on_board_leaves(
+    recordings: Callable[[str], Path],
+) -> None:
+    """Both cannot be right: they are 2 to 3 µT apart. The strength scatters by 0.61 % and by 0.21 %, robustly."""
+    samples = flight(recordings, "1")
+    samples = samples[: len(samples) * (BLOCKS - 3) // BLOCKS]
+    diagonal, (xy, xz, yz) = [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213]
+    matrix = np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+    board = Calibration(matrix, -0.1 * np.array([-97.79, 118.11, 213.18]), 50.0)
+    found = driving_of([samples], ("current",))
+    left = [
+        np.abs(lengths / np.median(lengths) - 1.0)
+        for lengths in (strength(samples, each) for each in (board, found.calibration))
+    ]
+    assert 1.4826 * np.median(left[0]) == pytest.approx(0.0061, rel=0.05)
+    assert 1.4826 * np.median(left[1]) == pytest.approx(0.0021, rel=0.05)
+    hover = found.calibration.at(current=float(np.median(np.asarray(samples.current))))
+    assert 1.5 < np.linalg.norm(hover.offset - board.offset) < 4.0
 
 
 def test_in_flight_the_current_correlates_with_the_internal_compass_no_more(recordings: Callable[[str], Path]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.driven import Settler
 from flinders.errors import NeedsSamples, TooFewSamples
+from flinders.estimators.driving import driving_of
 from flinders.estimators.walk import walk_of, walk_through
 from flinders.result import Refused
 
@@ -72,6 +75,19 @@ def test_a_calibration_is_valid_for_longer_at_a_coarser_level() -> None:
     walk = walk_through(simulated.samples, settled(simulated.samples))
     assert walk.valid_for_s(2.0) == pytest.approx(4.0 * walk.valid_for_s(1.0), rel=0.01)
     assert walk.as_dict()["proven"] is True
+
+
+def test_what_motors_do_is_no_drift_once_it_is_followed_and_a_drift_beside_them_is_still_seen() -> None:
+    motors = simulate.MotorCurrent([0.5, 0.0, -0.3])
+    for drift in (0.0, 4.0):
+        samples = simulate.tumble(seed=4, n=2000, disturbances=[motors]).samples
+        assert samples.time is not None
+        moved = samples.field + drift * np.outer((samples.time / samples.time[-1]) ** 2, [1.0, 0.0, 0.0])
+        drifting = replace(samples, field=moved)
+        found = driving_of([drifting], ("current",))
+        walk = walk_through(Settler(found.calibration)(drifting), found.ellipsoid)
+        assert walk.is_proven == (drift > 0.0)
+        assert (walk.as_dict(level_deg=2.0)["valid_for_s"] or np.inf) == walk.valid_for_s(2.0)
 
 
 def test_without_times_or_with_few_readings_nothing_is_said() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from flinders.errors import UsageError
@@ -16,7 +17,7 @@ def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     Raises
     ------
     UsageError
-        Where ``auto`` stands beside other aids.
+        Where ``auto`` stands beside other aids, or nothing stands there.
 
     Examples
     --------
@@ -25,20 +26,27 @@ def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     from flinders.estimators.aids import AIDS, AUTO
 
+    words = list(words)
     names = [name.strip() for word in words for name in word.split(",") if name.strip()]
+    if words and not names:
+        raise UsageError("--with names nothing: say what else was recorded, such as --with rate,dip, or --with auto")
     aids = tuple(dict.fromkeys(name for name in names if name in AIDS or name == AUTO))
     if AUTO in aids and len(aids) > 1:
         raise UsageError(f"--with {','.join(aids)}: auto takes what the recording contains, name nothing beside it")
     return aids, tuple(name for name in names if name not in aids)
 
 
-def add(options: dict[str, Any], words: Iterable[str], place: str | None, date: str | None) -> tuple[str, ...]:
+def add(
+    options: dict[str, Any], words: Iterable[str], place: str | None, date: str | None, gain_sigma: float | None = None
+) -> tuple[str, ...]:
     """Put aids and site among the options of a fit, and give back what else stood after ``--with``.
+
+    The dip is that of the site, unless ``--dip`` was given.
 
     Raises
     ------
     UsageError
-        For a site without aids, or one without a date.
+        For a site without a date, or what goes with a site without one.
     """
     aids, rest = taken(words)
     if aids:
@@ -46,29 +54,36 @@ def add(options: dict[str, Any], words: Iterable[str], place: str | None, date: 
     if place is None:
         if date is not None:
             raise UsageError("--date goes with --at: give both, or neither")
+        if gain_sigma is not None:
+            raise UsageError("--gain-sigma goes with --at: without the strength of a site no gain is looked at")
         return rest
-    if not aids:
-        raise UsageError("--at goes with --with: say what else was recorded, such as --with dip, or --with auto")
+    import click
+
     from flinders.cli._compass import site_of
     from flinders.terms.site import Site
 
-    options["site"] = Site.of(site_of(place, date))
+    site = Site.of(site_of(place, date))
+    options["site"] = site if gain_sigma is None else replace(site, gain_sigma=gain_sigma)
+    context = click.get_current_context(silent=True)
+    source = None if context is None else context.get_parameter_source("dip_deg")
+    if source is not click.core.ParameterSource.COMMANDLINE:
+        options["dip_deg"] = site.inclination_deg
     return rest
 
 
 def told(fit: Any) -> str:  # noqa: ANN401 - a Fit
-    """What each aid changed, a line each; nothing where there were none.
+    """What each aid and each driver changed, a line each; nothing where there were none.
 
     >>> from types import SimpleNamespace
     >>> from flinders.result import Aid, Aids
-    >>> each = Aid("rate", True, 0.4, 2.0, 0.5), Aid("dip", False, words="fits what was left out no better")
+    >>> each = Aid("rate", True, 0.4, 2.0, 0.5), Aid("dip", False, words="claims no less: 0.60° with it, 0.50° without")
     >>> print(told(SimpleNamespace(aids=Aids(each))))
     rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
-    dip was left out: fits what was left out no better
+    dip was left out: claims no less: 0.60° with it, 0.50° without
     """
     lines = []
     for aid in () if fit.aids is None else fit.aids.each:
-        claims = f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
+        claims = aid.words or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
         lines.append(
             f"{aid.name} changed the heading by {aid.changed_deg:.2f}°: {claims}"
             if aid.kept

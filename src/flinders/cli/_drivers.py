@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli._program import GOOD
+from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._talk import print_json, say
 from flinders.errors import UsageError, figures
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from flinders.calibration import Calibration
     from flinders.driven import Settler
-    from flinders.estimators.driving import Still
+    from flinders.estimators.bench import Still
     from flinders.judged import Judged
     from flinders.samples import Recording
 
@@ -76,10 +76,16 @@ def holding(calibration: Calibration, held: Iterable[str]) -> Calibration:
     return calibration.holding(**values)
 
 
-def say_beyond(settler: Settler) -> None:
-    """Say what lay outside the range that a driver was found in."""
-    for words in settler.words():
-        say(f"! {words}")
+def say_beyond(settler: Settler | None) -> dict[str, Any]:
+    """Say what lay outside the range that a driver was found in; the same for JSON, where there are drivers."""
+    from flinders.verdict import of_extrapolation
+
+    if settler is None or not settler.calibration.drivers:
+        return {}
+    findings = list(of_extrapolation(settler.calibration, settler.beyond))
+    for finding in findings:
+        say(f"! {finding.advice}")
+    return {"findings": [finding.as_dict() for finding in findings]}
 
 
 def say_references(judged: Judged) -> None:
@@ -155,10 +161,11 @@ def bench(
         For a calibration of another unit or other axes.
     """
     from flinders.errors import NotTurned
-    from flinders.estimators.driving import described, still
+    from flinders.estimators.bench import described, still
     from flinders.judged import Judged
     from flinders.samples import singles
     from flinders.units import label
+    from flinders.verdict import of_column
 
     parts = list(singles(recording))
     found = still(parts, drivers)
@@ -174,10 +181,21 @@ def bench(
         left = figures(_left_deg(found, calibration, driver.name))
         far = driver.amount(driver.farthest)
         say(f"{driver} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°)")
+    findings = [*found.findings, *(finding for driven in found.driven for finding in of_column(driven))]
+    for finding in findings:
+        say(f"! {finding.advice}")
     _save(calibration, known, output, force=force)
     if as_json:
-        print_json({"calibration": calibration.as_dict(), "noise": found.noise, "turned": False})
-    return GOOD
+        print_json(
+            {
+                "calibration": calibration.as_dict(),
+                "noise": found.noise,
+                "turned": False,
+                "driven": [driven.as_dict() for driven in found.driven],
+                "findings": [finding.as_dict() for finding in findings],
+            }
+        )
+    return LIMITED if findings else GOOD
 
 
 def refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], path: str) -> None:

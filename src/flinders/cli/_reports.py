@@ -65,7 +65,6 @@ def write(
     OutputError
         Where it cannot be written.
     """
-    from flinders.driven import settled
     from flinders.files import write_text
     from flinders.judged import Judged
     from flinders.report.html import page
@@ -76,9 +75,7 @@ def write(
         name = ", ".join(file.name for file in provenance.files)
         judged = replace(Judged.from_fit(outcome, name=name), files=tuple(provenance.files))
         listed = listings(judged)
-    fit = outcome if isinstance(outcome, Fit) else getattr(outcome, "fit", None)
-    shown = recording if fit is None else settled(recording, fit.calibration)
-    text = page(outcome, shown, provenance=provenance, asked=told(asked), listings=listed)
+    text = page(outcome, recording, provenance=provenance, asked=told(asked), listings=listed)
     write_text(text, path, force=force)
 
 
@@ -121,17 +118,13 @@ def plot(fit: Fit, recording: Recording, *, err: bool = False) -> None:
     stream = sys.stderr if err else sys.stdout
     if not stream.isatty() or os.environ.get("TERM") == "dumb":
         return
-    from flinders.driven import settled
     from flinders.report.drawn import Drawn
     from flinders.report.terminal import DRAWN, plot
 
     is_plain = not can_show(stream.encoding or "ascii", DRAWN)
     width = shutil.get_terminal_size().columns
     click.echo("", err=err)
-    click.echo(
-        drawn(plot(Drawn.of(fit, settled(recording, fit.calibration)), fit, is_plain=is_plain, width=width), stream),
-        err=err,
-    )
+    click.echo(drawn(plot(Drawn.of(fit, recording), fit, is_plain=is_plain, width=width), stream), err=err)
 
 
 def can_show(encoding: str, text: str) -> bool:

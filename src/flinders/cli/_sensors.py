@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import click
 
-from flinders.cli import _filters, _options
+from flinders.cli import _filters, _options, _together
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._sources import Counted, provenance, saying_what_was_skipped
 from flinders.cli._talk import drawn, print_json, progress, say
@@ -17,10 +17,15 @@ from flinders.errors import FitError, FlindersError, InputError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rich.console import RenderableType
+
     from flinders.filters import Filter
     from flinders.readers import Instrument, Log
     from flinders.result import Fit
     from flinders.samples import Recording
+    from flinders.together import Together
+
+Outcome: TypeAlias = "Fit | FlindersError"
 
 ALL: Final = "all"
 PLACE: Final = "{sensor}"
@@ -78,8 +83,10 @@ def calibrate(
     options: dict[str, Any],
     force: bool,
     as_json: bool,
+    together: bool = False,
+    reference: str | None = None,
 ) -> int:
-    """Calibrate each magnetometer of a log or table, and print a table of what was found.
+    """Calibrate each magnetometer of a log or table, or all of them together, and print a table of what was found.
 
     Returns
     -------
@@ -88,7 +95,6 @@ def calibrate(
     """
     from flinders.files import refuse_existing
     from flinders.readers import open_log
-    from flinders.report.info import fits
 
     for option, value in beside.items():
         if value is not None:
@@ -97,32 +103,65 @@ def calibrate(
         raise UsageError(
             "several calibrations do not go to standard output: name files, such as -o compass-{sensor}.json"
         )
+    if together:
+        _together.refuse(options, by)
+    found = None
     with progress("reading") as watch:
         log = _several(open_log(recordings[0], progress=watch, **reading), reading)
         paths = [_named(output, number) for number in range(1, len(log.instruments) + 1)]
         for each in filter(None, paths):
             _options.refuse_to_overwrite(each, recordings)
             refuse_existing(each, force=force)
-        outcomes = []
-        for instrument, path in zip(log.instruments, paths, strict=True):
-            outcome = _fitted(instrument, by, options, path=path, force=force)
-            outcomes.append((instrument.name, outcome))
+        if together:
+            found = _together.fitted(log, paths, reference, options, force=force)
+            outcomes = [(member.name, member.fit) for member in found.members]
+        else:
+            outcomes = [
+                (instrument.name, _fitted(instrument, by, options, path=path, force=force))
+                for instrument, path in zip(log.instruments, paths, strict=True)
+            ]
     if all(isinstance(outcome, InputError) for _, outcome in outcomes):
         raise next(outcome for _, outcome in outcomes if isinstance(outcome, InputError))
     if as_json:
-        print_json({"sensors": [_row(*found, path) for found, path in zip(outcomes, paths, strict=True)]})
+        print_json(_as_dict(outcomes, paths, found))
     else:
-        rows = [(name, FitError(str(found)) if isinstance(found, InputError) else found) for name, found in outcomes]
-        click.echo(drawn(fits(rows, options["target_deg"]), sys.stdout))
+        click.echo(drawn(_page(outcomes, found, options["target_deg"]), sys.stdout))
     written = [
-        path for path, (_, found) in zip(paths, outcomes, strict=True) if path and not isinstance(found, FlindersError)
-    ]
+        path for path, (_, outcome) in zip(paths, outcomes, strict=True)
+        if path and not isinstance(outcome, FlindersError)
+    ]  # fmt: skip
     say(
         f"written to {', '.join(written)}"
         if written
         else "nothing was written: name files with -o compass-{sensor}.json"
     )
     return max(_exit_code(outcome) for _, outcome in outcomes)
+
+
+def _page(outcomes: Sequence[tuple[str, Outcome]], found: Together | None, target_deg: float) -> RenderableType:
+    """What a terminal shows."""
+    from flinders.report.info import fits
+    from flinders.report.together import page
+
+    if found is not None:
+        return page(found, target_deg)
+    rows = [(name, outcome if _is_known(outcome) else FitError(str(outcome))) for name, outcome in outcomes]
+    return fits(cast("list[tuple[str, Fit | FitError]]", rows), target_deg)
+
+
+def _is_known(outcome: Outcome) -> bool:
+    return isinstance(outcome, FitError) or not isinstance(outcome, FlindersError)
+
+
+def _as_dict(
+    outcomes: Sequence[tuple[str, Outcome]], paths: Sequence[str | None], found: Together | None
+) -> dict[str, Any]:
+    """JSON-ready: a list of fits, each with what the others tell of it where they were fitted together."""
+    rows = [_row(*outcome, path) for outcome, path in zip(outcomes, paths, strict=True)]
+    if found is None:
+        return {"sensors": rows}
+    told = [{**row, "together": member.as_dict()} for row, member in zip(rows, found.members, strict=True)]
+    return {**found.as_dict(), "sensors": told}
 
 
 def _several(log: Log, reading: dict[str, Any]) -> Log:
@@ -183,7 +222,7 @@ def _named(output: str | None, number: int) -> str | None:
     return str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
 
 
-def _row(name: str, outcome: Fit | FitError | InputError, path: str | None) -> dict[str, Any]:
+def _row(name: str, outcome: Outcome, path: str | None) -> dict[str, Any]:
     """JSON-ready: the fit as ``calibrate --json`` has it, and of which magnetometer it is."""
     if not isinstance(outcome, FlindersError):
         return {"sensor": name, "written": path, **outcome.as_dict()}
@@ -192,7 +231,7 @@ def _row(name: str, outcome: Fit | FitError | InputError, path: str | None) -> d
     return {"sensor": name, "written": None, "verdict": "refused", **(fit.as_dict() if fit else {}), "error": told}
 
 
-def _exit_code(outcome: Fit | FitError | InputError) -> int:
+def _exit_code(outcome: Outcome) -> int:
     if isinstance(outcome, FlindersError):
         return outcome.exit_code
     return GOOD if outcome.verdict == "good" else LIMITED

@@ -104,16 +104,19 @@ def command(
     for skipped in left_out:
         say(f"{source.source}: {skipped}")
     say(str(corrector))
+    if judged.record is not None and judged.record.tilt_words:
+        say(f"! {judged.record.tilt_words}")
     if smoother is not None:
         say(str(smoother))
-    _drivers.say_beyond(settler)
+    extrapolated = _drivers.say_beyond(settler)
     if not corrector.is_plausible:
         say(f"! {_doubt(calibration, recording)}")
     if output != "-":
         say(f"written to {output}")
     if as_json:
         filtered = {} if smoother is None else {"filter": smoother.as_dict()}
-        print_json({**corrector.as_dict(), **filtered, "skipped": [str(skipped) for skipped in left_out]})
+        skipped_rows = [str(skipped) for skipped in left_out]
+        print_json({**corrector.as_dict(), **filtered, "skipped": skipped_rows, **extrapolated})
 
 
 def _is_part(reading: dict[str, Any]) -> bool:

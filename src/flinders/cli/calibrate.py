@@ -81,6 +81,7 @@ Example:
   flinders calibrate monday.csv tuesday.csv --columns mx,my,mz --unit mG -o calibration.json
   flinders calibrate tumble.csv --method minmax --option variant=largest
   flinders calibrate flight.bin --sensor all -o compass-{sensor}.json
+  flinders calibrate flight.bin --sensor all --together -o compass-{sensor}.json
   flinders calibrate flight.bin --with current -o calibration.json
   flinders calibrate bench.csv --with current --previous calibration.json -o flown.json
 """,
@@ -126,15 +127,27 @@ Example:
     help="Name or serial number to keep; of a log, which magnetometer, by number or name, or all of them.",
 )  # fmt: skip
 @click.option(
+    "--together", is_flag=True,
+    help="With --sensor all: fit the magnetometers of one body together, and say which of them departs.",
+)  # fmt: skip
+@click.option(
+    "--reference", metavar="NAME",
+    help="With --together: into whose axes the others are turned, by number or name [default: the first].",
+)  # fmt: skip
+@click.option(
     "--with", "aids", multiple=True, metavar="NAME,…",
     help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows; "
     "rate, dip, tilt, attitude, or auto.",
 )  # fmt: skip
 @click.option(
     "--at", "place", metavar="LAT,LON[,ALT]",
-    help="Site of the recording, for --with: its dip and strength then count (World Magnetic Model; with --date).",
+    help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date).",
 )  # fmt: skip
 @click.option("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
+@click.option(
+    "--gain-sigma", "gain_sigma", type=_options.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
+    help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
+)  # fmt: skip
 @click.option(
     "--previous", metavar="CALIBRATION",
     help="With --with and a sensor that was not turned: the calibration that the drivers found belong to.",
@@ -166,8 +179,11 @@ def command(
     robust: bool,
     method_options: tuple[str, ...],
     aids: tuple[str, ...],
+    together: bool,
+    reference: str | None,
     place: str | None,
     date: str | None,
+    gain_sigma: float | None,
     previous: str | None,
     minmax: str | None,
     by: Filter | None,
@@ -204,15 +220,21 @@ def command(
     _check(recordings, options)
     _add(options, method_options)
     _convergence.refuse(convergence, options["method"])
-    _drivers.add(options, _aids.add(options, aids, place, date), previous)
+    _drivers.add(options, _aids.add(options, aids, place, date, gain_sigma), previous)
     asked = {**options, "filter": by}
     reading = {name: options.pop(name) for name in _options.READING}
-    if _sensors.is_all(recordings, options["sensor"]):
+    is_all = _sensors.is_all(recordings, options["sensor"])
+    if together and not is_all:
+        raise UsageError("--together goes with --sensor all: it takes all magnetometers of a log or table")
+    if reference is not None and not together:
+        raise UsageError("--reference goes with --together: without it nothing is turned into other axes")
+    if is_all:
         beside = {"--report": report, "--report-text": words, "--convergence": convergence}
         beside["--export"] = ", ".join(exported) or None
         return _sensors.calibrate(
-            recordings, output, beside, by=by, reading=reading, options=options, force=force, as_json=as_json
-        )
+            recordings, output, beside, by=by, reading=reading, options=options, force=force, as_json=as_json,
+            together=together, reference=reference,
+        )  # fmt: skip
     _check_outputs(recordings, results)
     try:
         fit, parts = _fit(recordings, by, reading, options, results, asked)

@@ -75,7 +75,7 @@ def command(
     with progress("reading") as watch:
         as_recorded = opened(calibration, known.calibration, recordings, progress=watch, **reading)
         recording = cast("Joined", settled(as_recorded, settler.calibration))
-        _drivers.say_beyond(_drivers.seen(as_recorded, settler))
+        extrapolated = _drivers.say_beyond(_drivers.seen(as_recorded, settler))
         found = _strength(known.calibration, recording)
         if known.covariance is None:
             say(f"{calibration} states no uncertainty: it is taken as exact")
@@ -95,9 +95,16 @@ def command(
     walk = walk_through(recording, fresh.ellipsoid) if is_followed else None
     if as_json:
         residual = {"calibration": found.as_dict(), "fresh": renewed.as_dict()}
-        walked = {"drift": walk.as_dict()} if walk is not None else {}
+        walked = {} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip))}
         print_json(
-            {**comparison.as_dict(), "residual": residual, "own_recordings": own, "fresh": fresh.as_dict(), **walked}
+            {
+                **comparison.as_dict(),
+                "residual": residual,
+                "own_recordings": own,
+                "fresh": fresh.as_dict(),
+                **walked,
+                **extrapolated,
+            }
         )
     else:
         click.echo(drawn(page(comparison, fresh=fresh, strengths=(found, renewed), own=own), sys.stdout))

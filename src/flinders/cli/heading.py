@@ -99,17 +99,18 @@ def command(
         say(f"{opened.recording.source}: {skipped}")
     if opened.smoother is not None:
         say(str(opened.smoother))
-    if opened.settler is not None:
-        _drivers.say_beyond(opened.settler)
+    extrapolated = _drivers.say_beyond(opened.settler)
     told = claims(opened, watched.voyage, dip_deg=dip_deg)
     _tell(opened, watched.voyage, told, plausible=watched.corrector.is_plausible)
+    if opened.judged.record is not None and opened.judged.record.tilt_words:
+        say(f"! {opened.judged.record.tilt_words}")
     if output != "-":
         say(f"written to {output}")
     if as_json:
         skipped = [str(entry) for entry in getattr(opened.recording, "skipped", ())]
         filtered = {} if opened.smoother is None else {"filter": opened.smoother.as_dict()}
         seen = summary(opened, watched.voyage, told, watched.corrector.strength.as_dict(), skipped)
-        print_json({**seen, **filtered})
+        print_json({**seen, **filtered, **extrapolated})
 
 
 def _lines(watch: _compass.Watch) -> Iterator[str]:

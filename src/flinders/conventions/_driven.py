@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.drivers import Driver
+
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
-    from flinders.drivers import Driver
 
 MOTORS: Final = ("current", "throttle")
 """What autopilots follow, the better witness first."""
@@ -30,6 +31,19 @@ def followed(calibration: Calibration) -> tuple[Calibration, Driver | None]:
     if motor is None:
         return calibration.at(), None
     return calibration.at(**{motor.name: 0.0}), motor
+
+
+def read_motor(name: str, per_unit: Floats) -> tuple[Driver, ...]:
+    """What an autopilot takes off for its motors, as a driver; none where it is nothing.
+
+    Parameters do not say at which currents they were found; a throttle goes from 0 to 1.
+
+    >>> print(*read_motor("current", np.array([0.5, 0.0, -0.3])))
+    current: 0.5, 0, -0.3 per A, from 0 A, range unknown
+    """
+    if not np.any(per_unit):
+        return ()
+    return (Driver(name, per_unit, highest=1.0 if name == "throttle" else 0.0),)
 
 
 def in_recorded_axes(calibration: Calibration, driver: Driver) -> Floats:

@@ -38,7 +38,7 @@ from flinders.arrays import Floats, floats, vectors
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.conventions._affine import VEHICLE, listed, single
-from flinders.conventions._driven import followed
+from flinders.conventions._driven import followed, read_motor
 from flinders.conventions._driven import in_recorded_axes as driven_in_recorded_axes
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.conventions._rotations import ROTATIONS, euler, symmetric
@@ -299,7 +299,9 @@ class Parameters:
         return readings
 
     def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
-        """The calibration that the parameters stand for, without the motor term, in the axes of the vehicle.
+        """The calibration that the parameters stand for, in the axes of the vehicle; where `is_driven`, it follows.
+
+        MOT x is added to a corrected reading: what the motors make of a raw one is P = −A⁻¹ MOT.
 
         Parameters
         ----------
@@ -314,9 +316,13 @@ class Parameters:
         ArrayError
             Where I flattens readings.
         """
-        return Calibration(
+        plain = Calibration(
             self.matrix, self.centre, field_strength, known, raw=Unit.of("mG"), sensor=sensor, frame=VEHICLE
         )
+        if not self.is_driven:
+            return plain
+        name = "current" if self.motor_by == BY_CURRENT else "throttle"
+        return replace(plain, drivers=read_motor(name, -MG * np.linalg.solve(self.matrix, self.motor)))
 
     def rows(self, scheme: Scheme = "COMPASS_OFS2_X") -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFS, DIA, ODI, SCALE, and MOT with COMPASS_MOTCT where there is a motor term.

@@ -39,7 +39,7 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.calibration import Calibration
 from flinders.conventions._affine import listed, single
-from flinders.conventions._driven import followed
+from flinders.conventions._driven import followed, read_motor
 from flinders.conventions._driven import in_recorded_axes as driven_in_recorded_axes
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.conventions._rotations import ROTATIONS, euler, symmetric
@@ -88,6 +88,8 @@ class Parameters:
         CAL_MAGn_XODIAG, YODIAG and ZODIAG: entries xy, xz and yz.
     compensation : (3,) float, G at full throttle or G/kA
         CAL_MAGn_XCOMP to ZCOMP, added to a reading before the offset is taken off.
+    compensated_by : int
+        CAL_MAG_COMP_TYP, one for all compasses: 0 nothing, 1 throttle, 2 the current of the first battery.
     rotation : int
         CAL_MAGn_ROT, a row of `MOUNTINGS`, or `INTERNAL`.
     board : (3, 3) float
@@ -104,6 +106,7 @@ class Parameters:
     diagonal: Floats = field(default_factory=lambda: np.ones(3))
     off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
     compensation: Floats = field(default_factory=lambda: np.zeros(3))
+    compensated_by: int = 0
     rotation: int = INTERNAL
     board: Floats = field(default_factory=lambda: np.eye(3))
     device_id: int | None = None
@@ -151,6 +154,7 @@ class Parameters:
             )
         plain, follows = followed(calibration)
         matrix, centre = in_recorded_axes(plain)
+        by = 0 if follows is None else BY_CURRENT if follows.name == "current" else BY_THROTTLE
         if compensation is None and follows is not None:
             per_unit = KILO if follows.name == "current" else 1.0
             compensation = -driven_in_recorded_axes(calibration, follows) * per_unit / GAUSS
@@ -161,6 +165,7 @@ class Parameters:
             diagonal=np.diag(held),
             off_diagonal=held[[0, 0, 1], [1, 2, 2]],
             compensation=np.zeros(3) if compensation is None else vectors(compensation, "compensation"),
+            compensated_by=by,
             rotation=rotation,
             device_id=device_id,
             priority=priority,
@@ -193,6 +198,7 @@ class Parameters:
             diagonal=three("SCALE", 1.0),
             off_diagonal=three("ODIAG"),
             compensation=three("COMP"),
+            compensated_by=_compensated_by(values),
             rotation=INTERNAL if rotation is None else rotation,
             board=board_mounting(values),
             device_id=whole("ID"),
@@ -275,7 +281,9 @@ class Parameters:
         return readings
 
     def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
-        """The calibration that the parameters stand for, without COMP and the mounting, in the axes of the sensor.
+        """The calibration that the parameters stand for, without the mounting, in the axes of the sensor.
+
+        COMP x is added to a reading: what the motors make of it is P = −COMP, for each A where x counts kA.
 
         Parameters
         ----------
@@ -290,7 +298,11 @@ class Parameters:
         ArrayError
             Where S flattens readings.
         """
-        return Calibration(self.matrix, self.centre, field_strength, known, raw=Unit.of("G"), sensor=sensor)
+        plain = Calibration(self.matrix, self.centre, field_strength, known, raw=Unit.of("G"), sensor=sensor)
+        if self.compensated_by not in (BY_THROTTLE, BY_CURRENT):
+            return plain
+        name, size = ("current", KILO) if self.compensated_by == BY_CURRENT else ("throttle", 1.0)
+        return replace(plain, drivers=read_motor(name, -GAUSS * self.compensation / size))
 
     def rows(self) -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFF, SCALE, ODIAG, then COMP, ROT, ID and PRIO where there are any to set.
@@ -414,6 +426,12 @@ def of_device(values: Mapping[str, float], device_id: int) -> Parameters | None:
         return None
     known = (Parameters.read(values, compass) for compass in compasses(values))
     return next((one for one in known if one.device_id is not None and one.device_id % 2**32 == device_id), None)
+
+
+def _compensated_by(values: Mapping[str, float]) -> int:
+    """CAL_MAG_COMP_TYP; 0 for what PX4 does not know, or for ESC currents, of which a calibration has no column."""
+    found = float(values.get("CAL_MAG_COMP_TYP", 0.0))
+    return int(found) if found in (BY_THROTTLE, BY_CURRENT) else 0
 
 
 def _known(compass: int) -> int:

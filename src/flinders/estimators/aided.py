@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -33,6 +34,7 @@ from flinders.errors import NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.joint import (
     ROTATION_SIGMA,
+    SCALE_SIGMA,
     SETTLED,
     Equations,
     Found,
@@ -41,6 +43,7 @@ from flinders.estimators.joint import (
     settled,
     solved,
     starts,
+    surprise,
     taken,
     without_strays,
 )
@@ -74,6 +77,10 @@ CORRECTED: Final = 4
 """Steps with the mean gradient of the noise taken off."""
 
 
+MOST_BENT: Final = 3.0
+"""Claimed standard deviations: what the gyro's walk moves by more is no matter of second order, and is left."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Aided:
     """What was found.
@@ -89,7 +96,7 @@ class Aided:
     noise : float
         Standard deviation of a component of a reading, in its unit.
     vertical_noise : float, optional
-        Standard deviation of dᵀq, in rad across the vertical.
+        Standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis.
     aids : tuple of str
         Those that were used.
     used : int
@@ -187,6 +194,7 @@ def solve(
     spread: float = prior.SPREAD,
     window_s: float = turning.WINDOW_S,
     delay: bool = True,
+    gyro_scale: float = SCALE_SIGMA,
 ) -> Aided:
     """Fit all that a recording holds.
 
@@ -210,6 +218,9 @@ def solve(
         Length of the windows of the rate, in s.
     delay : bool
         Whether to find by how much the magnetometer is behind the gyro.
+    gyro_scale : float
+        What the scales of the gyro may be off by, 1 σ, and its axes from square, in rad: they are found with the rest.
+        0 where that gyro has been calibrated.
 
     Raises
     ------
@@ -223,7 +234,8 @@ def solve(
     refuse_without(samples, terms)
     if len(samples) < 12:
         raise TooFewSamples(found=len(samples), needed=12, method="aided")
-    problem = Problem.of(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay=delay)
+    put = partial(Problem.of, delay=delay, gyro_scale=gyro_scale)
+    problem = put(samples, tuple(terms), site, drivers, rotation, spread, window_s)
     begins = [start] if start is not None else list(starts(samples, site))
     best: Found | None = None
     for begin in begins:
@@ -231,7 +243,7 @@ def solve(
             found = settled(problem, begin)
         except NotAnEllipsoid:
             continue
-        if best is None or found.weights.noise < best.weights.noise:
+        if best is None or surprise(problem, found) < surprise(problem, best):
             best = found
         if not found.misfits:
             break
@@ -240,7 +252,7 @@ def solve(
     late = _whole_intervals(best.at.delay, problem.interval)
     if late and samples.rate is not None:
         behind = replace(samples, rate=_moved_back(samples.rate, late))
-        problem = Problem.of(behind, tuple(terms), site, drivers, rotation, spread, window_s, delay=delay)
+        problem = put(behind, tuple(terms), site, drivers, rotation, spread, window_s)
         best = settled(problem, Ellipsoid(best.at.offset, best.at.shape))
     aided = _finished(problem, without_strays(problem, best))
     whole = late * problem.interval
@@ -284,22 +296,14 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 
 def _finished(problem: Problem, found: Found) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    for _ in range(CORRECTED):
-        equations = Equations.of(problem, found)
-        matrix = equations.matrix + equations.prior.matrix
-        step = solved(matrix, equations.gradient - equations.bent + equations.prior.gradient, 0.0)
-        moved = taken(problem, found, equations, step)
-        if moved is None:
-            break
-        found = moved
-        if float(step @ matrix @ step) < SETTLED**2:
-            break
-    equations = Equations.of(problem, found)
-    found = reweighed(problem, found, equations)
-    total = replace(equations.prior, matrix=equations.matrix + equations.prior.matrix)
-    textbook = total.inverse()
-    scatter, walk, creep = scatter_of(problem, found, textbook)
-    covariance = textbook @ (equations.prior.matrix + creep * scatter) @ textbook
+    found, equations = _eased(problem, found, np.zeros(problem.layout.size))
+    textbook = _inverse(equations)
+    scatter = scatter_of(problem, found, textbook)
+    whole = equations.prior.matrix + scatter.creep * scatter.covariance
+    if 0.0 < float(scatter.bent @ np.linalg.pinv(whole, hermitian=True) @ scatter.bent) < MOST_BENT**2:
+        found, equations = _eased(problem, found, scatter.bent)
+        textbook = _inverse(equations)
+    covariance = textbook @ whole @ textbook
     believed = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
     held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ believed)).max(), 0.0, 1.0))
     seen: Floats = np.ones(3)
@@ -313,17 +317,38 @@ def _finished(problem: Problem, found: Found) -> Aided:
         textbook,
         problem.layout,
         found.weights.noise,
-        found.weights.vertical if any(group.down is not None for group in found.groups) else None,
+        found.weights.vertical if any(group.trust is not None for group in found.groups) else None,
         problem.aids,
         sum(group.count for group in found.groups),
         np.sort(np.concatenate(strays)),
         held,
-        walk,
+        scatter.walk,
         seen,
-        creep,
+        scatter.creep,
         _site_off(problem, found, covariance),
         () if problem.drivers is None else problem.drivers.names,
     )
+
+
+def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equations]:
+    """Take off the mean gradient that noise makes: what the equations know of, and (P,) what a walk adds."""
+    for _ in range(CORRECTED):
+        equations = Equations.of(problem, found)
+        matrix = equations.matrix + equations.prior.matrix
+        step = solved(matrix, equations.gradient - equations.bent - bent + equations.prior.gradient, 0.0)
+        moved = taken(problem, found, equations, step)
+        if moved is None:
+            break
+        found = moved
+        if float(step @ matrix @ step) < SETTLED**2:
+            break
+    equations = Equations.of(problem, found)
+    return reweighed(problem, found, equations), equations
+
+
+def _inverse(equations: Equations) -> Floats:
+    """(P, P) covariance for residuals that are independent."""
+    return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
 
 
 def _site_off(problem: Problem, found: Found, covariance: Floats) -> float | None:

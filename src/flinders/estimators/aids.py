@@ -2,8 +2,10 @@
 
 `aided_by` tries what was asked for on the recording first: the unit of the gyro, the axes of gyro and accelerometer,
 where an attitude's yaw comes from. An aid that does not speak of this sensor is left out and named. With ``auto`` an
-aid has to earn its place as well: over blocks of the recording, each left out in turn, the ellipsoid that is found
-with it must fit the readings left out as well as the one without, and claim less heading error.
+aid has to earn its place as well, over blocks of the recording that are left out in turn. The ellipsoid that is found
+with it must fit the readings there as well as the one without, and claim less heading error. An accelerometer that does
+not may still find how the magnetometer is turned against it: where the field's angle to the vertical spreads less for
+that, the rotation is kept, and the ellipsoid stays what the magnetometer says.
 
 An aircraft in coordinated turns feels no sideways pull, and its accelerometer's vertical leans with it: the gyro is
 kept, the accelerometer is not.
@@ -17,44 +19,52 @@ kept, the accelerometer is not.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import FitError
+from flinders.errors import FitError, figures
 from flinders.estimators.aided import AIDS, Aided, refuse_without, solve
+from flinders.estimators.held_out import Missed, missed
 from flinders.estimators.likelihood import Likelihood, start
-from flinders.estimators.mounting import ONE_AXIS, axes_of, rate_unit, second_axis
+from flinders.estimators.mistakes import circular, dip_of, elsewhere, is_elsewhere, of_instruments, one_axis
 from flinders.estimators.readings import Readings
 from flinders.heading import level_error, level_turn
+from flinders.quaternions import of_matrix
 from flinders.result import Aid, Aids, Mistake
-from flinders.terms import magnitude, pointing, prior
+from flinders.terms import prior
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.axes import Axes
     from flinders.quadric import Ellipsoid
     from flinders.samples import Samples
     from flinders.terms.site import Site
 
 AUTO: Final = "auto"
 
-FOLDS: Final = 3
-"""Blocks of a recording that are left out in turn."""
-
 NO_WORSE: Final = 1.02
 """Times larger residuals of what was left out that an aid may make."""
 
-CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
-"""A yaw that goes with the heading by so much, so far beyond what is claimed without it, and mostly, is a compass's."""
+WORTH: Final = 0.95
+"""Of the heading error claimed without it: an aid that leaves more earns nothing."""
 
-FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
-"""A dip that is off by more, and by more of what the site is known to, is another place's."""
+TURNED: Final = 16.3
+"""χ² of three degrees of freedom: a rotation that chance makes once in a thousand."""
+
+FAR_TURN_DEG: Final = 20.0
+"""From the axes as they were found: instruments on one body sit no farther apart, and what says so is no vertical."""
+
+FAR_CLAIM: Final = 4.0
+"""Times more heading error claimed with a vertical than without: it leans, or is none."""
+
+FAR_SCALE: Final = 0.08
+"""Four times what the scales of gyros are off by: the gyro is another body's, clipped, or sampled too seldom."""
+
+UPRIGHT: Final = ("dip", "tilt", "attitude")
+"""Aids that tell the vertical: one of them at a time."""
 
 
 def aided_by(
@@ -89,36 +99,47 @@ def aided_by(
     wanted = available(samples) if is_auto else ((aids,) if isinstance(aids, str) else tuple(aids))
     refuse_without(samples, wanted)
     alone = _alone(samples)
-    axes, mistakes = _mounted(samples, alone, wanted)
+    axes, mistakes = of_instruments(samples, alone, wanted)
     untrusted = {mistake.aid: mistake for mistake in mistakes if mistake.drops}
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     best = solve(samples, (), site=site, spread=spread)
+    turned: Aided | None = None
     reports: list[Aid] = []
     kept: tuple[str, ...] = ()
     for name in wanted:
-        if name in untrusted:
-            reports.append(Aid(name, kept=False, words=untrusted[name].words))
+        refused = untrusted.get(name)
+        if name == "attitude" and refused is None:
+            refused = circular(samples, best, dip_deg)
+            mistakes += [] if refused is None else [refused]
+        if refused is not None:
+            reports.append(Aid(name, kept=False, words=refused.words))
             continue
-        tried = (*kept, name)
-        if name == "attitude":
-            tried = ("attitude",)
-            circular = _circular(samples, best, dip_deg)
-            if circular is not None:
-                mistakes.append(circular)
-                reports.append(Aid(name, kept=False, words=circular.words))
-                continue
+        replaced = [aid for aid in kept if name in UPRIGHT and aid in UPRIGHT]
+        tried = (*(aid for aid in kept if aid not in replaced), name)
         found = solve(samples, tried, site=site, rotation=rotation, spread=spread)
-        changed = change_deg(best, found, dip_deg)
-        before, after = claim_deg(best, dip_deg), claim_deg(found, dip_deg)
-        if is_auto and not _earns(samples, kept, tried, before, after, rotation):
-            reports.append(Aid(name, kept=False, changed_deg=changed, words="fits what was left out no better"))
+        said = Aid(
+            name, True, change_deg(best, found, dip_deg), claim_deg(best, dip_deg), claim_deg(found, dip_deg)
+        )  # fmt: skip
+        trial = _Trial(samples, best, found, rotation)
+        if is_auto and (against := trial.against(said)):
+            if turned is None and (words := trial.turns(said)):
+                turned = found
+                changed = turned_deg(found.parameters.rotation, dip_deg)
+                reports.append(replace(said, changed_deg=changed, after_deg=said.before_deg, words=words))
+            else:
+                reports.append(replace(said, kept=False, words=against))
             continue
-        reports.append(Aid(name, kept=True, changed_deg=changed, before_deg=before, after_deg=after))
+        instead = f"{name} tells the vertical as well" + (", and better" if is_auto else ": name one of them")
+        reports = [replace(one, kept=False, words=instead) if one.name in replaced else one for one in reports]
+        reports.append(said)
         best, kept = found, tried
     if "rate" in kept and samples.rate is not None:
-        mistakes += _one_axis(samples.rate - best.parameters.gyro_bias)
-    mistakes += _elsewhere(best, site)
-    return best, _told(best, tuple(reports), tuple(mistakes))
+        mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
+    if site is not None and is_elsewhere(best, site):  # it would bend the fit: again, without it
+        again, told = aided_by(samples, aids, dip_deg=dip_deg, spread=spread)
+        seen = dip_of(again if again.aids else best)
+        return again, replace(told, mistakes=(*told.mistakes, elsewhere(seen, site)))
+    return best, _told(best, turned, tuple(reports), tuple(mistakes))
 
 
 def available(samples: Samples) -> tuple[str, ...]:
@@ -132,7 +153,8 @@ def available(samples: Samples) -> tuple[str, ...]:
     def has(*columns: str) -> bool:
         return all(getattr(samples, column) is not None for column in columns)
 
-    found = [("rate", has("rate", "time")), ("dip", has("acceleration")), ("attitude", has("attitude"))]
+    found = [("rate", has("rate", "time")), ("dip", has("acceleration"))]
+    found += [("tilt", has("attitude")), ("attitude", has("attitude"))]
     return tuple(name for name, is_there in found if is_there)
 
 
@@ -164,121 +186,85 @@ def _alone(samples: Samples) -> Ellipsoid:
         return start(readings)
 
 
-def _mounted(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:
-    """Look for mistakes in the unit and the axes of the instruments."""
-    mistakes = []
-    axes = None
-    if "rate" in wanted:
-        unit, better = rate_unit(samples, alone)
-        if unit != "rad/s":
-            words = f"the rate fits {better:.0f} times better as {unit}: record it in rad/s; it was not used"
-            return None, [Mistake("gyro-unit", "rate", better, 1.0, words, drops=True)]
-    for aid in ("rate", "dip"):
-        if aid in wanted:
-            mounted = axes_of(samples, alone, aid)
-            if mounted.better > 1.0:
-                what = "gyro" if aid == "rate" else "accelerometer"
-                words = (
-                    f"the {what} fits {mounted.better:.0f} times better with the magnetometer's axes turned by "
-                    f"{mounted.axes}: they do not sit alike, and the correction turns readings into the {what}'s axes"
-                )
-                mistakes.append(Mistake("swapped-axes", aid, mounted.better, 2.0, words))
-                axes = axes or mounted.axes
-    return axes, mistakes
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """One more aid on trial: the fit without it, the one with it, and which way the magnetometer was thought to sit."""
+
+    samples: Samples
+    without: Aided
+    found: Aided
+    rotation: Floats | None
+
+    def against(self, said: Aid) -> str:
+        """Why the aid does not earn its place; nothing where it does."""
+        scale = float(np.abs(self.found.parameters.gyro_scale).max())
+        if self.found.aids[-1] == "rate" and scale > FAR_SCALE:
+            return f"scales of the gyro would be off by {scale:.0%}, more than those of gyros are: check range and rate"
+        if said.after_deg > WORTH * said.before_deg:
+            return f"claims no less: {figures(said.after_deg)}° with it, {figures(said.before_deg)}° without"
+        before, after = (self._missed(one).length for one in (self.without, self.found))
+        if not after <= NO_WORSE * before:
+            return f"readings that it has not seen are {after / before - 1.0:.0%} farther off with it"
+        return ""
+
+    def turns(self, said: Aid) -> str:
+        """What its rotation does, in words; nothing where that is not proven, or makes nothing better."""
+        covariance = self.found.rotation_covariance
+        if covariance is None or self.without.sees_rotation or self.found.aids[-1] not in UPRIGHT[:2]:
+            return ""
+        apart = _angle_of(self.found.parameters.rotation @ (np.eye(3) if self.rotation is None else self.rotation).T)
+        if np.rad2deg(np.linalg.norm(apart)) > FAR_TURN_DEG or said.after_deg > FAR_CLAIM * said.before_deg:
+            return ""
+        angle = _angle_of(self.found.parameters.rotation)
+        if float(angle @ np.linalg.solve(covariance, angle)) < TURNED:
+            return ""
+        before, after = self._missed(self.without).height, self._missed(self.found).height
+        if not after < before:
+            return ""
+        sigma = figures(float(np.rad2deg(np.sqrt(np.trace(covariance) / 3.0))))
+        return (
+            f"the magnetometer is turned against it by {figures(float(np.rad2deg(np.linalg.norm(angle))))}° "
+            f"(± {sigma}°); sine of the dip spreads by {figures(float(np.rad2deg(after)))}° so, and by "
+            f"{figures(float(np.rad2deg(before)))}° without, where it was left out; offset and shape stay"
+        )
+
+    def _missed(self, fitted: Aided) -> Missed:
+        """How far off what was left out is; a fit that sees no rotation takes the axes for those of the body."""
+        rotation = self.rotation if fitted.sees_rotation else None
+        vertical = next((aid for aid in self.found.aids if aid in UPRIGHT[:2]), None)
+        return missed(self.samples, fitted.aids, rotation, vertical, fitted.ellipsoid)
 
 
-def _one_axis(rate: Floats) -> list[Mistake]:
-    """Say where all turning is about one axis."""
-    share = second_axis(rate)
-    if share >= ONE_AXIS:
-        return []
-    words = (
-        f"the body turned about one axis (about the second {share:.0%} as much): "
-        "the gyro says nothing of the offset along it; turn it about another axis as well"
-    )
-    return [Mistake("one-axis", "rate", share, ONE_AXIS, words)]
+def turned_deg(rotation: Floats, dip_deg: float) -> float:
+    """By how much a rotation of the magnetometer changes the heading of a level vehicle, rms, 180 at most.
 
+    As `flinders.result.Aids.alignment_error_deg` of a rotation that is not known: z² + ½ tan² I (x² + y²).
 
-def _elsewhere(found: Aided, site: Site | None) -> list[Mistake]:
-    """Say where the dip is not the site's."""
-    if site is None or site.inclination_deg is None or found.site_off is None:
-        return []
-    sine = found.parameters.sine if "sine" in found.layout else float(found.parameters.direction[2])
-    seen = float(np.rad2deg(np.arcsin(np.clip(sine, -1.0, 1.0))))
-    off = abs(seen - site.inclination_deg)
-    if off <= FAR_SITE_DEG or abs(found.site_off) <= FAR_SITE_SIGMAS:
-        return []
-    words = (
-        f"the field dips by {seen:.1f}°, at the site it should by {site.inclination_deg:.1f}°: "
-        "check place and date, and whether iron was near"
-    )
-    return [Mistake("site-differs", "site", off, FAR_SITE_DEG, words)]
-
-
-def _circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | None:
-    """Whether a logged yaw goes with the heading as an uncorrected compass would.
-
-    The field, corrected without that yaw and turned into the world by the logged attitude, points the same way at all
-    times if the attitude is right. An error that is a function of the heading, A + B sin ψ + C cos ψ + D sin 2ψ + E
-    cos 2ψ, is the deviation of the compass that the yaw was taken from.
+    >>> from flinders.terms.turning import rotations
+    >>> round(turned_deg(rotations(np.array([[0.0, 0.0, 0.01]]))[0], 60.0), 3)
+    0.573
     """
-    if samples.attitude is None:
-        return None
-    matrices = pointing.body_to_world(samples.attitude)
-    known = np.isfinite(matrices[:, 0, 0])
-    world = np.einsum("nij,nj->ni", matrices[known], reference.corrected(samples.field[known]))
-    level = np.hypot(world[:, 0], world[:, 1])
-    turned = np.arctan2(world[:, 1], world[:, 0])
-    turned = np.angle(np.exp(1j * (turned - np.angle(np.sum(level * np.exp(1j * turned))))))
-    heading = np.arctan2(matrices[known][:, 1, 0], matrices[known][:, 0, 0])
-    columns = [np.ones_like(heading), np.sin(heading), np.cos(heading), np.sin(2 * heading), np.cos(2 * heading)]
-    design = np.stack(columns, axis=1)
-    weights = np.linalg.lstsq(design, turned, rcond=None)[0]
-    follows = design[:, 1:] @ weights[1:]
-    amount = float(np.rad2deg(np.std(follows)))
-    share = float(np.var(follows) / max(np.var(turned), 1e-300))
-    claimed = level_error(reference.ellipsoid, reference.covariance[:9, :9], dip_deg=dip_deg).rms
-    limit = max(CIRCULAR_DEG, CIRCULAR_SIGMAS * claimed)
-    if amount <= limit or share <= CIRCULAR_SHARE:
-        return None
-    words = (
-        f"the yaw of the attitude follows a compass with a deviation of {amount:.1f}°, most likely this one before it "
-        "was calibrated: it was not used; take the attitude without its yaw ('tilt'), or one without a compass in it"
-    )
-    return Mistake("circular-attitude", "attitude", amount, limit, words, drops=True)
+    x, y, z = _angle_of(rotation).tolist()
+    return min(float(np.rad2deg(np.sqrt(z**2 + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x**2 + y**2)))), 180.0)
 
 
-def _earns(
-    samples: Samples,
-    without: tuple[str, ...],
-    tried: tuple[str, ...],
-    before: float,
-    after: float,
-    rotation: Floats | None,
-) -> bool:
-    """Whether an aid claims less heading error, and fits readings that it has not seen as well as without it."""
-    if after >= before:
-        return False
-    misses = np.zeros(2)
-    for kept, left_out in _folds(len(samples)):
-        for index, terms in enumerate((without, tried)):
-            try:
-                found = solve(samples[kept], terms, rotation=rotation)
-            except FitError:
-                continue
-            misses[index] += float(np.sum(magnitude.distances(samples.field[left_out], found.ellipsoid) ** 2))
-    return bool(np.sqrt(misses[1]) <= NO_WORSE * np.sqrt(misses[0]))
+def _angle_of(rotation: Floats) -> Floats:
+    """(3,) rotation vector, rad, of a (3, 3) rotation.
+
+    >>> _angle_of(np.diag([1.0, -1.0, -1.0])).round(4)
+    array([3.1416, 0.    , 0.    ])
+    """
+    w, *along = of_matrix(rotation).tolist()
+    length = float(np.linalg.norm(along))
+    angle: Floats = np.array(along) * (2.0 * np.arctan2(length, w) / length if length > 0.0 else 2.0)
+    return angle
 
 
-def _folds(count: int) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """Which rows are kept, and which are the block that is left out."""
-    block = np.arange(count) * FOLDS // count
-    for index in range(FOLDS):
-        yield block != index, block == index
-
-
-def _told(found: Aided, each: tuple[Aid, ...], mistakes: tuple[Mistake, ...]) -> Aids:
-    """What is known beside the ellipsoid."""
+def _told(found: Aided, turned: Aided | None, each: tuple[Aid, ...], mistakes: tuple[Mistake, ...]) -> Aids:
+    """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
+    if turned is not None and not found.sees_rotation:
+        alone = _told(turned, None, each, mistakes)
+        return replace(alone, creep=found.creep)
     at = found.parameters
     rotation = found.rotation_covariance if found.sees_rotation else None
     sine, bias, delay = found.of("sine"), found.of("gyro_bias"), found.of("delay")

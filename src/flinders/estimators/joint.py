@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -47,6 +47,9 @@ ROTATION_SIGMA: Final = 0.35
 
 BIAS_SIGMA: Final = 0.1
 """rad/s: what the bias of a gyro may be."""
+
+SCALE_SIGMA: Final = 0.02
+"""What the scales of a gyro may be off by, and its axes from square, in rad: data sheets of small ones say 1 to 3 %."""
 
 DELAY_SIGMA: Final = 0.05
 """s: by how much a magnetometer may lag."""
@@ -95,6 +98,8 @@ class Problem:
     drivers : Drivers, optional
     interval : float, s
         Between two readings of a window.
+    gyro_scale : float
+        What the scales of the gyro may be off by, 1 σ; 0 holds them.
     """
 
     groups: tuple[Group, ...]
@@ -107,6 +112,7 @@ class Problem:
     rotation: Floats
     drivers: Drivers | None
     interval: float
+    gyro_scale: float = SCALE_SIGMA
 
     @classmethod
     def of(
@@ -120,6 +126,7 @@ class Problem:
         window_s: float,
         *,
         delay: bool,
+        gyro_scale: float = SCALE_SIGMA,
     ) -> Self:
         """Put the readings in groups, and lay out what is to be found."""
         if drivers is not None and drivers.constant:
@@ -133,6 +140,7 @@ class Problem:
             rotation=in_windows or upright or pointed,
             slope=drivers is not None and drivers.warmth is not None,
             gyro_bias=in_windows,
+            gyro_scale=in_windows and gyro_scale > 0.0,
             delay=in_windows and delay,
             sine=upright,
             direction=pointed,
@@ -141,7 +149,7 @@ class Problem:
         width = float(np.sqrt(np.mean(np.sum((samples.field - middle) ** 2, axis=1))))
         turned = np.eye(3) if rotation is None else rotation
         chunks = tuple(chunk for group in groups for chunk in group.chunks())
-        return cls(chunks, layout, terms, site, spread, middle, width, turned, drivers, interval)
+        return cls(chunks, layout, terms, site, spread, middle, width, turned, drivers, interval, gyro_scale)
 
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
@@ -155,13 +163,14 @@ class Problem:
                 heights += float(np.einsum("wni,wni,wn->", group.down, seen, group.trust))
                 weights += float(group.trust.sum())
             if group.attitudes is not None:
-                world += pointing.mean_direction(group.attitudes.reshape(-1, 3, 3), seen.reshape(-1, 3))
+                known = seen if group.trust is None else seen * group.trust[..., np.newaxis]
+                world += np.einsum("wnij,wnj->i", group.attitudes, known)
         sine = float(np.clip(heights / weights, -0.999, 0.999)) if weights > 0.0 else 0.0
-        known = None if self.site is None else self.site.sine
+        of_site = None if self.site is None else self.site.sine
         length = float(np.linalg.norm(world))
         return replace(
             at,
-            sine=sine if known is None else known,
+            sine=sine if of_site is None else of_site,
             direction=world / length if length > 0.0 else at.direction,
         )
 
@@ -198,6 +207,7 @@ class Problem:
         thoughts: list[tuple[str, Floats | float, float]] = [
             ("rotation", angle, ROTATION_SIGMA),
             ("gyro_bias", at.gyro_bias, BIAS_SIGMA),
+            ("gyro_scale", at.gyro_scale, self.gyro_scale),
             ("delay", at.delay, DELAY_SIGMA),
             ("slope", at.slope, SLOPE_SIGMA),
         ]
@@ -210,21 +220,10 @@ def grouped(
     samples: Samples, terms: Sequence[str], drivers: Drivers | None, window_s: float
 ) -> tuple[list[Group], float]:
     """Put readings that share a direction together, and say how far apart those of a window are, in s."""
-    down, trust = _verticals(samples, terms)
+    beside = _Beside.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
-    if "attitude" in terms and samples.attitude is not None:
-        matrices = pointing.body_to_world(samples.attitude)
-        known = np.isfinite(matrices[:, 0, 0])
-        rows = every[known]
-        parts = np.array_split(rows, max(1, -(-len(rows) // 8192)))
-        groups = [
-            replace(_group(samples, part[np.newaxis], None, None, drivers), attitudes=matrices[part][np.newaxis])
-            for part in parts if len(part)
-        ]  # fmt: skip
-        rest = every[~known][:, np.newaxis]
-        return [*groups, *([_group(samples, rest, down, trust, drivers)] if len(rest) else [])], 0.0
     if "rate" not in terms or samples.rate is None or samples.time is None:
-        return [_group(samples, every[:, np.newaxis], down, trust, drivers)], 0.0
+        return [_group(samples, every[:, np.newaxis], beside, drivers)], 0.0
     inside = turning.windows(samples.time, samples.rate, window_s=window_s)
     groups = []
     interval = 0.0
@@ -233,32 +232,42 @@ def grouped(
         interval = float(np.median(steps))
         intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
         turned = turning.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
-        groups.append(replace(_group(samples, inside, down, trust, drivers), turned=turned))
+        groups.append(replace(_group(samples, inside, beside, drivers), turned=turned))
     rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
     if len(rest):
-        groups.append(_group(samples, rest, down, trust, drivers))
+        groups.append(_group(samples, rest, beside, drivers))
     return groups, interval
 
 
-def _verticals(samples: Samples, terms: Sequence[str]) -> tuple[Floats | None, Floats | None]:
-    """Where the vertical comes from: the accelerometer, else the attitude without its yaw."""
-    if "dip" in terms and samples.acceleration is not None:
-        return inclination.verticals(samples.acceleration)
-    if "tilt" in terms and samples.attitude is not None:
-        return inclination.verticals_of(samples.attitude)
-    return None, None
+class _Beside(NamedTuple):
+    """What stands beside each reading: an attitude (N, 3, 3), or a vertical (N, 3), and how far it is trusted (N,)."""
+
+    attitudes: Floats | None = None
+    down: Floats | None = None
+    trust: Floats | None = None
+
+    @classmethod
+    def of(cls, samples: Samples, terms: Sequence[str]) -> Self:
+        """Take the attitude, which holds a vertical, too; else the accelerometer's, else that of the attitude."""
+        if "attitude" in terms and samples.attitude is not None:
+            matrices = pointing.body_to_world(samples.attitude)
+            known = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+            matrices[~known] = np.eye(3)
+            return cls(attitudes=matrices, trust=known.astype(float))
+        if "dip" in terms and samples.acceleration is not None:
+            return cls(None, *inclination.verticals(samples.acceleration))
+        if "tilt" in terms and samples.attitude is not None:
+            return cls(None, *inclination.verticals_of(samples.attitude))
+        return cls()
 
 
-def _group(
-    samples: Samples, rows: NDArray[np.intp], down: Floats | None, trust: Floats | None, drivers: Drivers | None
-) -> Group:
+def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, drivers: Drivers | None) -> Group:
     """Take what belongs to (W, n) readings."""
     return Group(
         rows,
         samples.field[rows],
         np.ones(rows.shape),
-        down=None if down is None else down[rows],
-        trust=None if trust is None else trust[rows],
+        **{name: None if part is None else part[rows] for name, part in beside._asdict().items()},
         drivers=None if drivers is None or not drivers.names else drivers.columns[rows],
         warmth=None if drivers is None or drivers.warmth is None else drivers.warmth[rows],
     )
@@ -287,9 +296,11 @@ class Found:
         """Residuals are larger than what they change by from one reading to the next."""
         total, steps, count, pairs = 0.0, 0.0, 0, 0
         for group, directions in zip(self.groups, self.directions, strict=True):
-            if group.turned is None and group.attitudes is None:
-                continue
-            residual, _ = residuals_of(group, self.at, directions)
+            residual, beside = residuals_of(group, self.at, directions)
+            if group.turned is None:
+                if group.attitudes is None or beside is None:
+                    continue
+                residual = np.swapaxes(beside, 0, 1)  # readings have a direction each: one after the other
             total += float(np.sum(residual**2))
             steps += 0.5 * float(np.sum(np.diff(residual, axis=1) ** 2))
             count, pairs = count + residual.size, pairs + residual[:, 1:].size
@@ -398,15 +409,13 @@ def reweighed(problem: Problem, found: Found, equations: Equations) -> Found:
 
 
 def _retrusted(group: Group, original: Group, at: Parameters, directions: Floats, weights: Weights) -> Group:
-    """Trust verticals with a large residual less than the accelerometer's length alone asks for."""
-    if group.down is None or original.trust is None:
+    """Trust verticals and attitudes with a large residual less than what was recorded with them asks for."""
+    _, beside = residuals_of(group, at, directions)
+    if beside is None or original.trust is None:
         return group
-    _, upright = residuals_of(group, at, directions)
-    return (
-        group
-        if upright is None
-        else replace(group, trust=original.trust * group.weight * inclination.huber(upright / weights.vertical))
-    )
+    length = np.sqrt(np.einsum("wni,wni->wn", beside, beside)) / weights.vertical
+    beyond = inclination.HUBER if group.attitudes is None else pointing.HUBER
+    return replace(group, trust=original.trust * group.weight * inclination.huber(length, beyond=beyond))
 
 
 def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:
@@ -443,6 +452,15 @@ def _cost(problem: Problem, found: Found) -> float:
         cost_of(group, found.at, directions, found.weights)
         for group, directions in zip(found.groups, found.directions, strict=True)
     )
+
+
+def surprise(problem: Problem, found: Found) -> float:
+    """−2 log of how probable a fit is, but for what all fits to these readings share."""
+    counts = np.zeros(2)
+    for group in found.groups:
+        told = 0 if group.trust is None else int(np.count_nonzero(group.trust))
+        counts += [3.0 * group.count, told * (1.0 if group.attitudes is None else 2.0)]
+    return float(2.0 * counts @ np.log(found.weights)) + problem.believed(found.at).cost
 
 
 def without_strays(problem: Problem, found: Found) -> Found:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -32,6 +33,9 @@ THINNEST: Final = 1e-12
 POINTS: Final = 7
 RIDGE: Final = np.diag([1e-3] * 2 + [1e-9] * 3)
 LONGEST_AXIS: Final = 5.0
+TRIMS, TRIMMED = 3, 0.03
+"""Share of the readings that is left out, the farthest from their plane, and how often, to see how flat the rest is."""
+
 STRAIGHT: Final = 1e-6
 """Variance across over that along, of an arc of two degrees: less is a line."""
 
@@ -134,7 +138,29 @@ class Level:
 def is_level(covariance: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
     """Whether readings of a (3, 3) covariance lie in one plane, but for noise, and that plane across z."""
     variances, axes = np.linalg.eigh(covariance)
-    return is_flat(variances.clip(min=0.0), noise, within=within) and abs(float(axes[2, 0])) > UPRIGHT
+    return bool(is_flat(variances.clip(min=0.0), noise, within=within) and abs(float(axes[2, 0])) > UPRIGHT)
+
+
+def turned_level(field: Floats) -> bool:
+    """Whether (N, 3) readings, in the order in which they came, leave a plane across z by their noise alone.
+
+    The noise is that from one reading to the next: a body that sways stands out of it.
+
+    >>> headings, rng = np.arange(0.0, 6.28, 0.01), np.random.default_rng(1)
+    >>> level = np.stack([25 * np.cos(headings), 25 * np.sin(headings), 0 * headings], axis=1)
+    >>> swayed = level + np.outer(np.sin(5 * headings), [0.0, 0.0, 2.0])
+    >>> [turned_level(each + 0.5 * rng.standard_normal(each.shape)) for each in (level, swayed)]
+    [True, False]
+    """
+    for _ in range(TRIMS):
+        axis = np.linalg.eigh(np.cov(field.T))[1][:, 0]
+        across = np.abs(field @ axis - np.median(field @ axis))
+        field = field[across <= np.quantile(across, 1.0 - TRIMMED)]
+    if len(field) < Level.unknowns:
+        return False
+    covariance = np.cov(field.T)
+    steps = np.diff(field @ np.linalg.eigh(covariance)[1][:, 0])
+    return is_level(covariance, math.sqrt(0.5 * float(np.mean(steps**2))))
 
 
 def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:

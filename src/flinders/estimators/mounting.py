@@ -1,8 +1,16 @@
 """Whether gyro and accelerometer speak of the body that the magnetometer is on: their unit, their axes, their motion.
 
-Before a term is used it is tried on short stretches, with whatever ellipsoid the magnetometer gives by itself: turned
-by each of the 24 ways in which axes can be exchanged, and by each unit in which a rate can be written. What fits
-many times better than what was recorded is a mistake in the wiring or the log, and is told.
+Before a term is used it is tried on stretches of the recording: read in each unit in which a rate can be written, and
+along each of the 48 ways in which axes can be exchanged or point the other way. What fits many times better than what
+was recorded is a mistake in the wiring or the log, and is told. With y = S⁻¹x, of the shape S that the magnetometer
+finds by itself, and an unknown offset β,
+
+    D (y₁ − β) = ΔRᵀ D (y₀ − β)        of a gyro, from the beginning of a stretch to its end
+    dᵀ D (y − β) = sin I               of an accelerometer, whose vertical is d
+
+are linear in β (and sin I), so that each way D is a small linear fit, and a magnetometer that says nothing of its own
+offset does no harm. Stretches are as long as the field takes to move by ten degrees or so: the noise of readings is
+less than that.
 
 >>> import dataclasses
 >>> from flinders import simulate
@@ -10,37 +18,60 @@ many times better than what was recorded is a mistake in the wiring or the log, 
 >>> flight = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> swapped = dataclasses.replace(flight.samples, rate=flight.samples.rate[:, [1, 0, 2]] * [1, 1, -1])
 >>> sensor = flight.sensor
->>> ellipsoid = Ellipsoid(sensor.offset, flight.field_strength * sensor.matrix)
->>> str(axes_of(swapped, ellipsoid, "rate").axes)
-'y,x,-z'
+>>> found = by_rate(swapped, Ellipsoid(sensor.offset, flight.field_strength * sensor.matrix))
+>>> str(found.axes), found.unit, found.is_clear
+('y,x,-z', 'rad/s', True)
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.axes import Axes
+from flinders.quadric import Ellipsoid
 from flinders.terms import inclination, turning
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.quadric import Ellipsoid
     from flinders.samples import Samples
 
-STRETCH_S: Final = 0.4
-"""Seconds over which a body is followed: the gyro's noise is nothing yet, and the field has moved."""
+STRETCHES_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
+"""How long a body may be followed."""
+
+MOVED: Final = 0.2
+"""Chord, of a field of one, by which it should have moved in the middle stretch: eleven degrees."""
 
 MANY: Final = 2000
-"""Stretches that are looked at."""
+"""Stretches, or verticals, that are looked at."""
+
+MOST: Final = 12_000
+"""Readings in those stretches."""
+
+FEW: Final = 12
+"""Fewer of them tell nothing."""
 
 MARGIN: Final = 2.0
-"""Times better than what was recorded, and than the next best, that another reading of it has to be."""
+"""Times better than what was recorded that another reading of it has to be."""
 
-SCALES: Final = {"rad/s": 1.0, "°/s": np.pi / 180.0, "rad/s with the other sign": -1.0, "mrad/s": 1e-3}
+ALIKE: Final = 1.4
+"""Times the smallest residual up to which another way fits as well."""
+
+RAD_S: Final = "rad/s"
+SCALES: Final = {
+    RAD_S: 1.0,
+    "°/s": np.pi / 180.0,
+    "mrad/s (or its times are in ms)": 1e-3,
+    "m°/s": np.pi / 180e3,
+    "rad/s that was taken for °/s": 180.0 / np.pi,
+}
 """What a column of rates may be in, and what it is multiplied by to be in rad/s."""
+
+EXPLAINED: Final = 0.5
+"""Of how far the field moves: a gyro that is read aright leaves less, and then no other unit is tried."""
 
 ONE_AXIS: Final = 0.05
 """Turning about the second axis, of that about the first, below which all of it is about one."""
@@ -54,58 +85,115 @@ TURNS: Final = tuple(
 """The 24 ways to exchange axes and stay right-handed, the one that changes nothing first."""
 
 
-class Mounted(NamedTuple):
-    """Which of the 24 ways fits best.
+REVERSED: Final = Axes(signs=(-1, -1, -1))
+"""All signs the other way round."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mounted:
+    """What fits best.
 
     Attributes
     ----------
     axes : Axes
-        Take the magnetometer's readings into the axes of the other instrument.
+        Take the magnetometer's readings into the axes of the other instrument; a mirror image where one is left-handed.
+    unit : str
+        Of `SCALES`.
     better : float
-        How many times smaller the residual is than with the axes as recorded; 1 where they stay.
+        How many times smaller the residual is than with what was recorded; 1 where that stays.
+    is_clear : bool
+        Nothing else as simple fits as well.
+    misses : tuple of float
+        Residual of each of `TURNS`, in the recorded unit.
+    left : float
+        Of how far the field moves, what the best of a gyro leaves; 0 of one that was not looked at, or hardly moved.
     """
 
-    axes: Axes
-    better: float
+    axes: Axes = field(default_factory=Axes)
+    unit: str = RAD_S
+    better: float = 1.0
+    is_clear: bool = True
+    misses: tuple[float, ...] = ()
+    left: float = 0.0
+
+    @property
+    def is_as_recorded(self) -> bool:
+        """Nothing fits much better."""
+        return self.better == 1.0
+
+    def allows(self, axes: Axes) -> bool:
+        """Whether a way to sit fits about as well as the best; a mirror image as the same with all signs reversed."""
+        turn = _signed(axes, -1) if axes.is_mirror else axes
+        return not self.misses or self.misses[TURNS.index(turn)] <= MARGIN * min(self.misses)
 
 
-def rate_unit(samples: Samples, ellipsoid: Ellipsoid) -> tuple[str, float]:
-    """In which unit the rate seems to be, and how many times better it fits than rad/s.
+def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
+    """In which unit and along which axes a gyro turns the field as it moves; as recorded unless another is far better.
 
     Parameters
     ----------
     samples : Samples
         With time and rate.
     ellipsoid : Ellipsoid
-        What the magnetometer finds by itself.
+        What the magnetometer finds by itself; only its shape is used.
     """
+    if samples.rate is None or samples.time is None:
+        return Mounted()
+    found = _read(samples, ellipsoid)
+    if found.left <= EXPLAINED:
+        return found
+    return min(found, _read(samples, _sphere(samples.field)), key=lambda one: one.left)
+
+
+def _read(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
+    """What fits best with the shape of one ellipsoid."""
     first, last, rate, interval = _stretches(samples, ellipsoid)
-    if not len(first):
-        return "rad/s", 1.0
-    misses = {name: _missed(first, last, rate * scale, interval, np.eye(3)) for name, scale in SCALES.items()}
-    best = min(misses, key=lambda name: misses[name])
-    better = misses["rad/s"] / max(misses[best], 1e-12)
-    return (best, better) if better > MARGIN else ("rad/s", 1.0)
+    if len(first) < FEW:
+        return Mounted()
+    still = float(np.sqrt(np.mean(np.sum((last - first) ** 2, axis=1))))
+    misses = _missed(first, last, rate, interval, RAD_S)
+    if not misses[RAD_S, Axes()] <= min(EXPLAINED * still, MARGIN * min(misses.values())):
+        for unit in SCALES:
+            misses |= _missed(first, last, rate, interval, unit)
+    left = min(misses.values()) / max(still, 1e-300)
+    return replace(_simplest(misses), left=left if still > MOVED else 0.0)
 
 
-def axes_of(samples: Samples, ellipsoid: Ellipsoid, aid: str) -> Mounted:
-    """Look through the 24 ways in which the magnetometer may sit; as recorded unless another is better by a margin."""
-    misses = _by_rate(samples, ellipsoid) if aid == "rate" else _by_vertical(samples, ellipsoid)
-    if misses is None:
-        return Mounted(Axes(), 1.0)
-    order = np.argsort(misses, kind="stable")
-    best, next_best = misses[order[0]], misses[order[1]]
-    clear = misses[0] > MARGIN * best and next_best > np.sqrt(MARGIN) * best
-    return Mounted(TURNS[order[0]], float(misses[0] / max(best, 1e-12))) if clear else Mounted(Axes(), 1.0)
+def _sphere(field: Floats) -> Ellipsoid:
+    """One about readings of which nothing better is known, as where they lie in a plane."""
+    middle = field.mean(axis=0)
+    return Ellipsoid(middle, float(np.sqrt(np.mean(np.sum((field - middle) ** 2, axis=1)))) * np.eye(3))
+
+
+def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
+    """Along which axes the field keeps its angle to an accelerometer's vertical; parameters as those of `by_rate`.
+
+    A vertical that points up keeps an angle as well: an accelerometer with all signs reversed is not told apart.
+    """
+    if samples.acceleration is None:
+        return Mounted()
+    down, trust = inclination.verticals(samples.acceleration)
+    rows = np.flatnonzero(trust > 0.0)
+    rows = rows[:: max(1, -(-len(rows) // MANY))]
+    if len(rows) < FEW:
+        return Mounted()
+    weight = np.sqrt(trust[rows] / trust[rows].mean())
+    seen = _rounded(samples.field[rows], ellipsoid)
+    heights = np.stack([np.einsum("ni,ni->n", down[rows], axes.apply(seen)) for axes in TURNS], axis=1)
+    design = np.concatenate([down[rows], np.ones((len(rows), 1))], axis=1)
+    left = _left(design * weight[:, np.newaxis], heights * weight[:, np.newaxis])
+    return _simplest({(RAD_S, axes): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)})
 
 
 def second_axis(rate: Floats) -> float:
     """How much a body turns about its second axis, of how much about its first: 0 where all is about one.
 
+    Each rate is held against the next, so that the gyro's noise counts for nothing.
+
     Parameters
     ----------
     rate : (N, 3) float, rad/s
-        Without the gyro's bias.
+        Without the gyro's bias, in order.
 
     Examples
     --------
@@ -115,54 +203,79 @@ def second_axis(rate: Floats) -> float:
     about = rate[np.isfinite(rate).all(axis=1)]
     if len(about) < 2:
         return 0.0
-    values = np.linalg.eigvalsh(about.T @ about).clip(min=0.0)
+    values = np.linalg.eigvalsh(about[:-1].T @ about[1:] + about[1:].T @ about[:-1]).clip(min=0.0)
     return float(np.sqrt(values[1] / max(values[2], 1e-300)))
 
 
-def _by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Floats | None:
-    """(24,) how far the field is from where the gyro says, for each way."""
-    if samples.rate is None or samples.time is None:
-        return None
-    first, last, rate, interval = _stretches(samples, ellipsoid)
-    if not len(first):
-        return None
-    return np.array([_missed(first, last, rate, interval, axes.apply(np.eye(3)).T) for axes in TURNS])
+def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: str) -> dict[tuple[str, Axes], float]:
+    """Root mean square distance of the field from where a gyro says, in one unit and each of the 48 ways."""
+    misses: dict[tuple[str, Axes], float] = {}
+    for sign in (1, -1):
+        turned = turning.integrated(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
+        back = np.swapaxes(turned, 1, 2)
+        targets = [axes.apply(last) - np.einsum("wij,wj->wi", back, axes.apply(first)) for axes in TURNS]
+        design = (np.eye(3) - back).reshape(-1, 3)
+        left = np.sqrt(3.0) * _left(design, np.stack(targets, axis=-1).reshape(len(design), -1))
+        misses |= {(unit, _signed(axes, sign)): miss for axes, miss in zip(TURNS, left.tolist(), strict=True)}
+    return misses
 
 
-def _by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Floats | None:
-    """(24,) by how much the sine of the dip varies, for each way."""
-    if samples.acceleration is None:
-        return None
-    down, trust = inclination.verticals(samples.acceleration)
-    unit = _directions(samples.field, ellipsoid)
-    found = []
-    for axes in TURNS:
-        heights = np.einsum("ni,ni->n", down, axes.apply(unit))
-        middle = float(np.average(heights, weights=trust))
-        found.append(float(np.sqrt(np.average((heights - middle) ** 2, weights=trust))))
-    return np.array(found)
+def _simplest(misses: dict[tuple[str, Axes], float]) -> Mounted:
+    """What was recorded unless something fits far better; then the simplest of what fits as well as the best."""
+    recorded, best = misses[RAD_S, Axes()], min(misses.values())
+    turned = tuple(misses[RAD_S, axes] for axes in TURNS)
+    if recorded <= MARGIN * best:
+        return Mounted(misses=turned)
+    alike = [way for way, miss in misses.items() if miss <= ALIKE * best]
+    least = min(_steps(*way) for way in alike)
+    plain = [way for way in alike if _steps(*way) == least]
+    unit, axes = min(plain, key=lambda way: misses[way])
+    return Mounted(axes, unit, recorded / max(misses[unit, axes], 1e-12), len(plain) == 1, turned)
 
 
-def _directions(field: Floats, ellipsoid: Ellipsoid) -> Floats:
-    seen = np.linalg.solve(ellipsoid.shape, (field - ellipsoid.centre).T).T
-    unit: Floats = seen / np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 1e-300)
-    return unit
+def _steps(unit: str, axes: Axes) -> int:
+    """How far from what was recorded: 1 for a unit or all signs, 2 for other axes, 3 for a mirror, 4 for both."""
+    is_signed = axes.order == (0, 1, 2) and axes.signs in ((1, 1, 1), (-1, -1, -1))
+    if unit != RAD_S:
+        return 1 if is_signed else 4
+    return 1 if is_signed else 3 if axes.is_mirror else 2
+
+
+def _signed(axes: Axes, sign: int) -> Axes:
+    """The mapping with all its signs times one."""
+    x, y, z = (sign * one for one in axes.signs)
+    return Axes(axes.order, (x, y, z))
+
+
+def _left(design: Floats, targets: Floats) -> Floats:
+    """(K,) root mean square of what a linear fit to (M, k) leaves of each of (M, K) columns."""
+    fitted = design @ np.linalg.lstsq(design, targets, rcond=1e-6)[0]
+    left: Floats = np.sqrt(np.mean((targets - fitted) ** 2, axis=0))
+    return left
+
+
+def _rounded(field: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(N, 3) readings about the ellipsoid's centre, its shape taken off."""
+    seen: Floats = np.linalg.solve(ellipsoid.shape, (field - ellipsoid.centre).T).T
+    return seen
 
 
 def _stretches(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, Floats, Floats]:
-    """Directions (W, 3) at the beginning and the end of short stretches, and what the gyro says in between."""
+    """Readings (W, 3) at the beginning and the end of stretches, and what the gyro says in between."""
+    found: tuple[Floats, Floats, Floats, Floats] = (
+        np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 1, 3)), np.empty((0, 1)),
+    )  # fmt: skip
     if samples.time is None or samples.rate is None:
-        return np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 1, 3)), np.empty((0, 1))
-    rows = turning.windows(samples.time, samples.rate, window_s=STRETCH_S)
-    rows = rows[:: max(1, -(-len(rows) // MANY))]
-    steps = np.diff(samples.time[rows], axis=1) if len(rows) else np.empty((0, rows.shape[1] - 1))
-    interval = np.concatenate([steps, steps[:, -1:]], axis=1)
-    unit = _directions(samples.field[rows.ravel()], ellipsoid).reshape(*rows.shape, 3)
-    return unit[:, 0], unit[:, -1], np.nan_to_num(samples.rate[rows]), interval
-
-
-def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, turn: Floats) -> float:
-    """Root mean square distance of the field from where a gyro says, the magnetometer turned by a (3, 3) rotation."""
-    turned = turning.integrated(rate, interval, np.zeros(3)).rotations[:, -1]
-    expected = np.einsum("wji,wj->wi", turned, first @ turn)
-    return float(np.sqrt(np.mean(np.sum((last @ turn - expected) ** 2, axis=1))))
+        return found
+    for length in STRETCHES_S:
+        rows = turning.windows(samples.time, samples.rate, window_s=length)
+        rows = rows[:: max(1, -(-len(rows) // MANY), -(-rows.size // MOST))]
+        if len(rows) < FEW:
+            continue
+        seen = _rounded(samples.field[rows[:, [0, -1]].ravel()], ellipsoid).reshape(-1, 2, 3)
+        steps = np.diff(samples.time[rows], axis=1)
+        interval = np.concatenate([steps, steps[:, -1:]], axis=1)
+        found = seen[:, 0], seen[:, 1], np.nan_to_num(samples.rate[rows]), interval
+        if float(np.median(np.linalg.norm(seen[:, 1] - seen[:, 0], axis=1))) >= MOVED:
+            break
+    return found

@@ -4,7 +4,7 @@ What a fit's error depends on is the scatter of Σ Jr. White residuals give the 
 to it:
 
 - in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
-  S ΔR_kᵀ (v × φ), see `_pushes`;
+  S ΔR_kᵀ (v × φ), see `flinders.terms.walked`;
 - residuals of single readings hang together in time, as in `flinders.estimators.correlation`;
 - stretches of the recording differ by more than that explains: the factor `creep`.
 """
@@ -13,17 +13,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from flinders.estimators.correlation import Residuals
 from flinders.pooling import chance_of
-from flinders.terms import turning
+from flinders.terms import walked
+from flinders.terms.parameters import across
 from flinders.terms.shared import Group, Rows, inverse_of, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.estimators.joint import Found, Problem
@@ -31,6 +34,9 @@ if TYPE_CHECKING:
 BLOCKS: Final = 8
 BY_CHANCE: Final = 0.02
 """Stretches of a recording that are held against each other; what chance makes more often than this is chance."""
+
+MOST_WALKED: Final = 0.1
+"""rad within a window: a walk that is longer is a gyro that does not fit, of which second order says nothing."""
 
 COARSE: Final = 25
 """Steps of a walk within a window that are looked at for its size."""
@@ -48,8 +54,28 @@ class _Evidence:
     squares: Floats
 
 
-def scatter_of(problem: Problem, found: Found, textbook: Floats) -> tuple[Floats, float, float]:
-    """(P, P) covariance of the gradient, the random walk within windows in rad/√s, and the creep.
+class Scatter(NamedTuple):
+    """How far the gradient of a fit scatters.
+
+    Attributes
+    ----------
+    covariance : (P, P) float
+        Of the gradient, without what creeps.
+    walk : float, rad/√s
+        Random walk of the direction within windows.
+    creep : float
+    bent : (P,) float
+        Mean gradient that the walk makes.
+    """
+
+    covariance: Floats
+    walk: float
+    creep: float
+    bent: Floats
+
+
+def scatter_of(problem: Problem, found: Found, textbook: Floats) -> Scatter:
+    """Look at the residuals of a fit.
 
     Parameters
     ----------
@@ -62,36 +88,30 @@ def scatter_of(problem: Problem, found: Found, textbook: Floats) -> tuple[Floats
     size = problem.layout.size
     evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))
     readings = 1 + max(int(group.rows.max()) for group in found.groups)
-    walked, walks = np.zeros((size, size)), np.zeros(2)
+    of_walk, walks, bent = np.zeros((size, size)), np.zeros(2), np.zeros(size)
+    longest = 1
     looked, chosen = _looked_at(found.groups)
     for index, (group, directions) in enumerate(zip(found.groups, found.directions, strict=True)):
         rows = rows_of(group, found.at, directions, problem.layout, found.weights)
-        jacobian, residual = _projected(rows, group)
-        _add_blocks(evidence, group, jacobian, residual, readings)
+        jacobian, residual = _projected(rows)
+        _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
         if group.turned is not None:
             flat = jacobian.reshape(-1, size)
             evidence.scatter += flat.T @ flat
-            pushes = _pushes(group, found, directions)
+            pushes = walked.pushes(group, found.at, directions, found.weights)
             pulled = _later(jacobian.reshape(*pushes.shape[:3], size), pushes)
             steps = pulled[:, 1:].reshape(-1, size)
-            walked += steps.T @ steps
+            of_walk += steps.T @ steps
             walks += _walks(rows, residual.reshape(rows.residual.shape), pushes, pulled, textbook)
+            bent += walked.mean_gradient(group, found.at, directions, problem.layout, found.weights)
+            longest = max(longest, pushes.shape[2])
         elif index in chosen:
-            evidence.scatter += looked * _hung_together(rows, group, jacobian, residual)
+            evidence.scatter += looked * _hung_together(rows, _free(rows.own[:, :, 0], found.at.direction))
     per_step = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
-    evidence.scatter += per_step * walked
-    return evidence.scatter, math.sqrt(per_step / max(problem.interval, 1e-9)), _creep(evidence)
-
-
-def _pushes(group: Group, found: Found, directions: Floats) -> Floats:
-    """(W, k, n, 3) how a turn φ, in the axes of the window's first reading, moves each residual after it."""
-    turned = np.swapaxes(group.rotations, 2, 3) @ turning.cross_matrices(directions)[:, np.newaxis]
-    weight = np.sqrt(group.weight) / found.weights.noise
-    moved = np.swapaxes(found.at.ellipsoid_like @ turned * weight[..., np.newaxis, np.newaxis], 1, 2)
-    if group.down is None or group.trust is None:
-        return moved
-    raised = np.einsum("wnk,wnkj->wnj", group.down, turned) * np.sqrt(group.trust)[..., np.newaxis]
-    return np.concatenate([moved, raised[:, np.newaxis] / found.weights.vertical], axis=1)
+    evidence.scatter += per_step * of_walk
+    seen = min(per_step, MOST_WALKED**2 / longest)
+    walk = math.sqrt(per_step / max(problem.interval, 1e-9))
+    return Scatter(evidence.scatter, walk, _creep(evidence), seen * bent)
 
 
 def _later(rows: Floats, pushes: Floats) -> Floats:
@@ -135,61 +155,56 @@ def _looked_at(groups: Sequence[Group]) -> tuple[float, set[int]]:
     return total / max(some, 1), chosen
 
 
-def _projected(rows: Rows, group: Group) -> tuple[Floats, Floats]:
+def _projected(rows: Rows) -> tuple[Floats, Floats]:
     """Jacobian (W, k n, P) and residuals (W, k n) without what the windows' own directions take up."""
     count, width = len(rows.residual), rows.jacobian.shape[-1]
     jacobian, residual = rows.jacobian.reshape(count, -1, width), rows.residual.reshape(count, -1)
-    if not group.is_eliminated:
-        return jacobian, residual
     own = rows.own.reshape(count, -1, 2)
     taken = own @ inverse_of(np.swapaxes(own, 1, 2) @ own)
     left = residual - (taken @ (residual[:, np.newaxis] @ own).swapaxes(1, 2))[..., 0]
     return jacobian - taken @ (np.swapaxes(own, 1, 2) @ jacobian), left
 
 
-def _add_blocks(evidence: _Evidence, group: Group, jacobian: Floats, residual: Floats, readings: int) -> None:
-    """Add gradients and squares to the stretch of the recording they belong to."""
-    if group.is_eliminated:
-        block = np.minimum(group.rows[:, 0] * BLOCKS // readings, BLOCKS - 1)
-    else:
-        each = np.minimum(group.rows[0] * BLOCKS // readings, BLOCKS - 1)
-        block = np.tile(each, 3)
-        jacobian, residual = jacobian[0][:, np.newaxis], residual[0][:, np.newaxis]
+def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> None:
+    """Add gradients and squares to the stretch (W,) of the recording that each window belongs to."""
     for index in np.unique(block):
         rows = jacobian[block == index].reshape(-1, jacobian.shape[-1])
         evidence.squares[index] += rows.T @ rows
         evidence.gradients[index] += residual[block == index].ravel() @ rows
 
 
-def _hung_together(rows: Rows, group: Group, jacobian: Floats, residual: Floats) -> Floats:
-    """(P, P) scatter of Σ J r with residuals that hang together in time, each kind on its own."""
-    width = jacobian.shape[-1]
-    if group.is_eliminated and group.weight.shape[1] == 1:
-        basis = _free(rows.own[:, :, 0])
-        jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
-        residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])
-    else:
-        jacobian = np.swapaxes(jacobian.reshape(-1, group.weight.shape[1], width), 0, 1)
-        residual = residual.reshape(-1, group.weight.shape[1]).T
-    total = np.zeros((width, width))
+def _hung_together(rows: Rows, basis: Floats) -> Floats:
+    """(P, P) scatter of Σ J r of single readings with residuals that hang together in time, each kind on its own."""
+    jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
+    residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])
+    total = np.zeros((jacobian.shape[-1], jacobian.shape[-1]))
     for kind in range(residual.shape[1]):
         own = Residuals(residual[:, kind], jacobian[:, kind], [np.arange(len(residual))])
         total += own.scatter(own.autocovariance())
     return total
 
 
-def _free(own: Floats) -> Floats:
-    """(W, k, k − 2) directions of residual space that a reading's own direction leaves free: outward, and upward."""
+def _free(own: Floats, direction: Floats) -> Floats:
+    """(W, k, f) directions of residual space that a reading's own direction leaves free: outward, and what is beside.
+
+    Beside it is upward for a vertical; for an attitude two, across the site's field in the world, in which errors of
+    attitudes last.
+    """
+    count, kinds, _ = own.shape
     normal = np.cross(own[:, :3, 0], own[:, :3, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    if own.shape[1] == 3:
+    if kinds == 3:
         return normal[..., np.newaxis]
-    outward = np.concatenate([normal, np.zeros((len(own), 1))], axis=1)
+    beside = np.ones((1, 1)) if kinds == 4 else across(direction)
+    free = np.zeros((count, kinds, 1 + beside.shape[1]))
+    free[:, :3, 0] = normal
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
-    upward = -np.einsum("wka,wab,wb->wk", own, inverse, own[:, 3])
-    upward[:, 3] += 1.0
-    upward /= np.maximum(np.linalg.norm(upward, axis=1, keepdims=True), 1e-300)
-    return np.stack([outward, upward], axis=-1)
+    free[:, 3:, 1:] = beside
+    free[:, :, 1:] -= own @ (inverse @ (np.swapaxes(own[:, 3:], 1, 2) @ beside))
+    values, vectors = np.linalg.eigh(np.swapaxes(free[:, :, 1:], 1, 2) @ free[:, :, 1:])
+    root = vectors / np.sqrt(np.maximum(values, 1e-300))[:, np.newaxis]
+    free[:, :, 1:] = free[:, :, 1:] @ root @ np.swapaxes(vectors, 1, 2)
+    return free
 
 
 def _creep(evidence: _Evidence) -> float:

@@ -42,6 +42,7 @@ import numpy as np
 from flinders.coverage import directions_of
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.correlation import Residuals, time_of
+from flinders.estimators.settling import spread_of
 from flinders.samples import singles
 from flinders.terms import magnitude
 
@@ -153,9 +154,12 @@ class Walk:
         most = max(float(heights.max()), np.finfo(float).tiny)
         return "".join(BARS[round(float(height / most) * (len(BARS) - 1))] for height in heights)
 
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+    def as_dict(self, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> dict[str, Any]:
+        """JSON-ready; `valid_for_s` is None for any time."""
+        held = self.valid_for_s(level_deg, dip_deg=dip_deg)
         return {
+            "level_deg": level_deg,
+            "valid_for_s": held if np.isfinite(held) else None,
             "per_root_second": self.per_root_second,
             "at_most": self.at_most,
             "gain": self.gain,
@@ -239,8 +243,7 @@ def _spans(readings: Floats, time: Floats, ellipsoid: Ellipsoid) -> _Spans:
     """Put readings together, a reading that is far off with no more weight than one at the limit."""
     distances = magnitude.distances(readings, ellipsoid)
     jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
-    noise = 1.4826 * float(np.median(np.abs(distances)))
-    noise = max(noise, 1e-9 * ellipsoid.radius)
+    noise = max(spread_of(distances), 1e-9 * ellipsoid.radius)
     weights = np.minimum(1.0, NEAR * noise / np.maximum(np.abs(distances), np.finfo(float).tiny)) ** 2
     left = distances * np.sqrt(weights)
     alike = _time_of_noise(left, jacobian, time)

@@ -88,11 +88,11 @@ def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
     return down * told[:, np.newaxis], told.astype(float)
 
 
-def huber(residuals: Floats) -> Floats:
+def huber(residuals: Floats, *, beyond: float = HUBER) -> Floats:
     """Weights of residuals in standard deviations.
 
     >>> huber(np.array([0.5, -5.0]))
     array([1. , 0.5])
     """
-    weights: Floats = HUBER / np.maximum(np.abs(residuals), HUBER)
+    weights: Floats = beyond / np.maximum(np.abs(residuals), beyond)
     return weights

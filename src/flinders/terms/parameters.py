@@ -6,8 +6,8 @@ A reading, in raw units, is
 
 with the field's direction q in body axes, the symmetric shape S, the rotation R from the magnetometer's axes to those
 of the body, an offset pⱼ for each unit of a driver cⱼ, and a slope a of the scale with the temperature τ. The gyro
-brings its bias and its delay, the accelerometer the sine of the dip, a logged attitude the direction of the site's
-field.
+brings its bias, its scales and its delay, the accelerometer the sine of the dip, a logged attitude the direction of
+the site's field.
 
 >>> layout = Layout.of(rotation=True, gyro_bias=True)
 >>> layout.size, layout.columns["gyro_bias"]
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 SIZES: Final = {
-    "offset": 3, "shape": 6, "rotation": 3, "drivers": 0, "slope": 1, "gyro_bias": 3, "delay": 1, "sine": 1,
-    "direction": 2,
+    "offset": 3, "shape": 6, "rotation": 3, "drivers": 0, "slope": 1, "gyro_bias": 3, "gyro_scale": 6,
+    "delay": 1, "sine": 1, "direction": 2,
 }  # fmt: skip
 """Columns of each block, in their order; of drivers three for each."""
 
@@ -90,6 +90,8 @@ class Parameters:
         Of the field's dip, positive where it points below the horizon.
     direction : (3,) float
         Unit vector: the site's field in the axes that a logged attitude turns into.
+    gyro_scale : (6,) float
+        Upper triangle of Γ, in the order of `flinders.quadric.symmetric`: the body turns by (1 + Γ)(ω − d).
     """
 
     offset: Floats
@@ -101,6 +103,7 @@ class Parameters:
     delay: float
     sine: float
     direction: Floats
+    gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
 
     @classmethod
     def at(cls, offset: Floats, shape: Floats, *, drivers: int = 0) -> Self:
@@ -120,13 +123,19 @@ class Parameters:
                 changed[name] = getattr(self, name) + float(parts[name][0])
         if "drivers" in parts:
             changed["drivers"] = self.drivers + parts["drivers"].reshape(-1, 3)
-        if "gyro_bias" in parts:
-            changed["gyro_bias"] = self.gyro_bias + parts["gyro_bias"]
+        for name in ("gyro_bias", "gyro_scale"):
+            if name in parts:
+                changed[name] = getattr(self, name) + parts[name]
         if "rotation" in parts:
             changed["rotation"] = rotations(parts["rotation"][np.newaxis])[0] @ self.rotation
         if "direction" in parts:
             changed["direction"] = on_the_sphere(self.direction, parts["direction"])
         return replace(self, **changed)  # type: ignore[arg-type]
+
+    def turning(self, rate: Floats) -> Floats:
+        """(..., 3) rad/s that the body turns by, of (..., 3) that its gyro says."""
+        turning: Floats = (rate - self.gyro_bias) @ (np.eye(3) + symmetric(self.gyro_scale))
+        return turning
 
     @property
     def ellipsoid_like(self) -> Floats:

@@ -6,11 +6,13 @@ share it is what an aid changes:
     magnitude      one reading        q = v                 the length alone counts
     dip            one reading        q = v, dᵀq = sin I    and the height above the horizon
     rate           a window           q_k = ΔR_kᵀ v         three residuals a reading
-    attitude       all                q_k = C_kᵀ m          and the rotation is seen in full
+    attitude       one reading, or    C_k q_k = m           and the rotation is seen in full
+                   a window
 
-Residuals are r = x − b − Σ pc − (1 + aτ) S Rᵀ q in the unit of the readings, and sin I − dᵀq where there is a
-vertical d. Both are linear in the noise. Each group's own direction is eliminated by a Schur complement: with the
-Jacobians J of the parameters and V of the direction, the normal equations lose JᵀV (VᵀV)⁻¹ VᵀJ.
+Residuals are r = x − b − Σ pc − (1 + aτ) S Rᵀ q in the unit of the readings, sin I − dᵀq where there is a
+vertical d, and m − C q where there is an attitude C. All are linear in the noise. Each group's own direction is
+eliminated by a Schur complement: with the Jacobians J of the parameters and V of the direction, the normal equations
+lose JᵀV (VᵀV)⁻¹ VᵀJ.
 
 The sphere that v moves on is curved. Noise that leaves v uncertain by the covariance C leaves residuals with the mean
 ½ tr(C) f(v), f the part of the model that is linear in v. `bent` gives what this adds to the gradient, for the solver
@@ -19,7 +21,7 @@ the number of readings.
 
 The vertical has noise, too, which stands in the residual sin I − dᵀq and in its Jacobian dᵀ∂q: their product has the
 mean σ² sin I dᵀ∂q for a noise of σ in each direction across d. And a noisy unit vector is the shorter along its mean,
-by σ². `bent` holds both.
+by σ². `bent` holds both. An attitude's noise leaves nothing of the kind, see `flinders.terms.pointing`.
 
 Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the bias of a
 curved surface as in `flinders.terms.magnitude`.
@@ -60,7 +62,7 @@ class Weights(NamedTuple):
     noise : float
         Standard deviation of a component of a reading, in its unit.
     vertical : float
-        Standard deviation of dᵀq.
+        Standard deviation of dᵀq, or of an attitude about each axis, in rad.
     """
 
     noise: float
@@ -84,6 +86,7 @@ class Group:
         From body axes into the world, where all share the direction of the site's field.
     down : (W, n, 3) float, optional
     trust : (W, n) float, optional
+        In the vertical, or in the attitude; a group has one of the two at most.
     drivers : (W, n, m) float, optional
     warmth : (W, n) float, optional
     """
@@ -105,9 +108,9 @@ class Group:
         return cls(np.arange(shape[0] * shape[1]).reshape(shape), field, np.ones(shape))
 
     @property
-    def is_eliminated(self) -> bool:
-        """Each window has a direction of its own."""
-        return self.attitudes is None
+    def tall(self) -> int:
+        """Residuals of a reading: 3, 4 with a vertical, or 6 with an attitude."""
+        return 6 if self.attitudes is not None else 3 if self.down is None else 4
 
     @property
     def count(self) -> int:
@@ -116,8 +119,6 @@ class Group:
 
     def chunks(self) -> list[Self]:
         """The same in parts that are not too large, never cutting a window."""
-        if not self.is_eliminated or len(self.rows) == 0:
-            return [self] if len(self.rows) else []
         each = max(1, ROOM // self.rows.shape[1])
         return [self._chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
 
@@ -130,8 +131,10 @@ class Group:
         return replace(self, **parts, turned=None if self.turned is None else self.turned.chunk(rows))  # type: ignore[arg-type]
 
     def at(self, at: Parameters) -> Self:
-        """The same, turned with the gyro's bias of some parameters."""
-        return self if self.turned is None else replace(self, turned=self.turned.with_bias(at.gyro_bias))
+        """The same, turned with the gyro of some parameters."""
+        if self.turned is None:
+            return self
+        return replace(self, turned=self.turned.with_gyro(at.gyro_bias, at.gyro_scale))
 
     @property
     def rotations(self) -> Floats:
@@ -165,14 +168,11 @@ class Group:
 
     def seen(self, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
         """(W, n, 3) q at each reading, and the rotations (W, n, 3, 3) that made it from (W, 3) directions."""
-        if self.attitudes is not None:
-            back = np.swapaxes(self.attitudes, 2, 3)
-            return back @ at.direction, back
         if self.turned is None:
             return np.broadcast_to(directions[:, np.newaxis], self.field.shape), None
         back = np.swapaxes(self.turned.rotations, 2, 3)
         if at.delay:
-            late = rotations((at.delay * (self.turned.rate - at.gyro_bias)).reshape(-1, 3)).reshape(back.shape)
+            late = rotations((at.delay * at.turning(self.turned.rate)).reshape(-1, 3)).reshape(back.shape)
             back = late @ back
         return (back @ directions[:, np.newaxis, :, np.newaxis])[..., 0], back
 
@@ -184,7 +184,7 @@ class Rows:
     Attributes
     ----------
     residual : (W, k, n) float
-        k is 3, or 4 with a vertical.
+        k is 3, 4 with a vertical, or 6 with an attitude.
     jacobian : (W, k, n, P) float
     own : (W, k, n, 2) float
         For the window's own direction.
@@ -195,7 +195,8 @@ class Rows:
     still : (P,) float
         1 for a parameter whose Jacobian has no part in that noise.
     counts : tuple of float
-        Residuals of readings, and of verticals: a weight stands for a variance, and each counts for one.
+        Residuals of readings, and of verticals or attitudes: a weight stands for a variance, and each counts for one.
+        Of an attitude two, as the third, along the field, is of second order.
     """
 
     residual: Floats
@@ -225,7 +226,7 @@ class Linearised:
     own : (W, 2) float
         Gradient of each direction.
     squares : (2,) float
-        Σ r² of the readings, and of the verticals, once directions have settled.
+        Σ r² of the readings, and of the verticals or attitudes, once directions have settled.
     expected : (2,) float
         The same if the weights are right, but for what the parameters take up.
     curvature : (2, 2) float
@@ -245,29 +246,29 @@ class Linearised:
 
     def follow(self, directions: Floats, step: Floats) -> Floats:
         """(W, 3) directions that go with a step of the parameters."""
-        if not len(self.inverse):
-            return directions
         left = self.own - step @ self.mixed
         return on_the_sphere(directions, np.einsum("wab,wb->wa", self.inverse, left))
 
 
 def residuals_of(group: Group, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
-    """(W, n, 3) r in the unit of the readings, and (W, n) sin I − dᵀq, without weights."""
+    """(W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q, without weights."""
     q, _ = group.seen(at, directions)
     gain = group.gain(at)
     model = q @ at.ellipsoid_like.T
     residual = group.centred(at) - (model if gain is None else model * gain[..., np.newaxis])
+    if group.attitudes is not None:
+        return residual, at.direction - (group.attitudes @ q[..., np.newaxis])[..., 0]
     if group.down is None:
         return residual, None
-    return residual, at.sine - np.einsum("wni,wni->wn", group.down, q)
+    return residual, at.sine - np.einsum("wni,wni->wn", group.down, q)[..., np.newaxis]
 
 
 def cost_of(group: Group, at: Parameters, directions: Floats, weights: Weights) -> float:
     """Σ r² in standard deviations."""
-    residual, upright = residuals_of(group, at, directions)
+    residual, beside = residuals_of(group, at, directions)
     cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * group.weight)) / weights.noise**2
-    if upright is not None and group.trust is not None:
-        cost += float(np.sum(upright**2 * group.trust)) / weights.vertical**2
+    if beside is not None and group.trust is not None:
+        cost += float(np.sum(np.einsum("wni,wni->wn", beside, beside) * group.trust)) / weights.vertical**2
     return cost
 
 
@@ -284,10 +285,10 @@ def linearised(group: Group, at: Parameters, directions: Floats, layout: Layout,
     layout : Layout
     weights : Weights
     """
-    return eliminated(rows_of(group, at, directions, layout, weights), is_own=group.is_eliminated)
+    return eliminated(rows_of(group, at, directions, layout, weights))
 
 
-def eliminated(rows: Rows, *, is_own: bool) -> Linearised:
+def eliminated(rows: Rows) -> Linearised:
     """Sum up rows, and take their own directions out."""
     count, width = len(rows.residual), rows.jacobian.shape[-1]
     jacobian = rows.jacobian.reshape(count, -1, width)
@@ -297,9 +298,6 @@ def eliminated(rows: Rows, *, is_own: bool) -> Linearised:
     squares = np.array([np.sum(rows.residual[:, :3] ** 2), np.sum(rows.residual[:, 3:] ** 2)])
     cost = float(squares.sum())
     counts = np.asarray(rows.counts)
-    if not is_own:
-        none = np.zeros((0, 2, 2)), np.zeros((0, width, 2)), np.zeros((0, 2))
-        return Linearised(matrix, gradient, cost, np.zeros(width), *none, squares, counts, np.diag(counts))
     own = rows.own.reshape(count, -1, 2)
     model = rows.model.reshape(count, -1)
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
@@ -345,46 +343,61 @@ def rows_of(group: Group, at: Parameters, directions: Floats, layout: Layout, we
     """Residuals and Jacobians of a group in standard deviations; parameters as those of `linearised`."""
     q, back = group.seen(at, directions)
     windows, n = group.weight.shape
-    tall = 3 if group.down is None else 4
-    jacobian = np.zeros((windows, tall, n, layout.size))
+    tall = group.tall
+    jacobian = jacobian_of(group, at, q, layout, weights)
     residual = np.empty((windows, tall, n))
     model = np.empty((windows, tall, n))
     lean = np.zeros((windows, tall, n))
-    _fill(jacobian, group, at, q, layout)
     gain, shape = group.gain(at), at.ellipsoid_like
     pure = q @ shape.T
     linear = pure if gain is None else pure * gain[..., np.newaxis]
     scale = np.sqrt(group.weight) / weights.noise
     model[:, :3] = np.swapaxes(linear, 1, 2)
     residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2)
-    tangent = across(at.direction if group.attitudes is not None else directions)
+    tangent = across(directions)
     if back is None:
         turned = np.broadcast_to(tangent[:, np.newaxis], (windows, n, 3, 2))
     else:
-        turned = back @ (tangent if group.attitudes is not None else tangent[:, np.newaxis])
+        turned = back @ tangent[:, np.newaxis]
     bent = shape @ turned
     own = np.empty((windows, tall, n, 2))
     own[:, :3] = np.swapaxes(bent if gain is None else bent * gain[..., np.newaxis, np.newaxis], 1, 2)
     for array in (model, residual):
         array[:, :3] *= scale[:, np.newaxis]
-    for wide in (jacobian, own):
-        wide[:, :3] *= scale[:, np.newaxis, :, np.newaxis]
-    if group.down is not None and group.trust is not None:
-        steep = np.sqrt(group.trust) / weights.vertical
+    own[:, :3] *= scale[:, np.newaxis, :, np.newaxis]
+    steep = np.zeros((windows, n)) if group.trust is None else np.sqrt(group.trust) / weights.vertical
+    if group.attitudes is not None:
+        stands = (group.attitudes @ q[..., np.newaxis])[..., 0]
+        model[:, 3:] = np.swapaxes(stands * steep[..., np.newaxis], 1, 2)
+        residual[:, 3:] = np.swapaxes((at.direction - stands) * steep[..., np.newaxis], 1, 2)
+        own[:, 3:] = np.swapaxes(group.attitudes @ turned, 1, 2) * steep[:, np.newaxis, :, np.newaxis]
+    elif group.down is not None and group.trust is not None:
         lean[:, 3] = at.sine / max(1.0 - at.sine**2, 1e-3) * weights.vertical * np.sqrt(group.trust)
         height = np.einsum("wni,wni->wn", group.down, q)
         model[:, 3] = height * steep
         residual[:, 3] = (at.sine - height) * steep
         own[:, 3] = np.einsum("wni,wnij->wnj", group.down, turned) * steep[..., np.newaxis]
-        _fill_upright(jacobian[:, 3], group, at, q, layout)
-        jacobian[:, 3] *= steep[..., np.newaxis]
-    if "direction" in layout and group.attitudes is not None:
-        jacobian[..., layout.columns["direction"]] = own
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
+    trusted *= 1.0 if group.attitudes is None else 2.0
     still = np.zeros(layout.size)
     if "sine" in layout:
         still[layout.columns["sine"]] = 1.0
     return Rows(residual, jacobian, own, model, lean, still, (3.0 * float(group.weight.sum()), trusted))
+
+
+def jacobian_of(group: Group, at: Parameters, q: Floats, layout: Layout, weights: Weights) -> Floats:
+    """(W, k, n, P) Jacobian of a group in standard deviations, with the field's direction (W, n, 3) at each reading."""
+    jacobian = np.zeros((q.shape[0], group.tall, q.shape[1], layout.size))
+    _fill(jacobian, group, at, q, layout)
+    jacobian[:, :3] *= (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
+    if group.trust is None:
+        return jacobian
+    if group.attitudes is not None:
+        _fill_pointed(jacobian[:, 3:], group, at, q, layout)
+    elif group.down is not None:
+        _fill_upright(jacobian[:, 3], group, at, q, layout)
+    jacobian[:, 3:] *= (np.sqrt(group.trust) / weights.vertical)[:, np.newaxis, :, np.newaxis]
+    return jacobian
 
 
 def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
@@ -413,8 +426,10 @@ def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Lay
     if group.turned is not None:
         if turned is not None and "gyro_bias" in layout:
             jacobian[:, :3, :, layout.columns["gyro_bias"]] = np.swapaxes(turned @ group.turned.by_bias, 1, 2)
+        if turned is not None and "gyro_scale" in layout:
+            jacobian[:, :3, :, layout.columns["gyro_scale"]] = np.swapaxes(turned @ group.turned.by_scale, 1, 2)
         if "delay" in layout:
-            moving = np.cross(group.turned.rate - at.gyro_bias, scaled) @ shape.T
+            moving = np.cross(at.turning(group.turned.rate), scaled) @ shape.T
             jacobian[:, :3, :, layout.columns["delay"].start] = np.swapaxes(moving, 1, 2)
 
 
@@ -424,13 +439,33 @@ def _fill_upright(jacobian: Floats, group: Group, at: Parameters, q: Floats, lay
         jacobian[..., layout.columns["sine"].start] = -1.0
     if group.turned is None or group.down is None:
         return
+    turned = np.cross(group.down, q)  # dᵀ (q × Jδ) = (d × q)ᵀ J δ
     if "gyro_bias" in layout:
-        turned = np.cross(group.down, q)  # dᵀ (q × Jδ) = (d × q)ᵀ J δ
-        bias = np.einsum("wni,wnij->wnj", turned, group.turned.by_bias)
-        jacobian[..., layout.columns["gyro_bias"]] = bias
+        jacobian[..., layout.columns["gyro_bias"]] = np.einsum("wni,wnij->wnj", turned, group.turned.by_bias)
+    if "gyro_scale" in layout:
+        jacobian[..., layout.columns["gyro_scale"]] = np.einsum("wni,wnij->wnj", turned, group.turned.by_scale)
     if "delay" in layout:
-        moving = np.cross(group.turned.rate - at.gyro_bias, q)
+        moving = np.cross(at.turning(group.turned.rate), q)
         jacobian[..., layout.columns["delay"].start] = np.einsum("wni,wni->wn", group.down, moving)
+
+
+def _fill_pointed(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
+    """Write the Jacobian (W, 3, n, P) of C q − m."""
+    if "direction" in layout:
+        jacobian[..., layout.columns["direction"]] = -across(at.direction)[:, np.newaxis]
+    if group.turned is None or group.attitudes is None:
+        return
+    if "gyro_bias" in layout:
+        turned = group.attitudes @ cross_matrices(q) @ group.turned.by_bias
+        jacobian[..., layout.columns["gyro_bias"]] = np.swapaxes(turned, 1, 2)
+    if "gyro_scale" in layout:
+        turned = group.attitudes @ cross_matrices(q) @ group.turned.by_scale
+        jacobian[..., layout.columns["gyro_scale"]] = np.swapaxes(turned, 1, 2)
+    if "delay" in layout:
+        moving = np.cross(at.turning(group.turned.rate), q)
+        jacobian[..., layout.columns["delay"].start] = np.swapaxes(
+            (group.attitudes @ moving[..., np.newaxis])[..., 0], 1, 2
+        )
 
 
 def inverse_of(matrices: Floats) -> Floats:

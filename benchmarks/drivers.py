@@ -1,0 +1,323 @@
+"""Is what is claimed of drivers true, and what do they take off a real flight? As Markdown.
+
+    python -m benchmarks.drivers [--trials 200] [--tables nees,bench,flight,onboard]
+
+``nees``    squared errors over their claimed variances: of P for each axis, of the growth a with the temperature, of
+            the lag, and of offset and shape at the reference, in simulated tumbles by hand of a minute at 50 Hz
+``bench``   the same of P where the sensor is not turned
+``flight``  a drone's three compasses, every other block of 5 s held out: spread of the strength of the field, also
+            without the last 10 s, in which it lies on its back, motors at 22 to 25 A
+``onboard`` its external compass against the calibration that was on board
+
+The recording of ``flight`` and ``onboard`` is looked for as `benchmarks.recordings` does. 200 trials take some ten
+minutes on one core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from benchmarks.datasets import parameter_error
+from benchmarks.recordings import FOLDER
+from flinders import simulate
+from flinders.calibration import Calibration
+from flinders.driven import Settler
+from flinders.drivers import lagged
+from flinders.estimators import Likelihood, Readings
+from flinders.estimators.bench import still
+from flinders.estimators.driving import driving_of
+from flinders.quadric import Ellipsoid
+from flinders.result import Refused
+from flinders.samples import Samples
+from flinders.terms import magnitude
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.arrays import Floats
+    from flinders.estimators.bench import Still
+    from flinders.result import Fit
+    from flinders.simulate import Simulated
+
+FIRST, SECOND = np.array([0.5, 0.0, -0.3]), np.array([-0.2, 0.4, 0.1])
+"""µT/A of two motors."""
+
+FULL: Final = 20.0
+"""A at full throttle."""
+
+WARM: Final = np.array([0.3, -0.2, 0.1])
+"""µT/°C."""
+
+GROWTH: Final = 0.002
+"""Share of the scale per °C."""
+
+LAG_S: Final = 0.13
+
+Truth = dict[str, "Floats"]
+"""Offset per unit of each driver."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flown:
+    """A recording, and what drove it.
+
+    Attributes
+    ----------
+    recording : Simulated
+    samples : Samples
+        With what drives it in its readings and beside them.
+    per_unit : dict of str to (3,) float
+    growth : float
+    lag_s : float
+    """
+
+    recording: Simulated
+    samples: Samples
+    per_unit: Truth
+    growth: float = 0.0
+    lag_s: float = 0.0
+
+
+def flown(
+    seed: int,
+    motors: tuple[str, ...] = (),
+    *,
+    lag_s: float = 0.0,
+    warm: bool = False,
+) -> Flown:
+    """Fly a minute: each motor is set anew every three seconds, and the sensor warms up by 16 °C."""
+    recording = simulate.tumble(seed=seed)
+    rng = np.random.default_rng([2026, seed])
+    time, field = recording.samples.time, recording.samples.field
+    assert time is not None
+    columns: dict[str, Floats] = {}
+    per_unit: Truth = {}
+    if warm:  # first, as its gain acts on the earth's field alone
+        effect = simulate.ThermalDrift(WARM, kelvin=20.0, seconds=40.0).on(time, rng)
+        assert effect.temperature is not None
+        departure = effect.temperature - effect.temperature[0]
+        field = recording.sensor.offset + (field - recording.sensor.offset) * (1.0 + GROWTH * departure)[:, np.newaxis]
+        field, columns["temperature"], per_unit["temperature"] = field + effect.shift, effect.temperature, WARM
+    for name, vector in zip(motors, (FIRST, SECOND), strict=False):
+        size = FULL if name == "throttle" else 1.0
+        effect = simulate.MotorCurrent(vector, amperes=FULL).on(time, rng)
+        assert effect.current is not None
+        columns[name], per_unit[name] = effect.current / size, vector * size
+        field = field + np.stack([lagged(axis, time, lag_s) for axis in effect.shift.T], axis=1)
+    current, throttle, temperature = (columns.get(name) for name in ("current", "throttle", "temperature"))
+    samples = replace(recording.samples, field=field, current=current, throttle=throttle, temperature=temperature)
+    return Flown(recording, samples, per_unit, GROWTH if warm else 0.0, lag_s)
+
+
+CASES: Final[dict[str, Callable[[int], Flown]]] = {
+    "current": partial(flown, motors=("current",)),
+    "throttle": partial(flown, motors=("throttle",)),
+    "current, lag 0.13 s": partial(flown, motors=("current",), lag_s=LAG_S),
+    "current and throttle, each a motor of its own": partial(flown, motors=("current", "throttle")),
+    "temperature, offset and scale": partial(flown, warm=True),
+    "current and temperature": partial(flown, motors=("current",), warm=True),
+}
+
+
+def fitted(one: Flown) -> Fit:
+    """Fit, also where the fit is refused."""
+    try:
+        return flinders.fit(one.samples, drivers=tuple(one.per_unit))
+    except Refused as refused:
+        return refused.fit
+
+
+def errors_of(one: Flown) -> tuple[Floats, Floats, list[str]]:
+    """(9 + K + lags,) errors, their claimed variances, and what each is of: ``b``, ``S``, a driver, ``a``, ``lag``."""
+    fit = fitted(one)
+    calibration, sensor = fit.calibration, one.recording.sensor
+    assert fit.drivers_covariance is not None
+    offset, grown = np.array(sensor.offset), 1.0
+    error: list[Floats] = []
+    names, lags = ["b"] * 3 + ["S"] * 6, []
+    for driver, told in zip(calibration.drivers, fit.driven, strict=True):
+        error.append(driver.per_unit - one.per_unit[driver.name])
+        names += [f"P of {driver.name}"] * 3
+        if driver.name == "temperature":
+            away = driver.reference - 20.0
+            offset, grown = offset + away * WARM, 1.0 + GROWTH * away
+        elif np.isfinite(told.lag_sigma_s) and one.lag_s:
+            lags.append(((driver.lag_s - one.lag_s), told.lag_sigma_s**2))
+    moved = replace(sensor, offset=offset, matrix=np.asarray(sensor.matrix) * grown)
+    matrix = calibration.matrix / calibration.field_strength * one.recording.field_strength
+    level = parameter_error(matrix, calibration.offset, replace(one.recording, sensor=moved))
+    if one.growth:
+        error.append(np.array([calibration.drivers[-1].gain_per_unit - one.growth / grown]))
+        names.append("a")
+    squares = np.concatenate([level, *error, [lag for lag, _ in lags]])
+    variances = np.concatenate([np.diag(fit.drivers_covariance), [variance for _, variance in lags]])
+    return squares, variances, names + ["lag"] * len(lags)
+
+
+def nees_table(trials: int) -> Iterator[str]:
+    """Yield squared errors over what was claimed, parameter by parameter."""
+    yield "| driver | b | S | P, each axis | a | lag | all, least … most |"
+    yield "|---|---:|---:|---|---:|---:|---:|"
+    for title, case in CASES.items():
+        found = [errors_of(case(seed)) for seed in range(trials)]
+        names = np.array(found[0][2])
+        ratios = np.mean([error**2 / variance for error, variance, _ in found], axis=0)
+        driven = ", ".join(f"{ratio:.2f}" for ratio in ratios[np.char.startswith(names, "P")])
+        yield (
+            f"| {title} | {_mean(ratios[names == 'b'])} | {_mean(ratios[names == 'S'])} | {driven} "
+            f"| {_mean(ratios[names == 'a'])} | {_mean(ratios[names == 'lag'])} "
+            f"| {ratios.min():.2f} … {ratios.max():.2f} |"
+        )
+
+
+# a sensor on the bench
+
+
+def bench_table(trials: int) -> Iterator[str]:
+    """Yield the same of benches of twelve seconds, the motor run up and down twice, and stepped three times."""
+    yield "| bench | P, each axis | refused |"
+    yield "|---|---|---:|"
+    courses = {
+        "up and down twice": 10.0 - 10.0 * np.cos(np.arange(600) / 600 * 4.0 * np.pi),
+        "off and on three times": np.tile(np.repeat([0.0, 15.0], 100), 3),
+    }
+    for title, drawn in courses.items():
+        found = [lain(drawn, seed) for seed in range(trials)]
+        kept = [one for one in found if one is not None]
+        ratios = np.mean([(one.drivers[0].per_unit - FIRST) ** 2 / np.diag(one.covariance) for one in kept], axis=0)
+        yield f"| {title} | {', '.join(f'{ratio:.2f}' for ratio in ratios)} | {len(found) - len(kept)} |"
+
+
+def lain(drawn: Floats, seed: int) -> Still | None:
+    """What is found on a bench: noise of 0.3 µT and 0.05 A at 50 Hz."""
+    rng = np.random.default_rng([2027, seed])
+    field = np.array([20.0, -5.0, 43.0]) + np.outer(drawn, FIRST) + rng.normal(scale=0.3, size=(len(drawn), 3))
+    current = drawn + rng.normal(scale=0.05, size=len(drawn))
+    return still([Samples.of(field, unit="uT", time=np.arange(len(drawn)) / 50.0, current=current)], ["current"])
+
+
+# a real flight
+
+FLIGHT: Final = "dronekit_log171_3mags/log171.bin"
+BLOCKS: Final = 48
+ON_ITS_BACK: Final = 2
+"""Blocks at the end."""
+ONBOARD: Final = ([-97.79, 118.11, 213.18], [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213])
+"""COMPASS_OFS in mG, DIA and ODI of the external compass, as the log has them."""
+
+
+def compass(name: str) -> Samples:
+    """Readings of one compass of the flight, with the current."""
+    blocks = list(flinders.open_recording(str(FOLDER / FLIGHT), sensor=name).blocks())
+    time, current = (np.concatenate([getattr(block, column) for block in blocks]) for column in ("time", "current"))
+    return Samples.of(np.concatenate([block.field for block in blocks]), unit="uT", time=time, current=current)
+
+
+def strength(samples: Samples, calibration: Calibration) -> Floats:
+    """(N,) length of corrected readings over its mean."""
+    length = np.linalg.norm(calibration.at().apply(Settler(calibration)(samples).field), axis=1)
+    found: Floats = length / length.mean()
+    return found
+
+
+def plain(field: Floats) -> Calibration:
+    """The best calibration that follows nothing."""
+    ellipsoid = Likelihood().estimate(Readings.of(field)).ellipsoid
+    return Calibration.from_ellipsoid(ellipsoid.centre, ellipsoid.shape)
+
+
+def best_line(lengths: Floats, samples: Samples, calibration: Calibration) -> Floats:
+    """What a straight line in the current leaves of lengths, for each axis, fitted to these very readings."""
+    directions = calibration.at().apply(Settler(calibration)(samples).field)
+    ellipsoid = Ellipsoid(calibration.offset, calibration.shape)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    normals = magnitude.information(directions, ellipsoid)[:, :3]
+    assert samples.current is not None
+    line = np.column_stack([normals * samples.current[:, np.newaxis], np.ones(len(lengths))])
+    left: Floats = lengths - line @ np.linalg.lstsq(line, lengths, rcond=None)[0]
+    return left
+
+
+def flight_table() -> Iterator[str]:
+    """Yield the spread of the strength in held-out blocks."""
+    yield "| compass | held out | without | following the current | best line on these blocks | more than that |"
+    yield "|---|---|---:|---:|---:|---:|"
+    for name, title in (("1", "external"), ("2", "second (internal)"), ("3", "third (internal)")):
+        samples = compass(name)
+        block = np.arange(len(samples)) * BLOCKS // len(samples)
+        for half in (0, 1):
+            learnt = [samples[block == place] for place in range(half, BLOCKS, 2)]
+            found = driving_of(learnt, ("current",)).calibration
+            without = plain(np.concatenate([part.field for part in learnt]))
+            for upright in (False, True):
+                kept = (block % 2 != half) & (block < BLOCKS - ON_ITS_BACK * upright)
+                others = samples[kept]
+                lengths = strength(others, found)
+                before, after = strength(others, without).std(), lengths.std()
+                best = best_line(lengths, others, found).std()
+                yield (
+                    f"| {title} | {('even', 'odd')[1 - half]} blocks{', upright' if upright else ''} "
+                    f"| {before:.2%} | {after:.2%} | {best:.2%} | {after / best - 1:.1%} |"
+                )
+
+
+def onboard_table() -> Iterator[str]:
+    """Yield what the calibration on board, and ours, leave of the strength while the drone was upright."""
+    samples = compass("1")
+    samples = samples[: len(samples) * (BLOCKS - ON_ITS_BACK - 1) // BLOCKS]
+    offset, diagonal, (xy, xz, yz) = ONBOARD
+    matrix = np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
+    board = Calibration(matrix, -0.1 * np.array(offset), 50.0)
+    found = driving_of([samples], ("current",)).calibration
+    hover = found.at(current=float(np.median(samples.current if samples.current is not None else 0.0)))
+    yield "| calibration | offset at the median current, µT | spread of the strength | the same, robust |"
+    yield "|---|---|---:|---:|"
+    for title, one, at in (("on board", board, board), ("plain", plain(samples.field), None), ("ours", found, hover)):
+        lengths = strength(samples, one)
+        told = ", ".join(f"{value:.1f}" for value in (one if at is None else at).offset)
+        robust = 1.4826 * float(np.median(np.abs(lengths - np.median(lengths))))
+        yield f"| {title} | {told} | {lengths.std():.2%} | {robust:.2%} |"
+
+
+def _mean(ratios: Floats) -> str:
+    return f"{ratios.mean():.2f}" if len(ratios) else "–"
+
+
+def main() -> None:
+    """Print the tables that were asked for."""
+    options = _parser().parse_args()
+    tables: dict[str, Callable[[], Iterator[str]]] = {
+        "nees": partial(nees_table, options.trials),
+        "bench": partial(bench_table, options.trials),
+        "flight": flight_table,
+        "onboard": onboard_table,
+    }
+    unknown = [name for name in options.tables or tables if name not in tables]
+    if unknown:
+        sys.exit(f"no table {', '.join(unknown)}: there are {', '.join(tables)}")
+    for name in options.tables or tables:
+        if name in {"flight", "onboard"} and not (FOLDER / FLIGHT).is_file():
+            print(f"\nno {FLIGHT} in {FOLDER}: set FLINDERS_DATA to the folder that holds it")
+            continue
+        print(f"\n## {name}\n")
+        for line in tables[name]():
+            print(line, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Describe the command line."""
+    parser = argparse.ArgumentParser("python -m benchmarks.drivers", description="What is known of drivers.")
+    parser.add_argument("--tables", type=lambda text: text.split(","), metavar="NAME,…", help="all by default")
+    parser.add_argument("--trials", type=int, default=200, help="of nees and bench")
+    return parser
+
+
+if __name__ == "__main__":
+    main()

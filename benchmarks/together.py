@@ -1,0 +1,233 @@
+"""What several magnetometers of one body are worth together: tables as Markdown.
+
+    python -m benchmarks.together [--tables nees,gain,departures,real,time] [--trials 200]
+
+nees        Squared error over claimed covariance of offsets, shapes and rotations, mean over trials: 1 is true.
+gain        Level heading error (rms over trials, after its mean) of each sensor alone and together.
+departures  A disturbance of four seconds: how often it is found, and laid to the right sensor; and how often in
+            an undisturbed minute something is found.
+real        `dronekit_log171` and `leiria_robot`, where `FLINDERS_DATA` names the folder.
+time        CPU seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from benchmarks.datasets import heading_error_deg
+from flinders import open_log, read, simulate
+from flinders.agreement import departures
+from flinders.estimators import Auto, Readings
+from flinders.estimators.several import Several, solve
+from flinders.quadric import upper
+from flinders.result import Fit, Refused
+from flinders.terms.turning import rotations
+from flinders.together import fit_together
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.estimators import Estimate
+    from flinders.simulate import Sensor, Simulated
+    from flinders.together import Together
+
+SEED: Final = 20261121
+FIELD: Final = 50.0
+"""µT."""
+
+BODIES: Final = {
+    "all around, 600": ("uniform", 600),
+    "by hand, 30 s": ("hand", 1500),
+    "tilt ≤ 35°, 1,000": ("tilted", 1000),
+    "flight, 30 s": ("flight", 1500),
+}
+"""What is done with a body: the motion, and readings at 50 Hz."""
+
+NOISES: Final = {"0.5, 0.5": (0.5, 0.5), "0.5, 2": (0.5, 2.0), "0.5, 0.5, 0.5": (0.5, 0.5, 0.5)}
+"""µT, of its sensors."""
+
+DISTURBANCES_UT: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """Sensors on one body, and the truth."""
+
+    fields: Floats
+    sensors: tuple[Sensor, ...]
+    rotations: tuple[Floats, ...]
+    path: Simulated
+
+
+def body(motion: str, n: int, noises: tuple[float, ...], seed: int) -> Body:
+    """Draw sensors, turned in any way but for the first, and record them on one path."""
+    rng = np.random.default_rng([SEED, seed])
+    path = simulate.tumble(seed=seed, motion=motion, n=n)
+    turns = [np.eye(3), *rotations(rng.normal(size=(len(noises) - 1, 3)))]
+    sensors = tuple(replace(simulate.Sensor.random(rng), noise=noise) for noise in noises)
+    fields = [
+        sensor.read(FIELD * path.directions @ turn, rng) for sensor, turn in zip(sensors, turns, strict=True)
+    ]  # fmt: skip
+    return Body(np.stack(fields), sensors, tuple(turns), path)
+
+
+def weighed(error: Floats, covariance: Floats) -> float:
+    """Squared error in claimed standard deviations, over the parameters: 1 on average where the claim is true."""
+    return float(error @ np.linalg.solve(covariance, error)) / len(error)
+
+
+def scores(found: Several, true: Body) -> Iterator[tuple[str, float]]:
+    """Yield the squared errors of all sensors, weighed."""
+    for number, (sensor, turn) in enumerate(zip(true.sensors, true.rotations, strict=True)):
+        at, claimed = found.parameters[number], found.of(number)
+        yield "offset", weighed(at.offset - sensor.offset, claimed[:3, :3])
+        yield "shape", weighed(upper(at.shape) - upper(FIELD * sensor.matrix), claimed[3:9, 3:9])
+        if number:
+            off = at.rotation @ turn.T
+            vector = 0.5 * np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]])
+            yield "rotation", weighed(vector, claimed[9:12, 9:12])
+
+
+def nees_table(trials: int) -> Iterator[str]:
+    """Yield whether claims are true."""
+    yield "| body | noises, µT | offsets | shapes | rotations | left open |"
+    yield "|---|---|---:|---:|---:|---:|"
+    for name, (motion, n) in BODIES.items():
+        for noise, noises in NOISES.items():
+            rows: dict[str, list[float]] = {"offset": [], "shape": [], "rotation": []}
+            left_open = 0
+            for seed in range(trials):
+                true = body(motion, n, noises, seed)
+                found = solve(true.fields)
+                left_open += found.unseen > 0
+                if not found.unseen:
+                    for kind, value in scores(found, true):
+                        rows[kind].append(value)
+            cells = " | ".join(f"{np.mean(values):.2f}" if values else "–" for values in rows.values())
+            yield f"| {name} | {noise} | {cells} | {left_open} of {trials} |"
+
+
+def heading_deg(estimate: Estimate, sensor: Sensor, path: Simulated) -> float:
+    """Level heading error of an ellipsoid of one sensor."""
+    matrix = np.linalg.inv(estimate.ellipsoid.shape)
+    return heading_error_deg(matrix, estimate.ellipsoid.centre, replace(path, sensor=sensor))
+
+
+def gain_table(trials: int) -> Iterator[str]:
+    """Yield what sensors are worth alone and together; median over trials, as a few are left open."""
+    yield "| body | noises, µT | alone, ° | together, ° |"
+    yield "|---|---|---:|---:|"
+    for name, (motion, n) in BODIES.items():
+        for noise, noises in NOISES.items():
+            errors: list[tuple[list[float], list[float]]] = []
+            for seed in range(trials):
+                true = body(motion, n, noises, seed)
+                alone = [Auto().estimate(Readings.of(field)) for field in true.fields]
+                found = solve(true.fields, starts=alone)
+                pairs = list(zip(alone, true.sensors, strict=True))
+                apart = [heading_deg(one, sensor, true.path) for one, sensor in pairs]
+                joint = [heading_deg(found.estimate(i), sensor, true.path) for i, (_, sensor) in enumerate(pairs)]
+                errors.append((apart, joint))
+            medians = np.median(np.array(errors), axis=0)
+            cells = " | ".join(", ".join(f"{value:.3f}" for value in row) for row in medians)
+            yield f"| {name} | {noise} | {cells} |"
+
+
+def departures_table(trials: int) -> Iterator[str]:
+    """Yield how often a disturbance of four seconds in half a minute is found."""
+    yield "| disturbance, µT | sensors | found | laid to the right one | runs found elsewhere |"
+    yield "|---:|---:|---:|---:|---:|"
+    for strength in DISTURBANCES_UT:
+        for sensors in (2, 3):
+            seen_runs, right, elsewhere = 0, 0, 0
+            for seed in range(trials):
+                true = body("hand", 1500, (0.5,) * sensors, seed)
+                moments = np.arange(1500) / 50.0
+                direction = np.random.default_rng([SEED, seed, 1]).normal(size=3)
+                during = (moments > 12.0) & (moments < 16.0)
+                fields = true.fields.copy()
+                fields[1] += np.outer(during, strength * direction / np.linalg.norm(direction))
+                found = solve(fields)
+                seen = np.stack([found.corrected(i, field) for i, field in enumerate(fields)])
+                runs = departures(seen, moments)
+                hits = [run for run in runs if run.start_s < 16.0 and run.end_s > 12.0] if strength else []
+                seen_runs += bool(hits)
+                right += any(run.sensor == 1 for run in hits)
+                elsewhere += len(runs) - len(hits)
+            told = f"{right / trials:.0%}" if strength else "–"
+            shown = f"{seen_runs / trials:.0%}" if strength else "–"
+            yield f"| {strength:g} | {sensors} | {shown} | {told} | {elsewhere} in {trials} |"
+
+
+def real_table() -> Iterator[str]:
+    """Yield the three compasses of one flight, and the four of a robot's arm."""
+    data = os.environ.get("FLINDERS_DATA")
+    if not data:
+        yield "Set FLINDERS_DATA to the folder of the recordings."
+        return
+    log = open_log(Path(data) / "dronekit_log171_3mags" / "log171.bin")
+    arm = sorted((Path(data) / "leiria_robot").glob("V_300_path1_*.npz"))
+    yield "| sensor | worst heading alone, ° | together, ° | axes | but for, ° | ± | off by, ° | clock, ms |"
+    yield "|---|---:|---:|---|---:|---:|---:|---:|"
+    yield from _rows(fit_together({each.name: each for each in log.instruments}))
+    yield from _rows(fit_together({path.stem.rpartition("_")[2]: read(path, unit="uT") for path in arm}))
+
+
+def _rows(found: Together) -> Iterator[str]:
+    """Yield a row for each sensor of a body."""
+    for member in found.members:
+        worst = []
+        for outcome in (member.alone, member.fit):
+            fit = outcome.fit if isinstance(outcome, Refused) else outcome
+            worst.append(f"{fit.heading_error_deg.worst:.2g}" if isinstance(fit, Fit) else "–")
+        sigma = 0.0 if member.rotation_sigma_deg is None else float(member.rotation_sigma_deg.max())
+        yield (
+            f"| {member.name} | {' | '.join(worst)} | {member.axes} | {member.off_axes_deg:.1f} | {sigma:.1f} | "
+            f"{member.scatter_deg:.2f} | {1e3 * member.delay_s:.0f} |"
+        )
+
+
+def time_table() -> Iterator[str]:
+    """Yield CPU seconds of the joint fit, without what each sensor finds by itself."""
+    yield "| sensors | moments | CPU s |"
+    yield "|---:|---:|---:|"
+    for sensors in (2, 3):
+        for n in (3000, 6000, 60_000):
+            true = body("hand", n, (0.5,) * sensors, 1)
+            starts = [Auto().estimate(Readings.of(field)) for field in true.fields]
+            begun = time.process_time()
+            solve(true.fields, starts=starts)
+            yield f"| {sensors} | {n:,} | {time.process_time() - begun:.2f} |"
+
+
+def main() -> None:
+    """Print the tables that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tables", default="nees,gain,departures,real,time")
+    parser.add_argument("--trials", type=int, default=200)
+    asked = parser.parse_args()
+    tables = {
+        "nees": lambda: nees_table(asked.trials),
+        "gain": lambda: gain_table(asked.trials),
+        "departures": lambda: departures_table(asked.trials),
+        "real": real_table,
+        "time": time_table,
+    }
+    for name in asked.tables.split(","):
+        sys.stdout.write(f"\n## {name}\n\n")
+        for line in tables[name]():
+            sys.stdout.write(f"{line}\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

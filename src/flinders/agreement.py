@@ -1,0 +1,228 @@
+"""Several compasses of one body, held against each other: which one departs, when, and by how much.
+
+Corrected readings are of one field, seen in common axes. They are averaged over a second or so, and for each pair the
+difference of the means is held against what is usual for that pair. A sensor departs where it is far from more than
+half of the others while those agree: with three or more the majority tells. Two that differ cannot tell which of them
+is wrong, unless the length of one has changed and that of the other has not.
+
+What a sensor is off by turns a level heading by up to asin(d / cos I), d the difference as a share of the field, I the
+dip.
+
+>>> rng = np.random.default_rng(1)
+>>> q = rng.normal(size=(600, 3)).cumsum(axis=0)
+>>> q /= np.linalg.norm(q, axis=1, keepdims=True)
+>>> seen = np.stack([q + rng.normal(scale=0.01, size=q.shape) for _ in range(3)])
+>>> seen[1, 200:300] += [0.1, 0.0, 0.0]                     # a phone lies beside the second from 10 to 15 s
+>>> time = np.arange(600) / 20.0
+>>> [(run.sensor, round(run.start_s), round(run.end_s), round(run.heading_deg)) for run in departures(seen, time)]
+[(1, 10, 15, 12)]
+>>> [(run.sensor, run.by_length) for run in departures(seen[:2], time, limit_deg=3.0)]       # of two the length tells
+[(1, True)]
+>>> seen[1, 200:300] -= [0.1, 0.0, 0.0]
+>>> seen[1, 200:300] += 0.15 * np.cross(q[200:300], [0.0, 0.0, 1.0])                         # across: no longer
+>>> [run.sensor for run in departures(seen[:2], time, limit_deg=3.0)]
+[None]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+BLOCK_S: Final = 1.0
+"""Over which readings are averaged before they are held against each other."""
+
+FEWEST: Final = 5
+"""Readings in an average."""
+
+UNUSUAL: Final = 4.0
+"""Times the usual difference of a pair, or the usual change of a length, from which on it is another matter."""
+
+
+MEDIAN_LENGTH: Final = 1.538
+"""Of three independent components of one standard deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """A stretch of time in which a sensor does not agree with the others.
+
+    Attributes
+    ----------
+    sensor : int, optional
+        Which one, counted from 0; None where that cannot be told.
+    by_length : bool
+        The length of its readings told it, not the others.
+    first, last : int
+        Moments, counted from 0.
+    start_s, end_s : float, s
+    angle_deg : float
+        Largest angle between its direction and that of the others, averaged over a second.
+    heading_deg : float
+        What it may turn a level heading by.
+    length : float
+        By how much its readings are too long, as a share of the field, where that is farthest from none.
+    """
+
+    sensor: int | None
+    by_length: bool
+    first: int
+    last: int
+    start_s: float
+    end_s: float
+    angle_deg: float
+    heading_deg: float
+    length: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+    def __str__(self) -> str:
+        return f"{self.start_s:.1f}–{self.end_s:.1f} s"
+
+
+def heading_deg(difference: float, dip_deg: float) -> float:
+    """What a difference, as a share of the field, may turn a level heading by: 180 where it is beyond all bounds.
+
+    >>> round(heading_deg(0.1, 60.0), 1), heading_deg(0.6, 60.0)
+    (11.5, 180.0)
+    """
+    share = difference / np.cos(np.deg2rad(dip_deg))
+    return float(np.rad2deg(np.arcsin(share))) if share < 1.0 else 180.0
+
+
+def departures(seen: Floats, time: Floats, *, limit_deg: float = 1.0, dip_deg: float = 60.0) -> tuple[Departure, ...]:
+    """Find the stretches in which sensors disagree.
+
+    Parameters
+    ----------
+    seen : (m, N, 3) float
+        Corrected readings over the field's strength, in common axes; NaN where a sensor has none.
+    time : (N,) float, s
+    limit_deg : float
+        Degrees of heading that are no matter.
+    dip_deg : float
+        Inclination of the field.
+    """
+    edges = _edges(time)
+    limit = float(np.sin(np.deg2rad(min(limit_deg, 90.0))) * np.cos(np.deg2rad(dip_deg)))
+    apart = _apart(seen, edges)  # (m, m, K)
+    usual = np.nanmedian(np.where(np.isfinite(apart), apart, np.nan), axis=2) if apart.shape[2] else apart[..., 0]
+    differ = apart > np.maximum(UNUSUAL * usual, limit)[..., np.newaxis]
+    lengths = _lengths(seen, edges)
+    blamed = [_blamed(differ[..., block], apart[..., block], lengths, block, limit) for block in range(len(edges) - 1)]
+    return tuple(_runs(blamed, time, edges, apart, lengths, dip_deg))
+
+
+def scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
+    """(m,) what readings averaged over a second are usually off, a standard deviation of each component, as a share.
+
+    From the median, so that a stretch in which a sensor departs does not count.
+
+    Parameters
+    ----------
+    seen : (m, N, 3) float
+        As for `departures`.
+    directions : (N, 3) float
+        That all of them agree on best.
+    time : (N,) float, s
+    """
+    edges = _edges(time)
+    lengths = [np.linalg.norm(_means(each - directions, edges), axis=1) for each in seen]
+    return np.array([float(np.nanmedian(each)) / MEDIAN_LENGTH for each in lengths])
+
+
+def _edges(time: Floats) -> NDArray[np.intp]:
+    """Where blocks of a second or so begin, and the end."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else BLOCK_S
+    each = max(FEWEST, round(BLOCK_S / step) if step > 0.0 else FEWEST)
+    return np.append(np.arange(0, max(len(time) - each + 1, 1), each), len(time)).astype(np.intp)
+
+
+def _means(values: Floats, edges: NDArray[np.intp]) -> Floats:
+    """(..., K, c) means over blocks of (..., N, c), of what is there; NaN where too little is."""
+    there = np.isfinite(values)
+    total = np.add.reduceat(np.where(there, values, 0.0), edges[:-1], axis=-2)
+    count = np.add.reduceat(there.astype(float), edges[:-1], axis=-2)
+    means: Floats = np.where(count >= min(FEWEST, int(np.diff(edges).min())), total / np.maximum(count, 1.0), np.nan)
+    return means
+
+
+def _apart(seen: Floats, edges: NDArray[np.intp]) -> Floats:
+    """(m, m, K) how far the mean readings of each two are apart, as a share of the field."""
+    sensors = len(seen)
+    apart = np.zeros((sensors, sensors, len(edges) - 1))
+    for one in range(sensors):
+        for other in range(one):
+            between = np.linalg.norm(_means(seen[one] - seen[other], edges), axis=-1)
+            apart[one, other] = apart[other, one] = between
+    return apart
+
+
+def _lengths(seen: Floats, edges: NDArray[np.intp]) -> Floats:
+    """(m, K) mean length of the readings of each, less 1."""
+    return _means(np.linalg.norm(seen, axis=2)[..., np.newaxis] - 1.0, edges)[..., 0]
+
+
+def _blamed(
+    differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float
+) -> tuple[tuple[int | None, bool], ...]:
+    """Which sensors depart in a block: the few far from most others, else one whose length tells, else None."""
+    if not differ.any():
+        return ()
+    sensors = len(differ)
+    there = int(np.count_nonzero(np.isfinite(apart).sum(axis=1) > 1))
+    against = differ.sum(axis=1)
+    alone = np.flatnonzero(against > (there - 1) / 2.0)
+    if there > 2 and 0 < len(alone) < there / 2.0:
+        return tuple((int(sensor), False) for sensor in alone)
+    if there > 2 and not len(alone) and sensors > 2:
+        alone = np.flatnonzero(against)
+    usual = np.nanmedian(np.abs(lengths), axis=1)
+    changed = np.abs(lengths[:, block]) > np.maximum(UNUSUAL * usual, 0.5 * limit)
+    told = [int(sensor) for sensor in alone if changed[sensor]]
+    return ((told[0], True),) if len(told) == 1 else ((None, False),)
+
+
+def _runs(
+    blamed: list[tuple[tuple[int | None, bool], ...]],
+    time: Floats,
+    edges: NDArray[np.intp],
+    apart: Floats,
+    lengths: Floats,
+    dip_deg: float,
+) -> Iterator[Departure]:
+    """Put blocks of one sensor that follow each other together."""
+    who = sorted(
+        {each for block in blamed for each in block}, key=lambda each: (each[0] is None, each[0] or 0, each[1])
+    )
+    for each in who:
+        sensor, by_length = each
+        blocks = np.array([block for block, found in enumerate(blamed) if each in found])
+        for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
+            first, last = int(edges[run[0]]), int(edges[run[-1] + 1]) - 1
+            farthest = float(np.nanmax(_off(apart[..., run], sensor)))
+            length = lengths[:, run] if sensor is None else lengths[sensor, run]
+            angle = 2.0 * np.rad2deg(np.arcsin(min(farthest / 2.0, 1.0)))
+            yield Departure(
+                sensor, by_length, first, last, float(time[first]), float(time[last]), float(angle),
+                heading_deg(farthest, dip_deg), float(length.ravel()[np.nanargmax(np.abs(length))]),
+            )  # fmt: skip
+
+
+def _off(apart: Floats, sensor: int | None) -> Floats:
+    """(K,) how far a sensor is from the rest, the median of them; where none is to blame, how far any two are."""
+    if sensor is None:
+        return np.asarray(np.nanmax(apart, axis=(0, 1)), float)
+    others = np.delete(apart[sensor], sensor, axis=0)
+    return np.asarray(np.nanmedian(others, axis=0), float)

@@ -1,0 +1,232 @@
+"""What drives the offset of a sensor that is not turned, as where a motor is run up on a bench.
+
+The readings are a straight line in the drivers,
+
+    x = x₀ + Σ P (c(t − lag) − reference) + noise
+
+by least squares, axis by axis. It tells neither offset nor matrix: what it finds goes `onto` a calibration that was
+made without the motor.
+
+When to use it: the sensor lies still, and the driver goes up **and down** again, several times. Not where it is
+switched on once: a sensor that moved meanwhile would look the same, and `findings` says so.
+
+Source: CompassMot of ArduPilot, by regression in place of its filter.
+
+>>> from flinders.samples import Samples
+>>> rng = np.random.default_rng(1)
+>>> current = 10.0 - 10.0 * np.cos(np.linspace(0.0, 20.0, 400))
+>>> field = [20.0, -5.0, 43.0] + np.outer(current, [0.5, 0.0, -0.3]) + rng.normal(scale=0.2, size=(400, 3))
+>>> found = still([Samples.of(field, unit="uT", current=current)], ["current"])
+>>> found.drivers[0].per_unit.round(2) + 0.0, round(found.noise, 1), found.findings
+(array([ 0.5,  0. , -0.3]), 0.2, ())
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.drivers import Driver
+from flinders.errors import counted, figures
+from flinders.estimators.correlation import Residuals
+from flinders.estimators.lags import UNLAGGED, grid_of, profile
+from flinders.estimators.logged import Logged
+from flinders.estimators.meters import attenuation, one_way
+from flinders.result import Driven, Finding
+from flinders.terms.equations import NormalEquations
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+    from flinders.calibration import Calibration
+    from flinders.estimators.lags import Lag
+    from flinders.samples import Recording
+
+UNMOVED: Final = 0.03
+"""Of the length of the mean reading: what is left of a recording of a still sensor, once its drivers are taken off."""
+
+SHARES: Final = 0.9
+"""Of the scatter of a recording that a driver has to explain for its sensor to have been still."""
+
+STEPPED: Final = 0.25
+"""Share of what is left that one step explains, from which on it is one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Still:
+    """What drivers do to the readings of a sensor that is not turned.
+
+    Attributes
+    ----------
+    drivers : tuple of Driver
+        Without a gain: a sensor that is not turned does not tell scale from offset.
+    covariance : (K, K) float
+        Of (P₁, P₂, …).
+    noise : float
+        Standard deviation of what is left of an axis, in the unit of the readings.
+    moved : float
+        Standard deviation of what the drivers make, all axes together, in that unit.
+    constant : tuple of str
+        Drivers that hardly changed.
+    driven : tuple of Driven
+        What is known of each driver beside its numbers.
+    step : float
+        The largest step in what is left, in the unit of the readings, where one explains a quarter of it; else 0.
+    """
+
+    drivers: tuple[Driver, ...]
+    covariance: Floats
+    noise: float
+    moved: float
+    constant: tuple[str, ...] = ()
+    driven: tuple[Driven, ...] = field(default=())
+    step: float = 0.0
+
+    def onto(self, calibration: Calibration) -> Calibration:
+        """A calibration of the same sensor, made without these drivers, that follows them; others it keeps."""
+        names = {driver.name for driver in self.drivers}
+        kept = tuple(driver for driver in calibration.drivers if driver.name not in names)
+        return replace(calibration, drivers=(*kept, *self.drivers))
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What speaks against this bench: a sensor that moved."""
+        if not self.step:
+            return ()
+        advice = (
+            f"what the drivers leave makes a step of {figures(self.step)} (noise {figures(self.noise)}): the sensor "
+            "moved, or something magnetic came near; fix both, and record again"
+        )
+        return (Finding("bench-moved", "limits", self.step, 4.0 * self.noise, advice),)
+
+
+def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:
+    """Find the offset that drivers make where the sensor was not turned; None where it was.
+
+    What is left tells whether the sensor was still: a turn leaves much more than noise.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    names : sequence of str
+        ``current``, ``throttle``, ``temperature``.
+
+    Raises
+    ------
+    UsageError, InputError, TooFewSamples
+        As `flinders.estimators.driving.driving_of`.
+    """
+    logged = Logged.of(recordings, tuple(names))
+    moving, constant = logged.split()
+    lags = _lags(logged, moving)
+    seconds = {name: lag.seconds for name, lag in lags.items() if lag.is_proven}
+    departures = logged.departures(moving, seconds)
+    left, shifts, design = _line(logged.field, departures)
+    noise = float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
+    if not _is_still(logged.field, noise):
+        return None
+    drivers = tuple(
+        Driver(name, shifts[place], logged.reference(name), *logged.range(name), seconds.get(name, 0.0))
+        for place, name in enumerate(moving)
+    )
+    made = float(np.sqrt(np.var(departures @ shifts, axis=0).sum()))
+    driven = tuple(_driven(driver, departures[:, place], left, lags) for place, driver in enumerate(drivers))
+    return Still(drivers, _covariance(left, design), noise, made, constant, driven, _step(left))
+
+
+def described(found: Still, unit: str) -> str:
+    """Say that the sensor was not turned, and what that means."""
+    names = " and ".join(driver.name for driver in found.drivers)
+    return (
+        f"the sensor was not turned in this recording: {names} moved its readings by "
+        f"{found.moved:.3g} {unit} (rms), and {found.noise:.2g} {unit} of noise was left in each axis; "
+        f"this gives {counted(len(found.drivers), 'driver')}, and no offset or matrix"
+    )
+
+
+def _is_still(readings: Floats, noise: float) -> bool:
+    """What is left is noise, and the readings were either hardly scattered or scattered by the drivers."""
+    length = float(np.linalg.norm(readings.mean(axis=0)))
+    scatter = float(np.sqrt(np.mean(np.var(readings, axis=0))))
+    if noise > UNMOVED * length:
+        return False
+    return scatter <= UNMOVED * length or noise**2 < (1.0 - SHARES) * scatter**2
+
+
+def _line(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floats]:
+    """What a straight line in the drivers leaves (N, 3), its slopes (K, 3), and its design (N, K + 1)."""
+    design = np.column_stack([departures, np.ones(len(readings))])
+    found = np.linalg.lstsq(design, readings, rcond=None)[0]
+    return readings - design @ found, found[:-1], design
+
+
+def _covariance(left: Floats, design: Floats) -> Floats:
+    """(3 K, 3 K) of the slopes, each driver's three together; residuals that hang together count for fewer."""
+    count = design.shape[1] - 1
+    inverse = NormalEquations(design.T @ design, np.zeros(count + 1), 0.0, len(left)).inverse()
+    blocks = np.zeros((count, 3, count, 3))
+    rows = [np.arange(len(left))]
+    for axis in range(3):
+        residuals = Residuals(left[:, axis], design, rows)
+        covariance = inverse @ residuals.scatter(residuals.autocovariance()) @ inverse
+        blocks[:, axis, :, axis] = covariance[:count, :count]
+    return blocks.reshape(3 * count, 3 * count)
+
+
+def _lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
+    """The best lag of each motor."""
+    lags: dict[str, Lag] = {}
+    for name in names if logged.is_timed else ():
+        if name not in UNLAGGED:
+            seconds = {other: lag.seconds for other, lag in lags.items() if lag.is_proven}
+            lags[name] = profile(name, _Cost(logged, names, name, seconds), grid_of(logged.step_s))
+    return lags
+
+
+class _Cost:
+    """χ² that a straight line leaves, in the variance that the best lag leaves."""
+
+    def __init__(self, logged: Logged, names: tuple[str, ...], name: str, lags: dict[str, float]) -> None:
+        self._logged, self._names, self._name, self._lags = logged, names, name, lags
+        least = min(float(np.sum(self._left(lag) ** 2)) for lag in grid_of(logged.step_s))
+        self._variance = max(least / (3.0 * len(logged.field)), 1e-300)
+
+    def __call__(self, lag_s: float) -> float:
+        """χ² at a lag in s."""
+        return float(np.sum(self._left(lag_s) ** 2)) / self._variance
+
+    def _left(self, lag_s: float) -> Floats:
+        """(N, 3) what a line leaves."""
+        return _line(self._logged.field, self._logged.departures(self._names, {**self._lags, self._name: lag_s}))[0]
+
+
+def _driven(driver: Driver, departures: Floats, left: Floats, lags: dict[str, Lag]) -> Driven:
+    """What is known of a driver beside its numbers."""
+    size = float(np.linalg.norm(driver.per_unit))
+    along = left @ driver.per_unit / size if size > 0.0 else np.zeros(len(left))
+    lag = lags.get(driver.name)
+    return Driven(
+        driver.name,
+        driver,
+        one_way=one_way(departures),
+        attenuation=attenuation(departures, along, np.full(len(left), size)),
+        lag_sigma_s=np.nan if lag is None else lag.sigma_s,
+        lag_is_beyond=lag is not None and lag.is_beyond,
+    )
+
+
+def _step(left: Floats) -> float:
+    """Size of the step that explains most of what is left; 0 where that is less than a quarter of it."""
+    count = len(left)
+    before = np.arange(1, count)[:, np.newaxis]
+    sums = np.cumsum(left, axis=0)[:-1]
+    gains = np.sum(sums**2, axis=1) * count / (before * (count - before))[:, 0]
+    place = int(np.argmax(gains))
+    share = float(gains[place]) / max(float(np.sum(left**2)), np.finfo(float).tiny)
+    if share < STEPPED:
+        return 0.0
+    first, rest = left[: place + 1].mean(axis=0), left[place + 1 :].mean(axis=0)
+    return float(np.linalg.norm(rest - first))

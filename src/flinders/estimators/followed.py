@@ -1,0 +1,153 @@
+"""Which drivers of a recording earn their place: those that explain readings which they were not fitted to.
+
+Current, throttle and temperature are tried one after the other, each beside those that were kept. The recording is cut
+in twelve stretches; a third of them, spread over the recording, is left out in turn. A driver is kept if the strength
+of the field there scatters less for it, by two per cent at least.
+
+When to use it: ``--with auto``. A driver that is known to matter is better named, and its findings read.
+
+>>> from flinders import simulate
+>>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
+>>> flight = simulate.tumble(seed=1, n=1200, disturbances=[motors]).samples
+>>> names, (current,) = earned(flight)
+>>> names, current.kept, current.changed_deg > 10.0
+(('current',), True, True)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.driven import settled
+from flinders.drivers import KINDS
+from flinders.errors import FitError, InputError, figures
+from flinders.estimators.bench import still
+from flinders.estimators.driving import driving_of
+from flinders.estimators.held_out import folds
+from flinders.estimators.kept import concatenated
+from flinders.estimators.logged import Logged
+from flinders.result import Aid
+from flinders.samples import Samples, singles
+from flinders.terms import magnitude, prior
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.samples import Recording
+
+PIECES: Final = 4
+"""Stretches of each fold: a motor runs for a while, and has to run in what is fitted and in what is left out."""
+
+WORTH: Final = 0.98
+"""Of the scatter of what was left out: a driver that leaves more than this explains nothing."""
+
+ENTANGLED: Final = 0.95
+"""Of what tells about a driver: where the attitude explains more, what it explains elsewhere is the attitude."""
+
+STRAY: Final = 5.0
+"""Robust standard deviations beyond which a distance counts for no more."""
+
+
+def earned(
+    source: Recording, *, spread: float | None = prior.SPREAD, dip_deg: float = 60.0
+) -> tuple[tuple[str, ...], tuple[Aid, ...]]:
+    """Names of the drivers that earn their place, and what there is to say of each column that was recorded.
+
+    Parameters
+    ----------
+    source : Recording
+        One, or several of one sensor.
+    spread : float, optional
+        Of the prior on the shape.
+    dip_deg : float
+        Inclination at which headings are compared.
+    """
+    parts = [_in_memory(part) for part in singles(source)]
+    parts = [part for part in parts if len(part)]
+    there = [name for name in KINDS if parts and all(_has(part, name) for part in parts)]
+    if not there:
+        return (), ()
+    kept: tuple[str, ...] = ()
+    reports = []
+    for name in there:
+        try:
+            reports.append(_tried(parts, kept, name, spread, dip_deg))
+        except (FitError, InputError) as refusal:
+            reports.append(Aid(name, kept=False, words=str(refusal)))
+        if reports[-1].kept:
+            kept = (*kept, name)
+    return kept, tuple(reports)
+
+
+def _tried(parts: Sequence[Samples], kept: tuple[str, ...], name: str, spread: float | None, dip_deg: float) -> Aid:
+    """What there is to say of one driver beside those that were kept."""
+    logged = Logged.of(parts, (name,))
+    values = logged.values[name]
+    _, constant = logged.split()
+    if constant:
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        return Aid(name, kept=False, words=f"it hardly changed, from {low:.3g} to {high:.3g}")
+    if still(parts, (*kept, name)) is not None:
+        return Aid(name, kept=False, words="the sensor was not turned: name it to find what it does on a bench")
+    before, after = left_over(parts, kept, (*kept, name), spread)
+    if after > WORTH * before:
+        words = "the strength of the field scatters as much with it as without, where it was left out"
+        return Aid(name, kept=False, words=words)
+    driving = driving_of(parts, (*kept, name), spread=spread)
+    entangled = driving.found[-1].shared
+    if entangled > ENTANGLED:
+        return Aid(name, kept=False, words=f"{entangled:.1%} of what tells about it could be the attitude as well")
+    taken = driving.calibration.driven_deg(driving.drivers[-1], dip_deg=dip_deg)
+    strength = driving.ellipsoid.radius
+    words = (
+        f"the strength of the field scatters by {figures(100.0 * after / strength)} % with it and by "
+        f"{figures(100.0 * before / strength)} % without, "
+        "where it was left out"
+    )
+    return Aid(name, kept=True, changed_deg=min(taken, 180.0), words=words)
+
+
+def left_over(
+    parts: Sequence[Samples], without: tuple[str, ...], tried: tuple[str, ...], spread: float | None = prior.SPREAD
+) -> tuple[float, float]:
+    """Root mean square distance of readings that were left out, with some drivers and with others, in their unit.
+
+    A distance counts for no more than `STRAY` standard deviations of the better of the two.
+    """
+    misses: tuple[list[Floats], list[Floats]] = [], []
+    cut = [list(folds(len(part), PIECES)) for part in parts]
+    for fold in zip(*cut, strict=True):
+        fitted = [run for part, (kept, _) in zip(parts, fold, strict=True) for run in _runs(part, kept)]
+        rest = [run for part, (_, out) in zip(parts, fold, strict=True) for run in _runs(part, out)]
+        for names, found in zip((without, tried), misses, strict=True):
+            driving = driving_of(fitted, names, spread=spread)
+            for run in rest:
+                calm = settled(run, driving.calibration)
+                assert isinstance(calm, Samples)
+                found.append(magnitude.distances(calm.field, driving.ellipsoid))
+    sizes = [np.abs(np.concatenate(found)) for found in misses]
+    limit = STRAY * 1.4826 * min(float(np.median(size)) for size in sizes)
+    before, after = (float(np.sqrt(np.mean(np.minimum(size, limit) ** 2))) for size in sizes)
+    return before, after
+
+
+def _runs(part: Samples, rows: NDArray[np.bool_]) -> list[Samples]:
+    """The stretches of a recording that some rows make."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
+    return [part[int(begin) : int(end)] for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _in_memory(part: Recording) -> Samples:
+    """One recording as it is, or put together of its blocks."""
+    return part if isinstance(part, Samples) else concatenated(list(part.blocks()), part)
+
+
+def _has(part: Samples, name: str) -> bool:
+    """A column is there, and something in it."""
+    column: Floats | None = getattr(part, name)
+    return column is not None and bool(np.isfinite(column).any())

@@ -1,0 +1,112 @@
+"""Whether something that was found earns its place: how well it fits stretches of a recording that it has not seen.
+
+A recording is cut in blocks of time; each is left out in turn, all else is fitted, and what was left out is looked at:
+how far its readings lie from the ellipsoid, and how much the field's angle to the vertical varies. What an
+additional term makes up from noise, or from an instrument that speaks of something else, shows here.
+
+>>> [left_out.nonzero()[0].tolist() for _, left_out in folds(6)]
+[[0, 1], [2, 3], [4, 5]]
+>>> [left_out.nonzero()[0].tolist() for _, left_out in folds(6, pieces=2)]
+[[0, 3], [1, 4], [2, 5]]
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from flinders.errors import FitError
+from flinders.estimators.aided import solve
+from flinders.terms import inclination, magnitude
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.estimators.aided import Aided
+    from flinders.quadric import Ellipsoid
+    from flinders.samples import Samples
+
+FOLDS: Final = 3
+"""Parts of a recording that are left out in turn."""
+
+
+class Missed(NamedTuple):
+    """What is off in readings that were left out.
+
+    Attributes
+    ----------
+    length : float
+        Root mean square distance from the ellipsoid, in the unit of the readings.
+    height : float
+        Scatter of the sine of the dip, by the verticals that were asked for; NaN without any.
+    """
+
+    length: float
+    height: float = np.nan
+
+
+def folds(count: int, pieces: int = 1) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+    """Which rows are kept, and which are left out: a third, in one piece or in so many spread evenly."""
+    block = np.arange(count) * FOLDS * pieces // max(count, 1) % FOLDS
+    for index in range(FOLDS):
+        yield block != index, block == index
+
+
+def missed(
+    samples: Samples,
+    terms: tuple[str, ...],
+    rotation: Floats | None,
+    vertical: str | None,
+    near: Ellipsoid | None = None,
+) -> Missed:
+    """How far off readings are that were left out of a fit with some aids.
+
+    Parameters
+    ----------
+    samples : Samples
+    terms : tuple of str
+        Of `flinders.estimators.aided.AIDS`.
+    rotation : (3, 3) float, optional
+        Which way the magnetometer sits on the body, about which it is looked for.
+    vertical : str, optional
+        ``dip`` or ``tilt``: by which verticals the dip is looked at.
+    near : Ellipsoid, optional
+        Where to begin: that of the whole recording saves time.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)
+    >>> alone, aided = (missed(tumble.samples, terms, None, "dip") for terms in ((), ("dip",)))
+    >>> aided.length < 1.1 * tumble.sensor.noise and aided.height < alone.height
+    True
+    """
+    lengths, heights = [], []
+    for kept, left_out in folds(len(samples)):
+        try:
+            found = solve(samples[kept], terms, rotation=rotation, start=near)
+        except FitError:
+            return Missed(np.inf, np.inf)
+        lengths.append(np.mean(magnitude.distances(samples.field[left_out], found.ellipsoid) ** 2))
+        heights.append(_heights(samples[left_out], found, vertical))
+    return Missed(float(np.sqrt(np.mean(lengths))), float(np.sqrt(np.mean(heights))))
+
+
+def _heights(samples: Samples, found: Aided, vertical: str | None) -> float:
+    """Variance of the field's height above the horizon, by verticals that are trusted."""
+    if vertical == "dip" and samples.acceleration is not None:
+        down, trust = inclination.verticals(samples.acceleration)
+    elif vertical == "tilt" and samples.attitude is not None:
+        down, trust = inclination.verticals_of(samples.attitude)
+    else:
+        return np.nan
+    unit = found.corrected(samples.field)
+    unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-300)
+    heights = np.einsum("ni,ni->n", down, unit)
+    middle = np.average(heights, weights=trust)
+    off = (heights - middle) ** 2
+    return float(np.average(np.minimum(off, 9.0 * max(np.median(off), 1e-12) / 0.455), weights=trust))

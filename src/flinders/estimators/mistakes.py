@@ -1,0 +1,288 @@
+"""What is wrong with what stands beside a magnetometer: unit, axes, turning about one axis, another site, its own yaw.
+
+Each is a `Mistake` with its number, its limit and what to do; what cannot be trusted is left out of a fit. How often
+each is named, and how often wrongly, is measured by ``python -m benchmarks.wrong_use``.
+
+>>> from dataclasses import replace
+>>> from flinders import simulate
+>>> from flinders.quadric import Ellipsoid
+>>> true = simulate.tumble(seed=1, motion="swayed", n=500)
+>>> ellipsoid = Ellipsoid(true.sensor.offset, true.field_strength * true.sensor.matrix)
+>>> in_degrees = replace(true.samples, rate=np.rad2deg(true.samples.rate))
+>>> [(one.code, one.drops) for one in of_instruments(in_degrees, ellipsoid, ("rate", "dip"))[1]]
+[('gyro-unit', True)]
+>>> of_instruments(true.samples, ellipsoid, ("rate", "dip"))
+(None, [])
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.estimators.aided import Aided, solve
+from flinders.estimators.mounting import (
+    EXPLAINED,
+    FEW,
+    MARGIN,
+    ONE_AXIS,
+    RAD_S,
+    REVERSED,
+    Mounted,
+    by_rate,
+    by_vertical,
+    second_axis,
+)
+from flinders.heading import level_error
+from flinders.result import Mistake
+from flinders.terms import inclination, pointing, turning
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+    from flinders.axes import Axes
+    from flinders.quadric import Ellipsoid
+    from flinders.samples import Samples
+    from flinders.terms.site import Site
+
+CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
+"""A yaw that is off by so much, so far beyond what is claimed without it, and mostly as a compass, is a compass's."""
+
+FEWEST_ATTITUDES: Final = 12
+"""Known ones; fewer tell nothing of where a yaw comes from."""
+
+ROUNDS: Final = 3
+"""Of finding an offset and where the rest points."""
+
+FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
+"""A dip that is off by more, and by more of what both are known to, is another place's."""
+
+
+def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:
+    """Look for mistakes in the unit and the axes of gyro and accelerometer.
+
+    An instrument is left out where it cannot be told how it sits, and where the two do not sit alike: then the one
+    that sits as the magnetometer is right.
+
+    Parameters
+    ----------
+    samples : Samples
+    alone : Ellipsoid
+        What the magnetometer finds by itself, well or badly.
+    wanted : sequence of str
+        ``rate`` and ``dip`` are looked at.
+
+    Returns
+    -------
+    axes : Axes, optional
+        How the magnetometer sits among those that can be used, where that is not as recorded.
+    mistakes : list of Mistake
+    """
+    empty = [mistake for aid in wanted if (mistake := _empty(samples, aid)) is not None]
+    wanted = [aid for aid in wanted if aid not in {mistake.aid for mistake in empty}]
+    gyro = by_rate(samples, alone) if "rate" in wanted else Mounted()
+    felt = by_vertical(samples, alone) if "dip" in wanted else Mounted()
+    mistakes = []
+    if gyro.left > EXPLAINED:
+        gyro, mistakes = Mounted(), [_strange(gyro)]
+    if not gyro.is_as_recorded:
+        mistakes.append(_misread("rate", gyro, contradicted=felt.is_as_recorded and not felt.allows(gyro.axes)))
+    is_used = "rate" in wanted and not any(mistake.drops for mistake in mistakes)
+    if not felt.is_as_recorded:
+        mistakes.append(_misread("dip", felt, contradicted=is_used and not felt.allows(gyro.axes)))
+    used = [mistake.aid for mistake in mistakes if not mistake.drops]
+    return (None if not used else gyro.axes if "rate" in used else felt.axes), [*empty, *mistakes]
+
+
+def one_axis(rate: Floats) -> list[Mistake]:
+    """Say where all turning is about one axis.
+
+    Parameters
+    ----------
+    rate : (N, 3) float, rad/s
+        Without the gyro's bias.
+
+    Examples
+    --------
+    >>> one_axis(np.outer(np.linspace(-1.0, 1.0, 50), [0.0, 0.0, 1.0]))[0].code
+    'one-axis'
+    """
+    share = second_axis(rate)
+    if share >= ONE_AXIS:
+        return []
+    words = (
+        f"the body turned about one axis (about the second {share:.0%} as much): "
+        "the gyro says nothing of the offset along it; turn it about another axis as well"
+    )
+    return [Mistake("one-axis", "rate", share, ONE_AXIS, words)]
+
+
+def is_elsewhere(found: Aided, site: Site | None) -> bool:
+    """Whether the dip that was found cannot be that of the site, which the fit took it for."""
+    if site is None or site.inclination_deg is None or found.site_off is None:
+        return False
+    off = abs(dip_of(found) - site.inclination_deg)
+    return off > FAR_SITE_DEG and abs(found.site_off) > FAR_SITE_SIGMAS
+
+
+def elsewhere(seen_deg: float, site: Site) -> Mistake:
+    """Say that the dip is not the site's; an accelerometer with all signs reversed has that of the other side.
+
+    >>> from flinders.terms.site import Site
+    >>> elsewhere(-59.6, Site(inclination_deg=60.0)).words
+    'the field dips by -59.6°, at the site it should by 60.0°: the vertical seems to be upside down, as an \
+accelerometer that lies level reads −g on z; the site was not used'
+    """
+    there = site.inclination_deg or 0.0
+    check = (
+        "the vertical seems to be upside down, as an accelerometer that lies level reads −g on z"
+        if abs(seen_deg + there) <= FAR_SITE_DEG
+        else "check place and date, and whether iron was near"
+    )
+    words = f"the field dips by {seen_deg:.1f}°, at the site it should by {there:.1f}°: {check}; the site was not used"
+    return Mistake("site-differs", "site", abs(seen_deg - there), FAR_SITE_DEG, words, drops=True)
+
+
+def dip_of(found: Aided) -> float:
+    """The dip in degrees, of a fit that looked for it."""
+    sine = found.parameters.sine if "sine" in found.layout else float(found.parameters.direction[2])
+    return float(np.rad2deg(np.arcsin(np.clip(sine, -1.0, 1.0))))
+
+
+def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | None:
+    """Whether a logged yaw comes from a compass that was not calibrated, such as this one.
+
+    The field, corrected without that yaw and turned into the world by the logged attitude, points the same way at all
+    times if the attitude is right. Two things give a compass away. Readings less some other offset point the same way,
+    and much better so. Or the error goes with the heading, A + B sin ψ + C cos ψ + D sin 2ψ + E cos 2ψ, as a deviation
+    does. How the magnetometer sits comes from the logged vertical, which no yaw disturbs.
+
+    Parameters
+    ----------
+    samples : Samples
+        With an attitude.
+    reference : Aided
+        A fit that knows nothing of that yaw.
+    dip_deg : float
+        Inclination at which what it claims is taken.
+    """
+    if samples.attitude is None:
+        return None
+    matrices = pointing.body_to_world(samples.attitude)
+    known = np.isfinite(matrices[:, 0, 0])
+    if np.count_nonzero(known) < FEWEST_ATTITUDES:
+        return None
+    if "tilt" not in reference.aids:
+        reference = solve(samples, (*(aid for aid in reference.aids if aid == "rate"), "tilt"))
+    matrices, field = matrices[known], samples.field[known]
+    turned = _from_the_middle(matrices, reference.corrected(field))
+    off = float(np.rad2deg(np.std(turned)))
+    claimed = level_error(reference.ellipsoid, reference.covariance[:9, :9], dip_deg=dip_deg).rms
+    limit = max(CIRCULAR_DEG, CIRCULAR_SIGMAS * claimed)
+    design = _harmonics(np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0]))
+    follows = design[:, 1:] @ np.linalg.lstsq(design, turned, rcond=None)[0][1:]
+    deviation = float(np.rad2deg(np.std(follows)))
+    shaped = reference.corrected(field), field @ reference.parameters.rotation.T
+    by_offset = min(float(np.rad2deg(np.std(_less_an_offset(matrices, seated)))) for seated in shaped)
+    if deviation > limit and np.var(follows) > CIRCULAR_SHARE * np.var(turned):
+        amount = deviation
+    elif off > limit and by_offset < CIRCULAR_SHARE * off:
+        amount = off
+    else:
+        return None
+    words = (
+        f"the yaw of the attitude follows a compass with a deviation of {amount:.1f}°, most likely this one before it "
+        "was calibrated: it was not used; take the attitude without its yaw ('tilt'), or one without a compass in it"
+    )
+    return Mistake("circular-attitude", "attitude", amount, limit, words, drops=True)
+
+
+def _empty(samples: Samples, aid: str) -> Mistake | None:
+    """Say where a column is there and nothing is in it; one that is not there is no matter of this."""
+    if aid == "rate" and samples.rate is not None and samples.time is not None:
+        inside = turning.windows(samples.time, samples.rate)
+        usable, what = inside.size, "a rate, and a time that goes on from one to the next"
+    elif aid == "dip" and samples.acceleration is not None:
+        usable, what = int(np.count_nonzero(inclination.verticals(samples.acceleration)[1])), "an acceleration"
+    elif aid in ("tilt", "attitude") and samples.attitude is not None:
+        usable, what = int(np.count_nonzero(np.isfinite(samples.attitude).all(axis=1))), "an attitude"
+    else:
+        return None
+    if usable >= FEW:
+        return None
+    words = f"{usable} of {len(samples):,} readings have {what}: record it, or leave {aid!r} out; it was not used"
+    return Mistake("aid-empty", aid, usable, FEW, words, drops=True)
+
+
+def _strange(gyro: Mounted) -> Mistake:
+    """Say that a gyro does not tell how the field moves, in whatever unit and axes."""
+    words = (
+        f"the gyro leaves {gyro.left:.0%} of how far the field moves, in whatever unit and axes: it is stuck, at its "
+        "limit, slower than the readings, or that of another body or time; it was not used"
+    )
+    return Mistake("gyro-differs", "rate", gyro.left, EXPLAINED, words, drops=True)
+
+
+def _misread(aid: str, found: Mounted, *, contradicted: bool) -> Mistake:
+    """What is wrong with an instrument, and whether it can be used all the same."""
+    what, other = ("gyro", "accelerometer") if aid == "rate" else ("accelerometer", "gyro")
+    times = f"fits {found.better:.0f} times better"
+    if found.unit != RAD_S or (aid == "rate" and found.axes == REVERSED):
+        as_what = f"as {found.unit}" if found.unit != RAD_S else "with the other sign"
+        if found.unit != RAD_S and not found.axes.is_identity:
+            as_what += f" with axes {found.axes}"
+        words = f"the rate {times} {as_what}: record it in rad/s, clockwise along an axis positive; it was not used"
+        return Mistake("gyro-unit", aid, found.better, MARGIN, words, drops=True)
+    if found.axes.is_mirror:
+        words = (
+            f"the {what} {times} as a mirror image, {found.axes} of the magnetometer's axes: one of them has a wrong "
+            "sign, correct it where it is recorded; it was not used"
+        )
+    elif contradicted:
+        words = (
+            f"the {what} {times} with the magnetometer's axes turned by {found.axes}, and the {other} does not: "
+            f"the {what} sits otherwise than the two, turn its columns; it was not used"
+        )
+    elif not found.is_clear:
+        words = (
+            f"the {what} {times} with the magnetometer's axes turned, such as by {found.axes}, and too little turning "
+            f"to tell how: turn the {what}'s columns to be as the magnetometer's; it was not used"
+        )
+    else:
+        words = (
+            f"the {what} {times} with the magnetometer's axes turned by {found.axes}: "
+            f"they do not sit alike, and the correction turns readings into the {what}'s axes"
+        )
+    drops = contradicted or not found.is_clear or found.axes.is_mirror
+    return Mistake("swapped-axes", aid, found.better, MARGIN, words, drops=drops)
+
+
+def _from_the_middle(matrices: Floats, corrected: Floats) -> Floats:
+    """(N,) angle of a field (N, 3) in the world's plane from its mean direction, rad."""
+    world = np.einsum("nij,nj->ni", matrices, corrected)
+    across = world[:, 0] + 1j * world[:, 1]
+    middle = np.sum(across)
+    angles: Floats = np.angle(across * np.conj(middle / max(abs(middle), 1e-300)))
+    return angles
+
+
+def _harmonics(heading: Floats) -> Floats:
+    """(N, 5) columns of a deviation: 1, sin ψ, cos ψ, sin 2ψ, cos 2ψ."""
+    columns = [np.ones_like(heading), np.sin(heading), np.cos(heading), np.sin(2 * heading), np.cos(2 * heading)]
+    return np.stack(columns, axis=1)
+
+
+def _less_an_offset(matrices: Floats, field: Floats) -> Floats:
+    """(N,) angles from the mean direction that are left once the offset is taken off with which they are least.
+
+    What is left across the mean direction is linear in the offset; the direction follows in a few rounds.
+    """
+    offset = np.zeros(3)
+    for _ in range(ROUNDS):
+        north = np.einsum("nij,nj->i", matrices, field - offset)
+        east = np.array([-north[1], north[0], 0.0]) / max(float(np.hypot(north[0], north[1])), 1e-300)
+        rows = np.einsum("i,nij->nj", east, matrices)
+        offset = np.linalg.lstsq(rows, np.einsum("nj,nj->n", rows, field), rcond=1e-6)[0]
+    return _from_the_middle(matrices, field - offset)

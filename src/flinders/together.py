@@ -1,0 +1,671 @@
+"""Several magnetometers of one body, calibrated together and held against each other.
+
+Each gets a calibration whose corrected readings are in the axes of one of them, the reference; each offset and shape
+rests on all of them; and it is told which of them departs from the others, when, and by how many degrees of heading.
+
+>>> from flinders import simulate
+>>> tumble = simulate.tumble(seed=1, motion="hand", n=1500)
+>>> rng = np.random.default_rng(1)
+>>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+>>> second = simulate.Sensor.random(rng, noise=2.0).read(tumble.field_strength * tumble.directions @ quarter, rng)
+>>> inside = replace(tumble.samples, field=second)
+>>> found = fit_together({"outside": tumble.samples, "inside": inside})
+>>> inside = found["inside"]
+>>> inside.fit.verdict, inside.axes, inside.fit.heading_error_deg.worst < inside.alone.heading_error_deg.worst
+('good', '-y,x,z', True)
+>>> found.agreement.departures
+()
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+
+from flinders.agreement import Departure, departures, heading_deg, scatter
+from flinders.axes import Axes
+from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
+from flinders.estimators import Readings, within_range
+from flinders.estimators.auto import Auto
+from flinders.estimators.kept import concatenated
+from flinders.estimators.paired import Paired, paired
+from flinders.estimators.several import FEWEST, Several, is_sound, mirror_or_rotation, solve
+from flinders.fitting import fit, judged_as
+from flinders.result import Aids, Finding, Fit, Refused, gravest_first
+from flinders.samples import Samples
+from flinders.terms.prior import SPREAD
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.estimators import Estimate
+    from flinders.samples import Recording
+    from flinders.terms.site import Site
+
+COPY: Final = 0.1
+"""Of their noise: what readings of two sensors differ by at most, turned and scaled, where they are one sensor's."""
+
+NOISIER: Final = 3.0
+"""Times as far off as the best of the others: something is wrong with a sensor all the time."""
+
+OFTEN: Final = 0.1
+"""Of the time: a sensor that departs for more of it is limited by that."""
+
+DECADE: Final = 0.25
+"""Of a power of ten: how far from it the sizes of two sensors' readings may be where their units differ by it."""
+
+ROUNDS: Final = 3
+"""Of fits, each without the stretches in which a sensor departed from the one before."""
+
+ALL_TURNS: Final = tuple(
+    Axes((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
+    for order in permutations(range(3))
+    for signs in product((1, -1), repeat=3)
+)
+"""The 48 ways to exchange axes, mirror images among them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Member:
+    """One of the magnetometers.
+
+    Attributes
+    ----------
+    name : str
+    fit : Fit or error
+        With the others; `Refused` carries the fit where there is one that cannot be trusted.
+    alone : Fit or error
+        What it finds by itself.
+    rotation : (3, 3) float, optional
+        From its axes into those of the reference; its determinant is −1 where they are mirror images. None where it
+        was not found.
+    rotation_sigma_deg : (3,) float, optional
+        Standard deviation of that about the axes of the reference.
+    axes : str
+        The nearest way to exchange axes: where each axis of the reference comes from.
+    off_axes_deg : float
+        How far the rotation is from that.
+    size : float
+        Length of its readings over that of the reference's.
+    scatter_deg : float
+        What its readings, averaged over a second, are usually off, in degrees of a level heading.
+    delay_s, delay_sigma_s : float
+        By how much its clock is behind that of the reference, where that is proven.
+    copy_of : str
+        The sensor whose readings it repeats; nothing where it has its own.
+    findings : tuple of Finding
+        What the others tell of it; those of `fit`, too, where that is a fit.
+    """
+
+    name: str
+    fit: Fit | FlindersError
+    alone: Fit | FlindersError
+    rotation: Floats | None = None
+    rotation_sigma_deg: Floats | None = None
+    axes: str = "x,y,z"
+    off_axes_deg: float = 0.0
+    size: float = 1.0
+    scatter_deg: float = 0.0
+    delay_s: float = 0.0
+    delay_sigma_s: float = 0.0
+    copy_of: str = ""
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Its axes are a mirror image of those of the reference."""
+        return self.rotation is not None and bool(np.linalg.det(self.rotation) < 0.0)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        arrays = {"rotation": self.rotation, "rotation_sigma_deg": self.rotation_sigma_deg}
+        plain = ("axes", "off_axes_deg", "size", "scatter_deg", "delay_s", "copy_of")
+        return {
+            **{name: None if value is None else value.tolist() for name, value in arrays.items()},
+            **{name: getattr(self, name) for name in plain},
+            "alone_heading_error_deg": _worst(self.alone),
+            "findings": [finding.as_dict() for finding in self.findings],
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Agreement:
+    """How well the magnetometers agree.
+
+    Attributes
+    ----------
+    moments : int
+        At which two or more were read.
+    seconds : float
+        From the first of those to the last.
+    departures : tuple of Departure
+        Stretches in which they do not, in the order of time.
+    """
+
+    moments: int
+    seconds: float
+    departures: tuple[Departure, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Together:
+    """Several magnetometers of one body.
+
+    Attributes
+    ----------
+    members : tuple of Member
+    reference : str
+        Whose axes corrected readings of all are in.
+    agreement : Agreement
+    is_joint : bool
+        The fits rest on all of them. Where the body was turned too little for that, or none but one is left, each has
+        what it finds by itself.
+    in_body : bool
+        Corrected readings of all are in the axes of gyro and accelerometer, and not in those of the reference.
+    """
+
+    members: tuple[Member, ...]
+    reference: str
+    agreement: Agreement
+    is_joint: bool
+    in_body: bool = False
+
+    def __getitem__(self, name: str) -> Member:
+        """One of them, by its name."""
+        return next(member for member in self.members if member.name == name)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: what there is beside the fit of each."""
+        names = [member.name for member in self.members]
+        runs = [
+            {**run.as_dict(), "sensor": None if run.sensor is None else names[run.sensor]}
+            for run in self.agreement.departures
+        ]
+        return {
+            "reference": self.reference,
+            "is_joint": self.is_joint,
+            "in_body": self.in_body,
+            "moments": self.agreement.moments,
+            "seconds": self.agreement.seconds,
+            "departures": runs,
+        }
+
+
+def fit_together(
+    sources: Mapping[str, Recording],
+    *,
+    reference: str | None = None,
+    target_deg: float = 1.0,
+    dip_deg: float = 60.0,
+    field_strength: float | None = None,
+    prior: float = SPREAD,
+    aids: str | Sequence[str] = (),
+    site: Site | None = None,
+) -> Together:
+    """Calibrate several magnetometers of one body, and say whether they agree.
+
+    Minimises the sum of `flinders.estimators.several`. Use it wherever a body carries more than one magnetometer and
+    was turned with all of them running. It makes a noisy one nearly as good as the best; it does not make up for
+    attitudes that the body never took.
+
+    Parameters
+    ----------
+    sources : mapping of str to Recording
+        Two or more, by their names, all from one clock that may differ by up to two seconds; recordings without time
+        have to be as long as each other, and are taken row by row.
+    reference : str, optional
+        Into whose axes the others are turned; by default the first.
+    target_deg, dip_deg : float
+        As for `flinders.fit`.
+    field_strength : float, optional
+        Strength of the field at the site; for sensors in one unit.
+    prior : float
+        Soft iron thought likely where nothing was seen.
+    aids : str or sequence of str
+        As for `flinders.fit`: what was recorded beside the reference and tells how it sits in the body. Where that is
+        seen, corrected readings of all are in the axes of the body, those of gyro and accelerometer.
+    site : Site, optional
+        What is known of the field at the place, with `aids`.
+
+    Raises
+    ------
+    UsageError
+        For fewer than two, a reference that is none of them, or some with and some without time.
+    InputError
+        Where hardly any moment is common to two of them.
+
+    Examples
+    --------
+    See the head of this module.
+    """
+    chosen = _checked(sources, reference, field_strength)
+    options: dict[str, Any] = {"target_deg": target_deg, "dip_deg": dip_deg, "field_strength": field_strength}
+    samples: dict[str, Samples] = {}
+    silent: dict[str, FlindersError] = {}
+    for name, source in sources.items():
+        try:
+            samples[name] = _in_memory(source)
+        except (FitError, InputError) as error:
+            silent[name] = error
+    if chosen in silent or len(samples) < 2:
+        raise silent[chosen] if chosen in silent else next(iter(silent.values()))
+    body = _in_body(sources[chosen], aids, site, prior, options) if aids else None
+    found = _fitted({name: sources[name] for name in samples}, samples, chosen, prior, options, body)
+    order = {member.name: member for member in found.members}
+    members = [order.get(name) or Member(name, silent[name], silent[name]) for name in sources]
+    placed = {place: list(sources).index(member.name) for place, member in enumerate(found.members)}
+    runs = tuple(
+        replace(run, sensor=None if run.sensor is None else placed[run.sensor]) for run in found.agreement.departures
+    )
+    return replace(found, members=tuple(members), agreement=replace(found.agreement, departures=runs))
+
+
+def _fitted(
+    sources: Mapping[str, Recording],
+    samples: Mapping[str, Samples],
+    reference: str,
+    prior: float,
+    options: dict[str, Any],
+    body: Aids | None,
+) -> Together:
+    """Fit those that have readings, together where that can be."""
+    names, held = list(sources), list(samples.values())
+    chosen = names.index(reference)
+    starts = [_estimated(each.field) for each in held]
+    alone = [_alone(source, name, prior, options) for name, source in sources.items()]
+    common = _paired(held, chosen)
+    copies = _copies(common.fields, starts, chosen)
+    own = [place for place in range(len(names)) if place not in copies]
+    several, runs = _agreed(common, own, chosen, starts, prior, options)
+    members = []
+    for place, name in enumerate(names):
+        member = Member(
+            name, alone[place], alone[place],
+            delay_s=float(common.delays_s[place]),
+            delay_sigma_s=float(common.delay_sigmas_s[place]),
+        )  # fmt: skip
+        if place in copies:
+            member = replace(_copied(member, common.fields, starts, place, chosen), copy_of=names[copies[place]])
+        elif several is not None:
+            member = _joined(member, several, own.index(place), sources[name], options, body)
+        members.append(member)
+    if several is not None:
+        off = scatter(_seen(several, common.fields[own]), several.directions, common.time)
+        for index, place in enumerate(own):
+            off_deg = heading_deg(float(off[index]), options["dip_deg"])
+            members[place] = replace(members[place], scatter_deg=off_deg)
+    agreement = Agreement(len(common.time), float(np.ptp(common.time)), runs)
+    is_joint = several is not None
+    found = Together(tuple(members), names[chosen], agreement, is_joint, is_joint and body is not None)
+    return replace(found, members=tuple(_told(found, place, options["target_deg"]) for place in range(len(names))))
+
+
+def _in_body(
+    source: Recording, aids: str | Sequence[str], site: Site | None, prior: float, options: dict[str, Any]
+) -> Aids | None:
+    """How the reference sits in the body, by what was recorded beside it; None where nothing saw that.
+
+    Raises
+    ------
+    UsageError
+        For an aid that is not known, or was not recorded.
+    """
+    try:
+        found = fit(source, aids=aids, site=site, prior=prior, **options)
+    except Refused as refusal:
+        found = refusal.fit
+    except FitError:
+        return None
+    told_by = found.aids
+    return None if told_by is None or told_by.rotation is None or told_by.rotation_covariance is None else told_by
+
+
+def _turned(rotation: Floats, covariance: Floats, body: Aids | None) -> Aids:
+    """A rotation into the reference, taken on into the body where that is known."""
+    if body is None or body.rotation is None or body.rotation_covariance is None:
+        return Aids((), rotation, covariance)
+    turned = body.rotation @ covariance @ body.rotation.T + body.rotation_covariance
+    return Aids((), body.rotation @ rotation, turned)
+
+
+def _joined(
+    member: Member, several: Several, index: int, source: Recording, options: dict[str, Any], body: Aids | None
+) -> Member:
+    """A member with what the joint fit finds of it."""
+    rotation, covariance = several.rotation(index)
+    told_by = None if index == several.reference and body is None else _turned(rotation, covariance, body)
+    made: Fit | FitError
+    try:
+        made = judged_as(several.estimate(index), source, told_by=told_by, sensor=member.name, **options)
+    except FitError as refusal:
+        made = refusal
+    radii = [float(np.cbrt(np.linalg.det(at.shape))) for at in several.parameters]
+    axes, off = nearest_axes(rotation)
+    sigma = np.rad2deg(np.sqrt(np.diag(covariance)))
+    return replace(
+        member, fit=made, rotation=rotation, rotation_sigma_deg=sigma, axes=axes, off_axes_deg=off,
+        size=radii[index] / radii[several.reference],
+    )  # fmt: skip
+
+
+def _copied(member: Member, fields: Floats, starts: Sequence[Estimate | None], place: int, reference: int) -> Member:
+    """A copy, with the rotation that leads from it to the reference where both are known by themselves."""
+    seen, into = (_directions(fields[which], starts[which]) for which in (place, reference))
+    if seen is None or into is None:
+        return member
+    both = np.isfinite(seen).all(axis=1) & np.isfinite(into).all(axis=1)
+    rotation = mirror_or_rotation(seen[both], into[both])
+    axes, off = nearest_axes(rotation)
+    return replace(member, rotation=rotation, axes=axes, off_axes_deg=off)
+
+
+def _checked(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
+    """Name of the reference among sensors that can be taken together.
+
+    Raises
+    ------
+    UsageError
+        Where they cannot.
+    """
+    names = list(sources)
+    if len(names) < 2:
+        raise UsageError(f"{len(names)} magnetometer: need two or more of one body; use flinders.fit for one")
+    if reference is not None and reference not in names:
+        raise UsageError(f"reference {reference!r} is none of {', '.join(names)}: name one of them")
+    units = {source.unit.inside for source in sources.values()}
+    if field_strength is not None and len(units) > 1:
+        raise UsageError(f"one field strength for readings in {' and '.join(sorted(units))}: leave it out")
+    return names[0] if reference is None else reference
+
+
+def _in_memory(source: Recording) -> Samples:
+    """All readings that are at no rail, in the order of time.
+
+    Raises
+    ------
+    FitError
+        Where they are too few, or do not move.
+    """
+    readings = within_range(Readings.of(source))
+    readings.require(FEWEST, "together")
+    recording = cast("Recording", readings.recording)
+    samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    if samples.time is None:
+        return samples
+    known = np.flatnonzero(np.isfinite(samples.time))
+    order = known[np.argsort(samples.time[known], kind="stable")]
+    return samples[order.tolist()] if len(order) < len(samples) or np.any(np.diff(order) < 0) else samples
+
+
+def _estimated(field: Floats) -> Estimate | None:
+    """What a sensor finds by itself, where that is an ellipsoid, of those readings that are there."""
+    try:
+        return Auto().estimate(Readings.of(field[np.isfinite(field).all(axis=1)]))
+    except FitError:
+        return None
+
+
+def _alone(source: Recording, name: str, prior: float, options: dict[str, Any]) -> Fit | FitError:
+    """The judged fit of one sensor by itself."""
+    try:
+        return fit(source, sensor=name, prior=prior, **options)
+    except FitError as refusal:
+        return refusal
+
+
+def _paired(samples: Sequence[Samples], reference: int) -> Paired:
+    """Readings of all at common moments.
+
+    Raises
+    ------
+    UsageError
+        Where some have time and some have not, or none has and they differ in length.
+    InputError
+        Where hardly any moment is common to two of them.
+    """
+    times = [each.time for each in samples if each.time is not None]
+    fields = [each.field for each in samples]
+    if len(times) == len(samples):
+        found = paired(times, fields, reference=reference)
+        if len(found.time) < FEWEST:
+            spans = "; ".join(f"{each.source}: {time[0]:.1f} to {time[-1]:.1f} s" for each, time in
+                              zip(samples, times, strict=True) if len(time))  # fmt: skip
+            raise InputError(
+                f"{len(found.time)} moments are common to two magnetometers, {FEWEST} are needed ({spans}): "
+                "record them at the same time, by one clock"
+            )
+        return found
+    lengths = {len(field) for field in fields}
+    if times or len(lengths) > 1:
+        told = "some have time and some have none" if times else f"without time they are {sorted(lengths)} long"
+        raise UsageError(f"readings of several magnetometers belong together by their time: {told}; record time")
+    zero = np.zeros(len(fields))
+    return Paired(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
+
+
+def _copies(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
+    """Which sensors repeat the readings of another, turned and scaled, and of which; never the reference of another."""
+    order = [reference, *(place for place in range(len(fields)) if place != reference)]
+    found: dict[int, int] = {}
+    for rank, place in enumerate(order):
+        for other in order[:rank]:
+            if other not in found and place not in found and _is_copy(fields[other], fields[place], starts[place]):
+                found[place] = other
+    return found
+
+
+def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
+    """Whether an affine map of one gives the other far better than the other's own noise lets it."""
+    both = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
+    if np.count_nonzero(both) < FEWEST:
+        return False
+    design = np.column_stack([first[both], np.ones(int(both.sum()))])
+    left = second[both] - design @ np.linalg.lstsq(design, second[both], rcond=None)[0]
+    width = float(np.sqrt(np.mean(np.var(second[both], axis=0))))
+    noise = 1e-6 * width if start is None else max(start.noise, 1e-6 * width)
+    return float(np.sqrt(np.mean(left**2))) < COPY * noise
+
+
+def _agreed(
+    common: Paired,
+    own: Sequence[int],
+    reference: int,
+    starts: Sequence[Estimate | None],
+    prior: float,
+    options: dict[str, Any],
+) -> tuple[Several | None, tuple[Departure, ...]]:
+    """Fit jointly, and again without the stretches in which a sensor departs; and those stretches, by their place.
+
+    No fit where there is but one sensor, or where the readings leave it open: what no sensor sees by itself, they do
+    not see together.
+    """
+    if len(own) < 2 or not any(start is not None and is_sound(start) for start in starts):
+        return None, ()
+    fields: Floats = common.fields[own]
+    runs: tuple[Departure, ...] = ()
+    several: Several | None = None
+    begins = [starts[place] for place in own]
+    for _ in range(ROUNDS):
+        left = fields.copy()
+        for run in runs:
+            if run.sensor is not None:
+                left[run.sensor, run.first : run.last + 1] = np.nan
+        for sensor in {run.sensor for run in runs if run.sensor is not None}:
+            begins[sensor] = _estimated(left[sensor])
+        try:
+            found = solve(left, reference=own.index(reference), starts=begins, spread=prior)
+        except FitError:
+            return None, ()
+        if found.unseen:
+            return None, ()
+        several, before = found, runs
+        limits = {"limit_deg": options["target_deg"], "dip_deg": options["dip_deg"]}
+        runs = departures(_seen(several, fields), common.time, **limits)
+        if _stretches(runs) == _stretches(before):
+            break
+    placed = [replace(run, sensor=None if run.sensor is None else own[run.sensor]) for run in runs]
+    return several, tuple(sorted(placed, key=lambda run: run.start_s))
+
+
+def _stretches(runs: Sequence[Departure]) -> set[tuple[int | None, int, int]]:
+    return {(run.sensor, run.first, run.last) for run in runs if run.sensor is not None}
+
+
+def _seen(several: Several, fields: Floats) -> Floats:
+    """(m, N, 3) corrected readings of all, in the axes of the reference."""
+    return np.stack([several.corrected(index, field) for index, field in enumerate(fields)])
+
+
+def _directions(field: Floats, start: Estimate | None) -> Floats | None:
+    """(N, 3) unit directions by what a sensor finds by itself."""
+    if start is None:
+        return None
+    seen = (field - start.ellipsoid.centre) @ np.linalg.inv(start.ellipsoid.shape)
+    unit: Floats = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    return unit
+
+
+def nearest_axes(rotation: Floats) -> tuple[str, float]:
+    """Which exchange of axes a (3, 3) rotation is nearest to, and by how many degrees it is off that.
+
+    >>> nearest_axes(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    ('-y,x,z', 0.0)
+    """
+    matrices = [axes.apply(np.eye(3)).T for axes in ALL_TURNS]
+    best = int(np.argmax([float(np.sum(matrix * rotation)) for matrix in matrices]))
+    cosine = 0.5 * (float(np.sum(matrices[best] * rotation)) - 1.0)
+    return str(ALL_TURNS[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _told(found: Together, place: int, target_deg: float) -> Member:
+    """Add to a member, and to its fit, what the others tell of it."""
+    member = found.members[place]
+    findings = gravest_first(_findings(found, place, target_deg))
+    made = member.fit.fit if isinstance(member.fit, Refused) else member.fit
+    if isinstance(made, Fit):
+        made = replace(made, findings=gravest_first((*made.findings, *findings)))
+        made = Refused(made) if made.verdict == "refused" else made
+    return replace(member, fit=made, findings=findings)
+
+
+def _findings(found: Together, place: int, target_deg: float) -> Iterator[Finding]:
+    """What there is to know of a member beside its own fit."""
+    member, reference = found.members[place], found.reference
+    if member.copy_of:
+        yield Finding(
+            "copied-sensor", "limits", 1.0, COPY,
+            f"its readings are those of {member.copy_of}, turned and scaled: it is no second witness, and was fitted "
+            "by itself; look at how the columns were written",
+        )  # fmt: skip
+        return
+    if not found.is_joint:
+        yield Finding(
+            "not-together", "note", 0.0, 0.0,
+            "the readings leave open how the magnetometers are turned against each other, and each has what it finds "
+            "by itself: turn the body about all its axes",
+        )  # fmt: skip
+        return
+    yield from _of_axes(found, member)
+    yield from _of_clock(member, reference)
+    others = [other.scatter_deg for other in found.members if other is not member and not other.copy_of]
+    if others and member.scatter_deg > max(target_deg, NOISIER * min(others)):
+        yield Finding(
+            "departs-throughout", "limits", member.scatter_deg, target_deg,
+            f"even averaged over a second its readings are off by {figures(member.scatter_deg)}° of heading all the "
+            f"time (1 σ), those of the best other by {figures(min(others))}°: something near it changes, such as a "
+            "current; steer by the other, or see whether --with current helps",
+        )  # fmt: skip
+    yield from _of_departures(found, place, target_deg)
+
+
+def _handed(found: Together) -> str:
+    """Which sensors are most likely not right-handed: those that are fewer."""
+    turned = [member for member in found.members if member.rotation is not None and not member.copy_of]
+    mirrored = sum(member.is_mirrored for member in turned)
+    rest = len(turned) - mirrored
+    if mirrored == rest:
+        return "One of the two is not right-handed: check which, and map its axes with --axes"
+    fewer = [member.name for member in turned if member.is_mirrored == (mirrored < rest)]
+    return f"Most likely {' and '.join(fewer)} is not right-handed, as the others agree: map its axes with --axes"
+
+
+def _of_axes(found: Together, member: Member) -> Iterator[Finding]:
+    """How it is turned, and in what it is written."""
+    reference = found.reference
+    if member.rotation is None or member.rotation_sigma_deg is None or member.name == reference:
+        return
+    if member.is_mirrored:
+        yield Finding(
+            "mirrored-sensor", "limits", -1.0, 1.0,
+            f"its axes are a mirror image of those of {reference}: as {member.axes} they fit. {_handed(found)}",
+        )  # fmt: skip
+    worst = float(member.rotation_sigma_deg.max())
+    where = "" if found.in_body else "; how those sit in the vehicle is unseen"
+    yield Finding(
+        "turned-to", "note", worst, 0.0,
+        f"turned into the axes of {reference}: {member.axes}, and {figures(member.off_axes_deg)}° off that, known to "
+        f"{figures(worst)}° (1 σ){where}",
+    )  # fmt: skip
+    decades = round(math.log10(member.size))
+    if decades and abs(math.log10(member.size) - decades) < DECADE * 0.5:
+        yield Finding(
+            "unlike-units", "note", member.size, 10.0**decades,
+            f"it reads {figures(member.size)} times as much as {reference}: most likely in another unit",
+        )  # fmt: skip
+
+
+def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
+    if member.delay_s:
+        yield Finding(
+            "clock-differs", "note", member.delay_s, 0.0,
+            f"its clock is {1e3 * abs(member.delay_s):.0f} ms {'behind' if member.delay_s > 0 else 'ahead of'} that of "
+            f"{reference} (± {1e3 * member.delay_sigma_s:.0f} ms), which was taken off to hold them against each other",
+        )  # fmt: skip
+
+
+def _of_departures(found: Together, place: int, target_deg: float) -> Iterator[Finding]:
+    """When it departs from the others, or one of two does of which it may be the one."""
+    runs = [run for run in found.agreement.departures if run.sensor == place]
+    if runs:
+        worst, share = max(run.heading_deg for run in runs), _share(runs, found)
+        why = "the length of its readings changes" if all(run.by_length for run in runs) else "the others agree"
+        yield Finding(
+            "departs", "limits" if share > OFTEN else "note", worst, target_deg,
+            f"it departs from the others, by up to {figures(worst)}° of heading, for {share:.0%} of the time "
+            f"({_when(runs)}), while {why}: something magnetic was near it then, or a current flowed. The calibration "
+            "does not rest on that",
+        )  # fmt: skip
+    unsettled = [run for run in found.agreement.departures if run.sensor is None]
+    if unsettled and (len(found.members) == 2 or found.members[place].name == found.reference):
+        worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, found)
+        yield Finding(
+            "disagree", "limits", worst, target_deg,
+            f"magnetometers disagree by up to {figures(worst)}° of heading, for {share:.0%} of the time "
+            f"({_when(unsettled)}), and it cannot be told which of them is off: no length tells, and no majority",
+        )  # fmt: skip
+
+
+def _share(runs: Sequence[Departure], found: Together) -> float:
+    """Of all moments, those of some stretches."""
+    return sum(run.last - run.first + 1 for run in runs) / max(found.agreement.moments, 1)
+
+
+def _when(runs: Sequence[Departure]) -> str:
+    """The gravest few stretches, in the order of time.
+
+    >>> _when([Departure(0, False, 0, 9, 1.0, 2.0, 3.0, 6.0, 0.0)])
+    '1.0–2.0 s'
+    """
+    chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
+    told = "; ".join(str(run) for run in sorted(chosen, key=lambda run: run.start_s))
+    return told + ("; …" if len(runs) > len(chosen) else "")
+
+
+def _worst(outcome: Fit | FlindersError) -> float | None:
+    """Worst heading error of what is not refused."""
+    return outcome.heading_error_deg.worst if isinstance(outcome, Fit) else None

@@ -1,0 +1,61 @@
+"""What three compasses of one real flight make of each other: measured once, and held to that.
+
+`python -m benchmarks.together --tables real` prints it. No truth is known; the calibration that ArduPilot had on board
+for the external compass is the nearest to one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+from flinders import open_log
+from flinders.result import Fit, Refused
+from flinders.together import Member, Together, fit_together
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+ONBOARD_UT: Final = np.array([9.77916, -11.811, -21.318])
+"""−COMPASS_OFS of the external compass, as the log has it: what its readings are about."""
+
+
+@pytest.fixture(scope="module")
+def flight(recordings: Callable[[str], Path]) -> Together:
+    log = open_log(recordings("dronekit_log171_3mags/log171.bin"))
+    return fit_together({each.name: each for each in log.instruments})
+
+
+def fit_of(member: Member) -> Fit:
+    found = member.fit.fit if isinstance(member.fit, Refused) else member.fit
+    assert isinstance(found, Fit)
+    return found
+
+
+def test_the_compasses_inside_sit_as_the_one_outside_and_hear_the_current(flight: Together) -> None:
+    outside, *inside = flight.members
+    assert fit_of(outside).verdict == "good"
+    for member in inside:
+        assert member.axes == "x,y,z"
+        assert member.off_axes_deg < 10.0
+        assert member.scatter_deg > 10.0 * outside.scatter_deg
+        assert "departs-throughout" in {finding.code for finding in member.findings}
+
+
+def test_each_is_known_better_than_by_itself(flight: Together) -> None:
+    for member in flight.members:
+        alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
+        assert isinstance(alone, Fit)
+        assert fit_of(member).heading_error_deg.worst < 0.6 * alone.heading_error_deg.worst
+
+
+def test_the_offset_of_the_external_one_is_near_that_on_board(flight: Together) -> None:
+    npt.assert_allclose(fit_of(flight["MAG"]).calibration.offset, ONBOARD_UT, atol=2.5)
+
+
+def test_clocks_of_one_log_agree(flight: Together) -> None:
+    assert [member.delay_s for member in flight.members] == [0.0, 0.0, 0.0]

@@ -1,0 +1,234 @@
+"""Each wrong use of a driver is named: in a flight, and on the bench."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import flinders
+from flinders import simulate
+from flinders.calibration import Calibration
+from flinders.cli import main
+from flinders.conventions.ardupilot import Parameters as ArduPilot
+from flinders.estimators.bench import still
+from flinders.estimators.driving import driving_of
+from flinders.result import Refused
+from flinders.samples import Samples
+from flinders.simulate import table
+from flinders.verdict import CODES, of_column
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+    from flinders.result import Fit
+
+PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
+MOTORS: Final = simulate.MotorCurrent(per_ampere=PER_AMPERE)
+
+
+def flown(seed: int = 1, n: int = 1500) -> Samples:
+    return simulate.tumble(seed=seed, n=n, disturbances=[MOTORS]).samples
+
+
+def followed(samples: Samples, *names: str) -> Fit:
+    """Fit, also where the fit is refused."""
+    try:
+        return flinders.fit(samples, drivers=names)
+    except Refused as refused:
+        return refused.fit
+
+
+def codes(samples: Samples, *names: str) -> set[str]:
+    return {finding.code for finding in followed(samples, *names).findings}
+
+
+def current_of(samples: Samples) -> Floats:
+    assert samples.current is not None
+    return samples.current
+
+
+QUIET: Final = {"driver-one-way", "driver-noisy", "driver-lag", "driver-range", "driver-entangled", "driver-constant"}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_said_of_a_current_that_is_right(seed: int) -> None:
+    assert not codes(flown(seed), "current") & QUIET
+
+
+def test_a_current_in_milliamperes_is_named() -> None:
+    samples = flown()
+    wrong = replace(samples, current=1000.0 * current_of(samples))
+    told = next(finding for finding in followed(wrong, "current").findings if finding.code == "driver-range")
+    assert told.number == pytest.approx(1000.0 * current_of(samples).max())
+    assert "another unit than A" in told.advice
+
+
+def test_a_current_with_the_wrong_sign_is_named() -> None:
+    samples = flown()
+    told = followed(replace(samples, current=-current_of(samples)), "current").findings
+    assert "positive for autopilots" in next(one.advice for one in told if one.code == "driver-range")
+
+
+def test_a_lag_beyond_the_search_is_named() -> None:
+    """Logged two seconds early, with settings that last six: the end of the search is best."""
+    slow = simulate.tumble(seed=1, disturbances=[replace(MOTORS, hold=6.0)]).samples
+    early = replace(slow, current=np.append(current_of(slow)[100:], np.full(100, current_of(slow)[-1])))
+    told = next(one for one in followed(early, "current").findings if one.code == "driver-lag")
+    assert told.number == 1.0
+    assert "driver-lag" not in codes(slow, "current")
+
+
+def test_a_temperature_that_only_rises_is_named_whether_or_not_it_is_the_cause() -> None:
+    """The offset drifts with time; the temperature rises meanwhile: nothing in the recording tells both apart."""
+    simulated = simulate.tumble(seed=1, n=1500)
+    time = simulated.samples.time
+    assert time is not None
+    drifted = simulated.samples.field + np.outer(time / time[-1], [2.0, -1.0, 1.0])
+    rising = replace(simulated.samples, field=drifted, temperature=20.0 + 10.0 * time / time[-1])
+    assert "driver-one-way" in codes(rising, "temperature")
+    up_and_down = replace(rising, temperature=20.0 + 5.0 * np.sin(time / 3.0))
+    assert "driver-one-way" not in codes(up_and_down, "temperature")
+
+
+def test_a_noisy_meter_is_named_with_what_it_costs() -> None:
+    """Noise of 3 A: the offset per ampere is 15 % too small, and said to be so by 12 %, in seeds 0 to 5."""
+    losses, told = [], []
+    for seed in range(3):
+        samples = flown(seed, n=3000)
+        noise = np.random.default_rng(seed + 100).normal(scale=3.0, size=3000)
+        found = driving_of([replace(samples, current=current_of(samples) + noise)], ("current",))
+        losses.append(1.0 - float(found.drivers[0].per_unit @ PER_AMPERE) / float(PER_AMPERE @ PER_AMPERE))
+        told.append(found.found[0].attenuation)
+    assert np.mean(losses) > 0.1
+    assert np.mean(told) == pytest.approx(np.mean(losses), rel=0.35)
+    assert "driver-noisy" in codes(replace(samples, current=current_of(samples) + noise), "current")
+
+
+def test_two_drivers_that_go_together_are_named() -> None:
+    samples = flown()
+    together = replace(samples, throttle=np.clip(current_of(samples) / 20.0, 0.0, 1.0))
+    assert "driver-entangled" in codes(together, "current", "throttle")
+
+
+# on the bench
+
+
+def bench(current: Floats, *, noise: float = 0.0, moved: Floats | None = None, seed: int = 1) -> Samples:
+    """A sensor that lies still, noise of its own 0.3 µT, while a motor draws a current."""
+    rng = np.random.default_rng(seed)
+    field = np.array([20.0, -5.0, 43.0]) + np.outer(current, PER_AMPERE) + rng.normal(scale=0.3, size=(len(current), 3))
+    field = field if moved is None else field + moved
+    time = np.arange(len(current)) / 50.0
+    return Samples.of(field, unit="uT", time=time, current=current + noise * rng.standard_normal(len(current)))
+
+
+RUNS: Final = 10.0 - 10.0 * np.cos(np.arange(600) / 600 * 4.0 * np.pi)
+"""A, up and down twice."""
+
+
+def of_bench(samples: Samples) -> set[str]:
+    found = still([samples], ["current"])
+    assert found is not None
+    return {one.code for one in (*found.findings, *(one for each in found.driven for one in of_column(each)))}
+
+
+def test_a_good_bench_has_no_findings_and_true_claims() -> None:
+    """Seeds 0 to 39: nees of the three numbers; 1.0 ± 0.13 by chance."""
+    nees = []
+    for seed in range(40):
+        samples = bench(RUNS, seed=seed)
+        assert not of_bench(samples)
+        found = still([samples], ["current"])
+        assert found is not None
+        error = found.drivers[0].per_unit - PER_AMPERE
+        nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
+    assert 0.6 < np.mean(nees) < 1.5
+
+
+def test_two_steps_only_are_named() -> None:
+    """Off, then on: whatever else changed when the motor was switched on is taken for the motor's."""
+    assert of_bench(bench(np.repeat([0.0, 15.0], 300))) == {"driver-one-way"}
+    assert of_bench(bench(np.tile(np.repeat([0.0, 15.0], 100), 3))) == set()
+
+
+def test_a_sensor_that_moved_once_is_named() -> None:
+    moved = np.outer(np.arange(600) >= 250, [1.0, 0.5, 0.0])
+    found = still([bench(RUNS, moved=moved)], ["current"])
+    assert found is not None
+    assert found.step == pytest.approx(np.hypot(1.0, 0.5), rel=0.2)
+    assert of_bench(bench(RUNS, moved=moved)) == {"bench-moved"}
+
+
+def test_a_noisy_current_on_the_bench_is_named() -> None:
+    assert of_bench(bench(RUNS, noise=3.0)) == {"driver-noisy"}
+    assert of_bench(bench(RUNS, noise=0.5)) == set()  # less than 2 %
+
+
+# commands
+
+
+def run(*words: str, code: int = 0) -> str:
+    ended = CliRunner().invoke(main, list(words), prog_name="flinders")
+    assert ended.exit_code == code, ended.output
+    return ended.stdout
+
+
+def write(samples: Samples, path: Path) -> None:
+    path.write_text("\n".join(table.lines(samples)) + "\n")
+
+
+def test_what_lies_beyond_the_recorded_range_is_a_finding_in_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    flight = simulate.tumble(seed=3, disturbances=[MOTORS])
+    write(flight.samples, tmp_path / "flight.csv")
+    harder = simulate.tumble(seed=4, sensor=flight.sensor, disturbances=[replace(MOTORS, amperes=30.0)])
+    write(harder.samples, tmp_path / "harder.csv")
+    run("calibrate", "flight.csv", "--with", "current", "-o", "c.json")
+    for words in (
+        ("apply", "c.json", "harder.csv", "-o", "out.csv", "--json"),
+        ("heading", "c.json", "harder.csv", "-o", "h.csv", "--json"),
+        ("check", "c.json", "harder.csv", "--json"),
+    ):
+        [finding] = json.loads(run(*words))["findings"]
+        assert finding["code"] == "driver-beyond"
+        assert 0.3 < finding["number"] < 0.7
+    assert json.loads(run("apply", "c.json", "flight.csv", "-o", "same.csv", "--json"))["findings"] == []
+
+
+def test_a_bench_that_says_too_little_is_written_with_limits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(bench(np.repeat([0.0, 15.0], 300)), tmp_path / "bench.csv")
+    write(simulate.tumble(seed=3).samples, tmp_path / "calm.csv")
+    run("calibrate", "calm.csv", "-o", "calm.json")
+    words = ("calibrate", "bench.csv", "--with", "current", "--previous", "calm.json", "-o", "flown.json", "--json")
+    found = json.loads(run(*words, code=3))
+    assert [finding["code"] for finding in found["findings"]] == ["driver-one-way"]
+    assert {finding["code"] for finding in found["findings"]} <= set(CODES)
+
+
+def test_an_imported_file_of_an_autopilot_follows_its_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """CompassMot's numbers, in mG for each A, come back as an offset per A with the sign turned round."""
+    monkeypatch.chdir(tmp_path)
+    lines = ["COMPASS_OFS_X,-100", "COMPASS_OFS_Y,0", "COMPASS_OFS_Z,50", "COMPASS_MOTCT,2"]
+    (tmp_path / "on.param").write_text("\n".join([*lines, "COMPASS_MOT_X,-5", "COMPASS_MOT_Y,0", "COMPASS_MOT_Z,3"]))
+    (tmp_path / "off.param").write_text("\n".join(lines))
+    run("import", "on.param", "-o", "on.json")
+    run("import", "off.param", "-o", "off.json")
+    [driver] = Calibration.load("on.json").drivers
+    assert (driver.name, driver.has_range) == ("current", False)
+    assert driver.per_unit == pytest.approx([0.5, 0.0, -0.3])
+    assert Calibration.load("off.json").drivers == ()
+    raw = np.array([[30.0, -20.0, 10.0]])
+    board = ArduPilot.read({"COMPASS_OFS_X": -100, "COMPASS_OFS_Z": 50, "COMPASS_MOTCT": 2, "COMPASS_MOT_X": -5,
+                            "COMPASS_MOT_Z": 3})  # fmt: skip
+    for amperes in (0.0, 12.0):
+        ours = Calibration.load("on.json").apply(raw, current=amperes)
+        assert ours == pytest.approx(board.apply(10.0 * raw, amperes) / 10.0)

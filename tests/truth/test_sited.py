@@ -1,0 +1,218 @@
+"""What the field of the site adds to a level turn: as much as is claimed, and up to which tilt it can be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from benchmarks.level import Turned, recorded
+from benchmarks.terms import tilted_error_deg
+
+import flinders
+from flinders.estimators import Level, Readings
+from flinders.estimators.level import turned_level
+from flinders.estimators.sited import Heights, conditioned, sited
+from flinders.result import Refused
+from flinders.samples import Samples
+from flinders.terms.site import Site
+
+if TYPE_CHECKING:
+    from flinders.result import Fit
+    from flinders.simulate import Simulated
+
+SITE = Site(50.0, 60.0)
+
+
+def off(fit: Fit, truth: Simulated, tilt_deg: float) -> float:
+    return tilted_error_deg((fit.calibration.offset, fit.calibration.matrix), truth, tilt_deg)
+
+
+def rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def refit(samples: Samples, **options: object) -> Fit:
+    """As a level turn."""
+    return flinders.fit(samples, method="level", **options)  # type: ignore[arg-type]
+
+
+def test_headings_of_a_level_vehicle_are_those_of_the_ellipse() -> None:
+    """Within a tenth of them on S7, whatever is known of the site and the mounting."""
+    alone, at_site, mounted = [], [], []
+    for number in range(8):
+        truth, site = recorded("S7", number)
+        alone.append(off(refit(truth.samples), truth, 0.0))
+        at_site.append(off(refit(truth.samples, site=site), truth, 0.0))
+        mounted.append(off(refit(truth.samples, site=site, alignment_sigma_deg=2.0), truth, 0.0))
+    assert rms(at_site) < 1.02 * rms(alone)
+    assert rms(mounted) < 1.1 * rms(alone)
+
+
+@pytest.mark.parametrize("mounted_deg", [2.0, 5.0])
+def test_a_stated_mounting_makes_tilts_usable_and_the_claim_true(mounted_deg: float) -> None:
+    """Heading errors at 5° and 10° of tilt, of sensors that are mounted as well as was said."""
+    ratios, limits, loose = [], [], []
+    for number in range(10):
+        truth, site = Turned(mounted_deg=mounted_deg).record(number, 300)
+        fit = refit(truth.samples, site=site, alignment_sigma_deg=mounted_deg)
+        ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (5.0, 10.0)]
+        limits.append(fit.attitude_limit_deg)
+        loose.append(refit(truth.samples).attitude_limit_deg)
+    assert 0.6 < rms(ratios) < 1.25
+    assert max(ratios) < 3.5
+    assert np.median(limits) > 5.0 * np.median(loose)
+
+
+def test_without_a_stated_mounting_the_prior_holds_what_lies_across() -> None:
+    ratios = []
+    for number in range(8):
+        truth, site = Turned(mounted_deg=5.0).record(number, 300)
+        fit = refit(truth.samples, site=site)
+        ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (5.0, 10.0)]
+    assert rms(ratios) < 1.0
+    assert max(ratios) < 2.0
+
+
+def test_the_third_offset_is_found_as_well_as_is_claimed() -> None:
+    weighed = []
+    for number in range(10):
+        truth, site = Turned(mounted_deg=2.0).record(number, 300)
+        fit = refit(truth.samples, site=site, alignment_sigma_deg=2.0)
+        weighed.append(float((fit.calibration.offset[2] - truth.sensor.offset[2]) / fit.offset_sigma[2]))
+        assert fit.offset_sigma[2] < 10.0 < refit(truth.samples).offset_sigma[2]
+    assert 0.5 < rms(weighed) < 2.0
+
+
+@pytest.mark.parametrize(
+    "turned",
+    [Turned(arc_deg=180.0), Turned(wobble_deg=1.0), Turned(slope_deg=5.0), Turned(slope_deg=10.0)],
+    ids=["half a turn", "wobble", "slope 5°", "slope 10°"],
+)
+def test_no_turn_is_claimed_better_than_it_is(turned: Turned) -> None:
+    """Partial turns, swaying vehicles and slopes that an accelerometer shows."""
+    ratios = []
+    for number in range(8):
+        truth, site = replace(turned, mounted_deg=2.0).record(number, 300)
+        fit = refit(truth.samples, site=site, alignment_sigma_deg=2.0)
+        ratios += [off(fit, truth, tilt) / fit.tilted_error(tilt).rms for tilt in (0.0, 2.0, 5.0, 10.0)]
+    assert rms(ratios) < 1.3
+    assert max(ratios) < 4.0
+
+
+def test_a_slope_counts_as_a_tilt_of_the_vehicle() -> None:
+    claims = []
+    for slope in (0.0, 2.0, 5.0):
+        truth, site = Turned(slope_deg=slope).record(1, 300)
+        claims.append(refit(truth.samples, site=site).heading_error_deg.worst)
+    level, two, five = claims
+    assert level < 0.3
+    assert two == pytest.approx(2.0 / 5.0 * five, rel=0.3)
+
+
+@pytest.mark.parametrize("aids", [("dip",), ("rate",), ("rate", "dip"), "auto"])
+def test_aids_of_a_level_turn_are_left_out_and_named(aids: str | tuple[str, ...]) -> None:
+    truth, site = Turned(mounted_deg=2.0).record(2, 300)
+    fit = flinders.fit(truth.samples, aids=aids, site=site)
+    assert fit.method == "level"
+    assert fit.aids is not None
+    assert all(not aid.kept and "one plane" in aid.words for aid in fit.aids.each)
+    npt.assert_array_equal(fit.calibration.matrix, flinders.fit(truth.samples, site=site).calibration.matrix)
+
+
+def test_a_vehicle_that_sways_enough_is_no_level_turn() -> None:
+    level, _ = Turned().record(1, 300)
+    swayed, _ = Turned(wobble_deg=3.0).record(1, 300)
+    assert turned_level(level.samples.field)
+    assert not turned_level(swayed.samples.field)
+
+
+def test_a_turn_about_another_axis_asks_for_that_axis() -> None:
+    """Across x: neither the site nor an accelerometer can say anything."""
+    truth, site = Turned().record(1, 300)
+    samples = truth.samples
+    turned = Samples.of(samples.field[:, [2, 0, 1]], unit="uT", acceleration=samples.acceleration)
+    with pytest.raises(Refused, match="map that axis to z with --axes"):
+        flinders.fit(turned, aids=("dip",), site=site)
+
+
+def test_a_sensor_upside_down_is_not_placed_by_the_dip() -> None:
+    """Its z points up, as the accelerometer shows: the dip says nothing of it."""
+    truth, site = Turned().record(1, 300)
+    over = [1.0, -1.0, -1.0]
+    assert truth.samples.acceleration is not None
+    turned = replace(truth.samples, field=truth.samples.field * over, acceleration=truth.samples.acceleration * over)
+    assert refit(truth.samples, site=site).offset_sigma[2] < 15.0
+    assert refit(turned, site=site).offset_sigma[2] > 25.0
+
+
+def test_a_strength_in_another_unit_is_left_out() -> None:
+    truth, site = Turned().record(1, 300)
+    counts = Samples.of(truth.samples.field * 10.0)
+    fit = refit(counts, site=site)
+    assert not fit.calibration.field_strength_known
+    other = refit(counts, site=replace(site, strength=None))
+    npt.assert_array_equal(fit.calibration.offset, other.calibration.offset)
+
+
+def test_the_strength_is_that_of_corrected_readings() -> None:
+    truth, site = Turned().record(1, 300)
+    fit = refit(truth.samples, site=site)
+    assert fit.calibration.field_strength == site.strength
+    assert fit.calibration.field_strength_known
+
+
+def test_a_dip_that_is_given_goes_before_that_of_the_site() -> None:
+    truth, site = Turned().record(1, 300)
+    assert flinders.fit(truth.samples, method="level", site=site).dip_deg == site.inclination_deg
+    fit = refit(truth.samples, site=site, dip_deg=40.0)
+    assert fit.dip_deg == 40.0
+    assert fit.offset_sigma[2] > 25.0
+
+
+def test_the_finding_says_how_fast_it_degrades_and_what_would_help() -> None:
+    truth, site = Turned(mounted_deg=2.0).record(3, 300)
+    alone, loose = refit(truth.samples), refit(truth.samples, site=site)
+    known = refit(truth.samples, site=site, alignment_sigma_deg=2.0)
+    for fit in (alone, loose, known):
+        (finding,) = [finding for finding in fit.findings if finding.code == "level-plane"]
+        assert "° for each degree from the plane that it was turned in" in finding.advice
+        assert finding.number == fit.attitude_limit_deg
+    assert alone.per_degree_of_tilt > 3.0 * loose.per_degree_of_tilt > 6.0 * known.per_degree_of_tilt
+    assert "--alignment-sigma" in loose.findings[0].advice
+    assert "--alignment-sigma" not in known.findings[0].advice + alone.findings[0].advice
+    assert "in z by the site's field" in known.findings[0].advice
+
+
+def test_conditioning_on_everything_leaves_it() -> None:
+    found, covariance = conditioned(np.zeros(3), np.diag([1.0, 4.0, 9.0]), np.eye(3), np.arange(3.0), np.zeros(3))
+    npt.assert_allclose(found, np.arange(3.0))
+    npt.assert_allclose(covariance, 0.0, atol=1e-12)
+
+
+def test_heights_astray_are_left_out() -> None:
+    rng = np.random.default_rng(1)
+    turn = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    field = np.column_stack([25.0 * np.cos(turn), 25.0 * np.sin(turn), 30.0 + 2.0 * np.cos(turn)])
+    field += rng.normal(0.0, 0.3, field.shape)
+    struck = field.copy()
+    struck[::40, 2] += 40.0
+    found = Heights.of(struck, np.zeros(2), 0.3)
+    assert abs(found.height - 30.0) < 4.0 * np.sqrt(found.covariance[0, 0])
+    assert np.all(np.abs(found.slopes - [0.08, 0.0]) < 4.0 * np.sqrt(np.diag(found.covariance)[1:]))
+
+
+def test_without_noise_the_whole_ellipsoid_is_found() -> None:
+    """Where the mounting is perfect and the strength exact, but for the degree by which a floor may slope."""
+    truth, _ = Turned().record(5, 300)
+    sensor = replace(truth.sensor, noise=0.0, matrix=3.0 * truth.sensor.matrix / np.trace(truth.sensor.matrix))
+    raw = sensor.read(50.0 * truth.directions, np.random.default_rng(0))
+    readings = Readings.of(Samples.of(raw, unit="uT"))
+    site = replace(SITE, gain_sigma=1e-6, inclination_sigma_deg=1e-6)
+    alone = Level(dip_deg=60.0).estimate(readings)
+    found = sited(alone, readings, site, dip_deg=60.0, alignment_sigma_deg=1e-4)
+    npt.assert_allclose(found.ellipsoid.centre, sensor.offset, atol=0.2)
+    npt.assert_allclose(found.ellipsoid.shape, 50.0 * np.asarray(sensor.matrix), atol=0.2)
+    assert np.abs(alone.ellipsoid.centre - sensor.offset).max() > 5.0

@@ -1,0 +1,340 @@
+"""Several magnetometers of one body: what is known of each, and which one departs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.agreement import departures, heading_deg
+from flinders.errors import FitError, InputError, UsageError
+from flinders.estimators import several
+from flinders.estimators.paired import between, paired
+from flinders.quadric import upper
+from flinders.result import Fit, Refused
+from flinders.samples import Samples
+from flinders.terms.turning import rotations
+from flinders.together import Member, fit_together, nearest_axes
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+FIELD: Final = 50.0
+"""µT."""
+
+TURNED: Final = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
+"""From the axes of a second sensor into those of the first."""
+
+
+def body(
+    seed: int = 1, *, motion: str = "hand", n: int = 1500, noises: tuple[float, ...] = (0.5, 0.5), same: bool = False
+) -> tuple[dict[str, Samples], list[simulate.Sensor], Floats]:
+    """Recordings of sensors on one body, and the true direction of the field; all but the first are `TURNED`."""
+    rng = np.random.default_rng([seed, 17])
+    path = simulate.tumble(seed=seed, motion=motion, n=n)
+    recordings, sensors = {}, []
+    for number, noise in enumerate(noises):
+        sensor = replace(simulate.Sensor.random(rng, noise=noise), noise=noise)
+        turn = np.eye(3) if number == 0 or same else TURNED
+        field = sensor.read(FIELD * path.directions @ turn, rng)
+        recordings["abcd"[number]] = Samples.of(field, unit="uT", time=path.samples.time, source="abcd"[number])
+        sensors.append(sensor)
+    return recordings, sensors, path.directions
+
+
+def fit_of(member: Member) -> Fit:
+    return member.fit.fit if isinstance(member.fit, Refused) else member.fit  # type: ignore[return-value]
+
+
+def codes(member: Member) -> set[str]:
+    return {finding.code for finding in member.findings}
+
+
+def changed(samples: Samples, **fields: Any) -> Samples:
+    return replace(samples, **fields)
+
+
+# what is found
+
+
+def test_offsets_shapes_and_rotation_are_those_of_the_sensors() -> None:
+    recordings, sensors, _ = body(2)
+    fields = np.stack([samples.field for samples in recordings.values()])
+    found = several.solve(fields)
+    for number, sensor in enumerate(sensors):
+        at, sigma = found.parameters[number], np.sqrt(np.diag(found.of(number)))
+        error = np.concatenate([at.offset - sensor.offset, upper(at.shape) - upper(FIELD * sensor.matrix)])
+        assert np.all(np.abs(error) < 4.0 * sigma[:9])
+        assert np.abs(error[:3]).max() < 0.2
+    turned, covariance = found.rotation(1)
+    npt.assert_allclose(turned, TURNED, atol=4.0 * np.sqrt(covariance.max()))
+    assert np.rad2deg(np.sqrt(covariance.max())) < 0.1
+    npt.assert_allclose(found.noise, 0.5, rtol=0.1)
+
+
+def test_what_is_claimed_is_what_is_off() -> None:
+    """Squared error over claimed variance, of offsets and of the rotation, mean over twelve bodies: near one."""
+    offsets, turns = [], []
+    for seed in range(12):
+        recordings, sensors, _ = body(seed, motion="uniform", n=400)
+        found = several.solve(np.stack([samples.field for samples in recordings.values()]))
+        for number, sensor in enumerate(sensors):
+            error = found.parameters[number].offset - sensor.offset
+            offsets.append(error @ np.linalg.solve(found.of(number)[:3, :3], error) / 3.0)
+        off = found.parameters[1].rotation @ TURNED.T
+        vector = 0.5 * np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]])
+        turns.append(vector @ np.linalg.solve(found.rotation(1)[1], vector) / 3.0)
+    assert 0.6 < np.mean(offsets) < 1.5
+    assert 0.5 < np.mean(turns) < 1.8
+
+
+def test_the_rotation_between_any_two_and_its_covariance() -> None:
+    recordings, _, _ = body(3, noises=(0.5, 0.5, 1.0))
+    fields = np.stack([samples.field for samples in recordings.values()])
+    first, other = several.solve(fields), several.solve(fields, reference=1)
+    for ours, theirs in zip(first.rotation(2, 1), other.rotation(2), strict=True):
+        npt.assert_allclose(ours, theirs, rtol=0.05, atol=2e-4)
+    npt.assert_allclose(first.rotation(1, 1)[0], np.eye(3), atol=1e-12)
+    assert not first.rotation(0)[1].any()
+
+
+def test_a_noisy_sensor_gains_most_from_a_good_one_beside_it() -> None:
+    recordings, _, _ = body(4, motion="tilted", n=1500, noises=(0.3, 3.0))
+    found = fit_together(recordings)
+    good, noisy = found.members
+    assert isinstance(noisy.fit, Fit)
+    alone = noisy.alone.fit if isinstance(noisy.alone, Refused) else noisy.alone
+    assert isinstance(alone, Fit)
+    assert noisy.fit.heading_error_deg.worst < 0.5 * alone.heading_error_deg.worst
+    assert isinstance(good.alone, Fit)
+    assert fit_of(good).heading_error_deg.worst <= good.alone.heading_error_deg.worst * 1.02
+
+
+def test_corrected_readings_are_in_the_axes_of_the_reference() -> None:
+    recordings, _, directions = body(5)
+    found = fit_together(recordings, reference="a")
+    for name, samples in recordings.items():
+        calibration = fit_of(found[name]).calibration
+        corrected = calibration.apply(samples.field) / calibration.field_strength
+        assert np.rad2deg(np.median(np.linalg.norm(corrected - directions, axis=1))) < 1.5
+    assert fit_of(found["b"]).calibration.rotation == "estimated"
+    assert fit_of(found["a"]).calibration.rotation == "symmetric"
+
+
+def test_more_coverage_is_not_claimed_of_a_body_that_was_not_turned_over() -> None:
+    """Two sensors see the same: what the first leaves open the second leaves open as well."""
+    recordings, _, _ = body(6, motion="level", n=600)
+    found = fit_together(recordings)
+    assert not found.is_joint
+    assert all("not-together" in codes(member) for member in found.members)
+    assert all(member.fit is member.alone or fit_of(member).plane for member in found.members)
+
+
+def test_what_lies_beside_the_reference_turns_all_into_the_body() -> None:
+    path = simulate.tumble(seed=3, motion="flight", n=2000)
+    rng = np.random.default_rng(3)
+    mounted = rotations(np.array([[0.1, -0.2, 0.3]]))[0]
+    first, second = simulate.Sensor.random(rng, noise=0.5), simulate.Sensor.random(rng, noise=0.5)
+    reference = replace(path.samples, field=first.read(FIELD * path.directions @ mounted, rng))
+    other = replace(path.samples, field=second.read(FIELD * path.directions @ mounted @ TURNED, rng))
+    found = fit_together({"a": reference, "b": other}, aids=("rate", "dip"))
+    assert found.in_body
+    for name, samples in (("a", reference), ("b", other)):
+        calibration = fit_of(found[name]).calibration
+        corrected = calibration.apply(samples.field) / calibration.field_strength
+        assert np.rad2deg(np.linalg.norm(np.mean(corrected - path.directions, axis=0))) < 3.0
+    assert found["b"].rotation is not None
+    npt.assert_allclose(found["b"].rotation, TURNED, atol=0.1)
+
+
+# clocks and rates
+
+
+def test_different_rates_meet_at_the_slower_ones_moments() -> None:
+    recordings, sensors, _ = body(7, n=3000)
+    slow = recordings["b"][::5]
+    found = fit_together({"a": recordings["a"], "b": slow})
+    assert found.agreement.moments == len(slow)
+    npt.assert_allclose(fit_of(found["b"]).calibration.offset, sensors[1].offset, atol=0.3)
+
+
+@pytest.mark.parametrize("delay", [-0.37, 0.11])
+def test_a_clock_that_is_off_is_found_and_taken_off(delay: float) -> None:
+    recordings, _, _ = body(8, n=3000)
+    time = recordings["b"].time
+    assert time is not None
+    found = fit_together({"a": recordings["a"], "b": changed(recordings["b"], time=time + delay)})
+    assert found["b"].delay_s == pytest.approx(delay, abs=max(4.0 * found["b"].delay_sigma_s, 2e-3))
+    assert "clock-differs" in codes(found["b"])
+    assert np.rad2deg(np.linalg.norm(np.asarray(found["b"].rotation) - TURNED)) < 0.5
+
+
+def test_equal_clocks_have_no_delay() -> None:
+    for seed in range(4):
+        recordings, _, _ = body(20 + seed, n=1500)
+        times = [samples.time for samples in recordings.values() if samples.time is not None]
+        assert not paired(times, [samples.field for samples in recordings.values()]).delays_s.any()
+
+
+def test_no_line_is_drawn_across_a_gap() -> None:
+    time = np.concatenate([np.arange(10.0), np.arange(30.0, 40.0)])
+    taken = between(time, np.tile(time[:, np.newaxis], 3), np.array([4.5, 15.0, 35.25, 99.0]))
+    npt.assert_allclose(taken[[0, 2], 0], [4.5, 35.25])
+    assert np.isnan(taken[[1, 3]]).all()
+
+
+def test_rows_without_time_belong_together_where_they_are_as_many() -> None:
+    recordings, _, _ = body(9, n=600)
+    timeless = {name: changed(samples, time=None) for name, samples in recordings.items()}
+    assert fit_together(timeless).is_joint
+    with pytest.raises(UsageError, match="record time"):
+        fit_together({"a": timeless["a"], "b": timeless["b"][:500]})
+    with pytest.raises(UsageError, match="some have time"):
+        fit_together({"a": recordings["a"], "b": timeless["b"]})
+
+
+def test_recordings_of_different_times_are_refused() -> None:
+    recordings, _, _ = body(10, n=600)
+    time = recordings["b"].time
+    assert time is not None
+    with pytest.raises(InputError, match="common to two"):
+        fit_together({"a": recordings["a"], "b": changed(recordings["b"], time=time + 1e4)})
+
+
+# what may be wrong with one
+
+
+def test_exchanged_axes_are_named() -> None:
+    recordings, _, _ = body(11, same=True)
+    swapped = changed(recordings["b"], field=recordings["b"].field[:, [1, 0, 2]] * [1.0, -1.0, 1.0])
+    found = fit_together({"a": recordings["a"], "b": swapped})["b"]
+    assert (found.axes, found.is_mirrored) == ("-y,x,z", False)
+    assert found.off_axes_deg < 1.0
+
+
+def test_a_mirror_image_is_found_and_corrected() -> None:
+    recordings, _, directions = body(12, same=True)
+    mirrored = changed(recordings["b"], field=recordings["b"].field * [1.0, 1.0, -1.0])
+    found = fit_together({"a": recordings["a"], "b": mirrored})["b"]
+    assert (found.axes, found.is_mirrored) == ("x,y,-z", True)
+    assert "mirrored-sensor" in codes(found)
+    corrected = fit_of(found).calibration.apply(mirrored.field) / fit_of(found).calibration.field_strength
+    assert np.rad2deg(np.median(np.linalg.norm(corrected - directions, axis=1))) < 1.5
+
+
+def test_the_rotation_of_a_mirror_image_is_as_uncertain_as_of_its_original() -> None:
+    recordings, _, _ = body(12, same=True, noises=(0.5, 0.5, 0.5))
+    fields = np.stack([samples.field for samples in recordings.values()])
+    plain = several.solve(fields)
+    fields[1] *= [1.0, 1.0, -1.0]
+    mirrored = several.solve(fields)
+    turn, covariance = mirrored.rotation(2, 1)
+    assert np.linalg.det(turn) == pytest.approx(-1.0)
+    npt.assert_allclose(np.trace(covariance), np.trace(plain.rotation(2, 1)[1]), rtol=0.05)
+
+
+def test_another_unit_is_named() -> None:
+    recordings, _, _ = body(13)
+    found = fit_together({"a": recordings["a"], "b": changed(recordings["b"], field=recordings["b"].field * 10.0)})
+    assert "unlike-units" in codes(found["b"])
+    assert found["b"].size == pytest.approx(10.0, rel=0.3)  # scales of either are off by up to a quarter
+
+
+def test_a_copy_is_no_second_witness() -> None:
+    recordings, _, _ = body(14, n=800, noises=(0.5, 0.5, 0.5))
+    copy = changed(recordings["a"], field=recordings["a"].field[:, [2, 0, 1]] * 16.0)
+    found = fit_together({**recordings, "d": copy})
+    assert found["d"].copy_of == "a"
+    assert codes(found["d"]) == {"copied-sensor"}
+    without = fit_together(recordings)
+    npt.assert_allclose(fit_of(found["a"]).covariance, fit_of(without["a"]).covariance, rtol=1e-6)
+
+
+def test_readings_at_the_limit_do_not_count() -> None:
+    recordings, sensors, _ = body(15)
+    limit = float(np.quantile(recordings["b"].field[:, 0], 0.9))
+    cut = changed(recordings["b"], field=np.minimum(recordings["b"].field, [limit, np.inf, np.inf]))
+    found = fit_together({"a": recordings["a"], "b": cut})
+    assert "saturated" in {finding.code for finding in fit_of(found["b"]).findings}
+    error = fit_of(found["b"]).calibration.offset - sensors[1].offset
+    assert np.all(np.abs(error) < 4.0 * fit_of(found["b"]).offset_sigma)
+
+
+def test_a_sensor_that_departs_for_a_while_is_told_by_the_others() -> None:
+    recordings, sensors, _ = body(16, noises=(0.5, 0.5, 0.5))
+    time = recordings["b"].time
+    assert time is not None
+    disturbed = recordings["b"].field + np.outer((time > 10.0) & (time < 14.0), [6.0, -3.0, 2.0])
+    found = fit_together({**recordings, "b": changed(recordings["b"], field=disturbed)})
+    runs = found.agreement.departures
+    assert [run.sensor for run in runs] == [1]
+    assert runs[0].start_s == pytest.approx(10.0, abs=1.1)
+    assert runs[0].end_s == pytest.approx(14.0, abs=1.1)
+    assert runs[0].heading_deg == pytest.approx(heading_deg(7.0 / FIELD, 60.0), rel=0.35)
+    assert "departs" in codes(found["b"])
+    assert not {"departs", "disagree"} & (codes(found["a"]) | codes(found["c"]))
+    npt.assert_allclose(fit_of(found["b"]).calibration.offset, sensors[1].offset, atol=0.3)
+
+
+def test_of_two_it_is_not_told_which_unless_a_length_changes() -> None:
+    rng = np.random.default_rng(1)
+    q = simulate.tumble(seed=17, motion="hand", n=1500).directions
+    seen = np.stack([q + rng.normal(scale=0.01, size=q.shape) for _ in range(2)])
+    time = np.arange(1500) / 50.0
+    across = seen.copy()
+    across[1, 500:700] = seen[1, 500:700] @ rotations(np.array([[0.0, 0.0, 0.2]]))[0].T
+    assert {run.sensor for run in departures(across, time)} == {None}
+    longer = seen.copy()
+    longer[1, 500:700] *= 1.2
+    assert [(run.sensor, run.by_length) for run in departures(longer, time)] == [(1, True)]
+
+
+def test_no_departure_where_there_is_none() -> None:
+    for seed in range(3):
+        recordings, _, _ = body(30 + seed, n=1000, noises=(0.5, 1.0, 0.5))
+        assert fit_together(recordings).agreement.departures == ()
+
+
+def test_a_sensor_beside_a_motor_is_told_from_one_that_is_only_noisy() -> None:
+    recordings, _, _ = body(18, noises=(0.5, 3.0, 0.5))
+    rng = np.random.default_rng(2)
+    hum = 6.0 * np.repeat(rng.normal(size=(15, 1)), 100, axis=0) * [1.0, 0.5, -0.5]
+    found = fit_together({**recordings, "c": changed(recordings["c"], field=recordings["c"].field + hum)})
+    assert "departs-throughout" not in codes(found["b"])
+    assert codes(found["c"]) & {"departs-throughout", "departs"}
+
+
+def test_a_dead_sensor_stands_beside_the_others() -> None:
+    recordings, _, _ = body(19, n=600, noises=(0.5, 0.5, 0.5))
+    stuck = changed(recordings["b"], field=np.tile([1.0, 2.0, 3.0], (600, 1)))
+    found = fit_together({**recordings, "b": stuck})
+    assert isinstance(found["b"].fit, FitError)
+    assert [member.name for member in found.members] == ["a", "b", "c"]
+    assert found["c"].rotation is not None
+
+
+def test_wrong_use_says_what_is_needed() -> None:
+    recordings, _, _ = body(1, n=100)
+    with pytest.raises(UsageError, match="two or more"):
+        fit_together({"a": recordings["a"]})
+    with pytest.raises(UsageError, match="none of a, b"):
+        fit_together(recordings, reference="c")
+    counts = Samples.of(recordings["b"].field, time=recordings["b"].time)
+    with pytest.raises(UsageError, match="one field strength"):
+        fit_together({"a": recordings["a"], "b": counts}, field_strength=50.0)
+
+
+def test_nearest_axes_of_each_of_the_24_and_their_mirror_images() -> None:
+    from flinders.together import ALL_TURNS
+
+    for axes in ALL_TURNS:
+        assert nearest_axes(axes.apply(np.eye(3)).T) == (str(axes), 0.0)
+
+
+def test_the_facade_has_it() -> None:
+    assert flinders.fit_together is fit_together

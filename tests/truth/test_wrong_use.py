@@ -1,0 +1,146 @@
+"""Wrong use of what stands beside a magnetometer is named, and good recordings are left in peace.
+
+More seeds, strengths and motions: ``python -m benchmarks.wrong_use``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.wrong_use import CASES, codes_of
+
+import flinders
+from flinders import simulate
+from flinders.cli._aids import taken
+from flinders.errors import UsageError
+from flinders.estimators.aided import solve
+from flinders.estimators.mistakes import circular, elsewhere, of_instruments, one_axis
+from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
+from flinders.quadric import Ellipsoid
+from flinders.terms.site import Site
+
+SEEDS = range(4)
+MOTIONS = ("swayed", "hand", "rocked", "flight")
+
+
+def named(case: str, motion: str, seed: int, strength: float) -> list[str]:
+    """Codes of what is said of gyro and accelerometer, with the ellipsoid that the magnetometer has on a sphere."""
+    samples = CASES[case][0](motion, seed, strength).samples
+    middle = samples.field.mean(axis=0)
+    about = Ellipsoid(middle, 50.0 * np.eye(3))
+    return [mistake.code for mistake in of_instruments(samples, about, ("rate", "dip"))[1]]
+
+
+@pytest.mark.parametrize("motion", [*MOTIONS, "drive"])
+def test_a_good_recording_is_left_in_peace(motion: str) -> None:
+    assert all(named("good", motion, seed, 0.0) == [] for seed in SEEDS)
+
+
+@pytest.mark.parametrize("motion", [*MOTIONS, "drive"])
+@pytest.mark.parametrize("scale", [180.0 / np.pi, np.pi / 180.0, 1e3, -1.0])
+def test_a_rate_in_another_unit_is_named_on_all_motions(motion: str, scale: float) -> None:
+    assert all("gyro-unit" in named("gyro", motion, seed, scale) for seed in SEEDS)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("case", ["axes", "mirrored"])
+def test_a_gyro_with_exchanged_or_mirrored_axes_is_named(motion: str, case: str) -> None:
+    assert all({"swapped-axes", "gyro-unit"} & set(named(case, motion, seed, 0)) for seed in SEEDS)
+
+
+@pytest.mark.parametrize("motion", ["swayed", "hand", "rocked"])
+def test_an_accelerometer_with_exchanged_axes_contradicts_the_gyro_and_is_left_out(motion: str) -> None:
+    attack = CASES["axes"][0](motion, 1, 1)
+    about = Ellipsoid(attack.samples.field.mean(axis=0), 50.0 * np.eye(3))
+    axes, [mistake] = of_instruments(attack.samples, about, ("rate", "dip"))
+    assert axes is None
+    assert (mistake.code, mistake.aid, mistake.drops) == ("swapped-axes", "dip", True)
+    assert "the gyro does not" in mistake.words
+
+
+@pytest.mark.parametrize("turn", TURNS[1::5], ids=str)
+def test_how_the_magnetometer_sits_is_found_whichever_way_it_is(turn: flinders.Axes) -> None:
+    true = simulate.tumble(seed=2, motion="swayed", n=1000)
+    rate, acceleration = turn.apply(true.samples.rate), turn.apply(true.samples.acceleration)  # type: ignore[arg-type]
+    turned = replace(true.samples, rate=rate, acceleration=acceleration)
+    about = Ellipsoid(true.sensor.offset, true.field_strength * np.asarray(true.sensor.matrix))
+    assert by_rate(turned, about).axes == by_vertical(turned, about).axes == turn
+
+
+@pytest.mark.parametrize("motion", ["swayed", "hand", "rocked"])
+def test_a_yaw_from_this_compass_is_named_whatever_the_motion(motion: str) -> None:
+    attack = CASES["compass"][0](motion, 0, 10.0)
+    found = circular(attack.samples, solve(attack.samples, ("tilt",)), 60.0)
+    assert found is not None
+    assert found.code == "circular-attitude"
+
+
+@pytest.mark.parametrize("motion", ["swayed", "hand", "flight"])
+def test_a_mounting_five_degrees_off_is_no_circular_attitude(motion: str) -> None:
+    """The attitude is that of the accelerometer's axes; nothing else is asked for that would see how it sits."""
+    attack = CASES["good"][0](motion, 3, 0.0)
+    assert circular(attack.samples, solve(attack.samples, ()), 60.0) is None
+
+
+@pytest.mark.parametrize("north_km", [-1000.0, 1000.0])
+def test_a_site_a_thousand_kilometres_off_is_named_and_does_not_bend_the_fit(north_km: float) -> None:
+    attack = CASES["site"][0]("swayed", 1, north_km)
+    assert codes_of(attack) == ("site-differs",)
+    wrong = flinders.fit(attack.samples, aids=("dip",), site=attack.site)
+    without = flinders.fit(attack.samples, aids=("dip",))
+    np.testing.assert_array_equal(wrong.calibration.offset, without.calibration.offset)
+
+
+def test_an_accelerometer_upside_down_is_told_from_another_place() -> None:
+    assert "upside down" in elsewhere(-59.0, Site(None, 60.0)).words
+    assert "check place" in elsewhere(50.0, Site(None, 60.0)).words
+
+
+def test_noise_of_a_slow_gyro_is_no_turning_about_a_second_axis() -> None:
+    rng = np.random.default_rng(1)
+    slow = np.outer(0.05 * np.sin(np.arange(2000) * 0.01), [0.0, 0.0, 1.0]) + rng.normal(0.0, 0.005, (2000, 3))
+    [mistake] = one_axis(slow)
+    assert mistake.number < ONE_AXIS
+    assert one_axis(slow + np.outer(0.05 * np.cos(np.arange(2000) * 0.01), [1.0, 0.0, 0.0])) == []
+
+
+@pytest.mark.parametrize("what", ["zero", "of a twentieth of the readings", "of another time"])
+def test_a_gyro_that_does_not_go_with_the_field_is_left_out(what: str) -> None:
+    true = simulate.tumble(seed=4, motion="swayed", n=1500)
+    rate = np.asarray(true.samples.rate)
+    wrong = {
+        "zero": np.zeros_like(rate),
+        "of a twentieth of the readings": np.repeat(rate[::60], 60, axis=0),
+        "of another time": rate[::-1].copy(),
+    }[what]
+    about = Ellipsoid(true.sensor.offset, true.field_strength * np.asarray(true.sensor.matrix))
+    _, [mistake] = of_instruments(replace(true.samples, rate=wrong), about, ("rate", "dip"))
+    assert (mistake.code, mistake.aid, mistake.drops) == ("gyro-differs", "rate", True)
+
+
+@pytest.mark.parametrize(("column", "aid"), [("rate", "rate"), ("acceleration", "dip"), ("attitude", "tilt")])
+def test_an_empty_column_is_named_and_left_out(column: str, aid: str) -> None:
+    true = simulate.tumble(seed=5, motion="swayed", n=300)
+    width = 4 if column == "attitude" else 3
+    empty = replace(true.samples, **{column: np.full((300, width), np.nan)})  # type: ignore[arg-type]
+    fit = flinders.fit(empty, aids=(aid,))
+    assert "aid-empty" in {finding.code for finding in fit.findings}
+
+
+def test_time_that_goes_back_leaves_the_gyro_out() -> None:
+    true = simulate.tumble(seed=6, motion="swayed", n=300)
+    back = replace(true.samples, time=np.asarray(true.samples.time)[::-1].copy())
+    _, [mistake] = of_instruments(back, Ellipsoid(true.sensor.offset, 50.0 * np.eye(3)), ("rate",))
+    assert (mistake.code, mistake.number) == ("aid-empty", 0)
+
+
+def test_a_current_that_only_has_noise_is_named() -> None:
+    for seed in SEEDS:
+        assert codes_of(CASES["current"][0]("swayed", seed, 0.02)) == ("driver-constant",)
+
+
+def test_with_needs_a_name() -> None:
+    with pytest.raises(UsageError, match="names nothing"):
+        taken([""])
