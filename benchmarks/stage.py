@@ -97,7 +97,7 @@ class Program:
 
     def __init__(self, folder: Path, *options: str) -> None:
         self.recording = folder / "session.csv"
-        chosen = ["--output", str(self.recording)] if "--resume" not in options else []
+        chosen = ["--output", self.recording.name] if "--resume" not in options else []
         command = [sys.executable, "-m", "flinders", "live", "--no-open", "--port", "0", *chosen, *options]
         self._process = subprocess.Popen(
             command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, encoding="utf-8"
