@@ -1,11 +1,8 @@
-"""What each aid is worth beside the magnitude of the field, and beside the published methods: tables as Markdown.
+"""What each aid is worth beside the magnitude of the field: tables as Markdown. MAGYC's simulation: `benchmarks.magyc`.
 
-    python -m benchmarks.terms [--tables magyc,sim,aids,nees,level,real,time] [--trials 200] [--seeds 10]
+    python -m benchmarks.terms [--tables sim,aids,nees,level,real,time] [--trials 200] [--seeds 10]
     python -m benchmarks.terms --tables nees --motions rocked --cases "rate; attitude"
 
-magyc   MAGYC's simulation: error of the offset, of the soft iron (Frobenius norm of the difference of matrix
-        logarithms, determinants taken out), heading rms with the true attitude over that which noise alone leaves;
-        medians over seeds. The `magyc` package runs beside them where it is installed.
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
 aids    S4t, `simulate.tumble(motion="swayed")`: level heading error of each aid and of all of them.
 nees    Squared error over claimed variance for each parameter, mean over trials: 1 is true; and the heading error
@@ -19,8 +16,6 @@ time    CPU seconds, and peak memory of a process of its own.
 from __future__ import annotations
 
 import argparse
-import importlib
-import importlib.util
 import math
 import resource
 import sys
@@ -35,6 +30,8 @@ import numpy as np
 
 from benchmarks import terms_recordings
 from benchmarks.datasets import FIELD_STRENGTH, dataset, heading_error_deg
+from benchmarks.magyc import MOTIONS as MOTIONS_DEG
+from benchmarks.magyc import OFFSET_MG, SEED, wrapped_rms
 from flinders import simulate
 from flinders.attitude import magnetic_heading_deg
 from flinders.errors import FlindersError
@@ -57,19 +54,6 @@ if TYPE_CHECKING:
     from flinders.simulate import Simulated, Turning
     from flinders.terms.parameters import Layout
 
-SEED: Final = 20240915
-OFFSET_MG: Final = np.array([20.0, 120.0, 90.0])
-IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
-FIELD_MG: Final = np.array([227.207, 51.796, 411.731])
-GYRO_BIAS: Final = np.array([0.004, -0.005, 0.002])
-AMPLITUDES: Final = {
-    "WAM 5/45/360": (5.0, 45.0, 360.0),
-    "MAM 5/5/360": (5.0, 5.0, 360.0),
-    "LAM 5/45/90": (5.0, 45.0, 90.0),
-    "5/5/90": (5.0, 5.0, 90.0),
-}
-"""Roll, pitch and heading of MAGYC's motions, in degrees."""
-
 SIGMA: Final = 0.5
 """µT, noise of the S sets."""
 
@@ -81,26 +65,7 @@ Answer = tuple["Floats", "Floats"]
 """Offset (3,) and matrix (3, 3) up to a factor: corrected = matrix @ (raw − offset)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rocked:
-    """A recording of MAGYC's simulation, in mG, and its truth."""
-
-    samples: Samples
-    attitudes: Floats
-    true: Floats
-
-
-# (a) MAGYC's simulation, and SIM1 and SIM2
-
-
-def magyc(name: str, seed: int) -> Rocked:
-    """6,000 readings at 10 Hz: 10 mG and 10 mrad/s of noise, a gyro with a bias."""
-    rng = np.random.default_rng([SEED, seed])
-    turning = simulate.rocked(rng, seconds=600.0, rate_hz=10.0, amplitudes_deg=AMPLITUDES[name])
-    true = simulate.seen_from(turning.attitudes, FIELD_MG)
-    raw = true @ IRON + OFFSET_MG + rng.normal(0.0, 10.0, true.shape)
-    rate = turning.rate + GYRO_BIAS + rng.normal(0.0, 0.01, true.shape)
-    return Rocked(Samples(raw, time=turning.time, rate=rate), turning.attitudes, true)
+# (a) SIM1 and SIM2
 
 
 def sim(name: str, seed: int) -> Samples:
@@ -108,7 +73,7 @@ def sim(name: str, seed: int) -> Samples:
     rng = np.random.default_rng([SEED, seed])
     turning: Turning
     if name == "SIM2":
-        turning = simulate.rocked(rng, seconds=60.0, rate_hz=100.0, amplitudes_deg=AMPLITUDES["5/5/90"])
+        turning = simulate.rocked(rng, seconds=60.0, rate_hz=100.0, amplitudes_deg=MOTIONS_DEG["5/5/90"])
     else:
         turning = simulate.hand_tumble(rng, seconds=60.0, rate_hz=100.0, speed=0.5, smoothness=1.5)
     raw = simulate.seen_from(turning.attitudes, np.array([200.0, -40.0, 480.0])) + OFFSET_MG
@@ -128,14 +93,6 @@ def by_aids(samples: Samples, *, terms: Sequence[str], site: Site | None = None,
     return found.parameters.offset, found.matrix
 
 
-def by_package(samples: Samples, *, function: str) -> Answer:
-    """Offset and matrix of a function of the `magyc` package."""
-    found = getattr(importlib.import_module("magyc"), function)(samples.field, samples.rate, samples.time)
-    soft_iron = np.asarray(found[1])
-    matrix = np.linalg.inv(soft_iron) if soft_iron.shape == (3, 3) else np.eye(3)
-    return np.asarray(found[0], float).ravel(), matrix
-
-
 CONTESTANTS: Final[Mapping[str, Callable[[Samples], Answer]]] = {
     "likelihood, magnitude alone": partial(by_estimator, estimator=Likelihood()),
     "`sar-ls`": partial(by_estimator, estimator=SarLs()),
@@ -147,54 +104,6 @@ CONTESTANTS: Final[Mapping[str, Callable[[Samples], Answer]]] = {
     "rate aid, 5 s": partial(by_aids, terms=("rate",), window_s=5.0),
     "rate aid, 10 s": partial(by_aids, terms=("rate",), window_s=10.0),
 }
-
-
-def package() -> dict[str, Callable[[Samples], Answer]]:
-    """Functions of the `magyc` package, where it is installed."""
-    if importlib.util.find_spec("magyc") is None:
-        return {}
-    there = importlib.import_module("magyc")
-    names = [name for name in ("magyc_ls", "magyc_nls", "magyc_bfg", "sar_ls") if hasattr(there, name)]
-    return {f"package `magyc`: {name}": partial(by_package, function=name) for name in names}
-
-
-def scored(answer: Answer, rocked: Rocked) -> tuple[float, float, float]:
-    """Offset in mG, soft iron, and heading rms over that of the noise."""
-    offset, matrix = answer
-    corrected = (rocked.samples.field - offset) @ matrix.T
-    perfect = (rocked.samples.field - OFFSET_MG) @ np.linalg.inv(IRON)
-    truth = _headings(rocked.true, rocked.attitudes)
-    found = _wrapped_rms(_headings(corrected, rocked.attitudes) - truth)
-    floor = _wrapped_rms(_headings(perfect, rocked.attitudes) - truth)
-    root = np.linalg.inv(matrix)
-    values, axes = np.linalg.eigh(root @ root.T)  # symmetric root: a rotation is no soft iron
-    iron = float(np.linalg.norm(_log((axes * np.sqrt(values)) @ axes.T) - _log(IRON)))
-    return float(np.linalg.norm(offset - OFFSET_MG)), iron, found / floor
-
-
-def magyc_score(contestant: Callable[[Samples], Answer], name: str, seed: int) -> tuple[float, float, float, float]:
-    """Run one contestant on one recording: its scores, and CPU seconds; NaN where it refuses."""
-    rocked = magyc(name, seed)
-    begun = time.process_time()
-    try:
-        answer = contestant(rocked.samples)
-    except FlindersError:
-        return math.nan, math.nan, math.nan, math.nan
-    return *scored(answer, rocked), time.process_time() - begun
-
-
-def magyc_table(pool: ProcessPoolExecutor, seeds: int) -> Iterator[str]:
-    """Yield MAGYC's simulation, motion by motion."""
-    yield "| motion | method | offset, mG | soft iron | heading over floor | CPU s |"
-    yield "|---|---|---:|---:|---:|---:|"
-    others = package()
-    for name in AMPLITUDES:
-        for title, contestant in {**CONTESTANTS, **others}.items():
-            rows = list(pool.map(magyc_score, repeat(contestant), repeat(name), range(seeds)))
-            off, iron, heading, seconds = np.nanmedian(np.array(rows), axis=0)
-            yield f"| {name} | {title} | {off:.3g} | {iron:.4f} | {heading:.3f} | {seconds:.2f} |"
-    if not others:
-        yield "\nThe `magyc` package is not installed, and so not in the table."
 
 
 def sim_score(contestant: Callable[[Samples], Answer], name: str, seed: int) -> float:
@@ -227,7 +136,7 @@ def swayed(trial: int) -> tuple[Simulated, Samples, Site]:
     recording = simulate.tumble(rng, motion="swayed", sensor=sensor, imu=imu)
     assert recording.attitudes is not None
     shaken = simulate.turns(rng.normal(0.0, math.radians(ATTITUDE_NOISE_DEG), (len(recording.attitudes), 3)))
-    attitude = np.array([of_matrix(one) for one in recording.attitudes @ shaken])
+    attitude = of_matrix(recording.attitudes @ shaken)
     logged = replace(recording.samples, attitude=attitude)
     strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
     site = Site(strength=strength, inclination_deg=dip, gain_sigma=0.01, inclination_sigma_deg=1.0)
@@ -331,7 +240,7 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
     attitude = None
     if attitude_deg:
         shaken = simulate.turns(rng.normal(0.0, math.radians(attitude_deg), field.shape))
-        attitude = np.array([of_matrix(one) for one in turning.attitudes @ shaken])
+        attitude = of_matrix(turning.attitudes @ shaken)
     samples = Samples(
         field + noise * rng.standard_normal(field.shape),
         time=turning.time,
@@ -346,7 +255,7 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
 def _motion(motion: str, rng: np.random.Generator) -> tuple[Turning, float, float]:
     """1,500 readings; noise in µT and of the gyro in rad/s, that of MAGYC's for as long a step."""
     if motion == "rocked":
-        turning = simulate.rocked(rng, seconds=600.0, rate_hz=2.5, amplitudes_deg=AMPLITUDES["MAM 5/5/360"])
+        turning = simulate.rocked(rng, seconds=600.0, rate_hz=2.5, amplitudes_deg=MOTIONS_DEG["MAM"])
         return turning, 1.0, 0.01 * math.sqrt(2.5 / 10.0)
     draw = simulate.motions.swayed if motion == "swayed" else simulate.hand_tumble
     return draw(rng, seconds=60.0, rate_hz=25.0), SIGMA, simulate.RATE_NOISE
@@ -376,7 +285,7 @@ def scored_trial(motion: str, title: str, number: int) -> Scored | None:
     seen = np.linalg.solve(
         found.parameters.shape, (drawn.true.offset + fields.T @ drawn.true.shape - found.parameters.offset).T
     )
-    apart = _wrapped_rms(np.arctan2(-seen[1], seen[0]) - np.arctan2(-fields[1], fields[0]))
+    apart = wrapped_rms(np.arctan2(-seen[1], seen[0]) - np.arctan2(-fields[1], fields[0]))
     claimed = level_error(found.ellipsoid, found.covariance[:9, :9], dip_deg=60.0).rms
     return Scored(errors, found.covariance, found.layout, math.degrees(apart) ** 2, claimed**2)
 
@@ -449,7 +358,7 @@ def tilted_error_deg(answer: Answer, recording: Simulated, tilt_deg: float) -> f
     apart = np.radians(magnetic_heading_deg((raw - offset) @ matrix.T, felt)) - np.radians(
         magnetic_heading_deg(true, felt)
     )
-    return math.degrees(_wrapped_rms(apart))
+    return math.degrees(wrapped_rms(apart))
 
 
 def level_trial(title: str, number: int) -> list[float]:
@@ -508,7 +417,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = _parser().parse_args(arguments)
     with ProcessPoolExecutor(options.processes) as pool:
         tables: dict[str, Callable[[], Iterator[str]]] = {
-            "magyc": partial(magyc_table, pool, options.seeds),
             "sim": partial(sim_table, pool, options.seeds),
             "aids": partial(aids_table, pool, options.trials),
             "nees": partial(nees_table, pool, options.trials, options.motions, options.cases),
@@ -530,7 +438,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser("python -m benchmarks.terms", description="What each aid is worth.")
     parser.add_argument("--tables", type=_listed, metavar="NAME,…", help="all by default")
     parser.add_argument("--trials", type=int, default=200, help="of aids, nees and level")
-    parser.add_argument("--seeds", type=int, default=10, help="of magyc and sim")
+    parser.add_argument("--seeds", type=int, default=10, help="of sim")
     parser.add_argument("--motions", type=_listed, default=MOTIONS, metavar="NAME,…", help="of nees")
     parser.add_argument("--cases", type=_cased, metavar="NAME;…", help=f"of nees: {'; '.join(CASES)}")
     parser.add_argument("--processes", type=int, default=2)
@@ -545,28 +453,8 @@ def _cased(text: str) -> list[str]:
     return [name.strip() for name in text.split(";")]
 
 
-def _headings(field: Floats, attitudes: Floats) -> Floats:
-    """(N,) direction of the horizontal field in world axes, rad, with the true attitudes."""
-    level = np.einsum("nij,nj->ni", attitudes, field)
-    headings: Floats = np.arctan2(level[:, 1], level[:, 0])
-    return headings
-
-
-def _wrapped_rms(angles: Floats) -> float:
-    """Root mean square of angles about their mean direction, rad."""
-    phasors = np.exp(1j * angles)
-    return _rms(np.angle(phasors / np.mean(phasors)))
-
-
 def _rms(values: Sequence[float] | Floats) -> float:
     return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
-
-
-def _log(matrix: Floats) -> Floats:
-    """(3, 3) logarithm of a symmetric positive matrix, its determinant taken out."""
-    values, axes = np.linalg.eigh(matrix / np.cbrt(np.linalg.det(matrix)))
-    log: Floats = (axes * np.log(values)) @ axes.T
-    return log
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.fitting import fit as fit
+    from flinders.fleet import fit_many as fit_many
     from flinders.judged import Judged as Judged
     from flinders.merging import merge as merge
     from flinders.readers import open_log as open_log
@@ -55,6 +56,7 @@ _HOMES: Final = {
     "errors": "",
     "estimators": "",
     "fit": "fitting",
+    "fit_many": "fleet",
     "fit_together": "together",
     "merge": "merging",
     "open_log": "readers",

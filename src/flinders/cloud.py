@@ -31,6 +31,9 @@ MAX_CELLS: Final = 4096
 SMALLEST_SIDE: Final = 2.0**-40
 """Of the largest reading: finer cells hold nothing but rounding."""
 
+LOOKED_AT: Final = 512
+"""Readings that tell how large cells shall be."""
+
 _BITS: Final = 21
 _REACH: Final = 1 << (_BITS - 1)
 _DENSE: Final = 1 << 17
@@ -142,9 +145,9 @@ class Cloud:
 def natural_side(field: Floats) -> float:
     """The power of two nearest to a twelfth of the median distance from the middle of a cloud.
 
-    Looks at 512 readings spread over the recording; a few stray ones do not move it.
+    Looks at `LOOKED_AT` readings spread over the recording; a few stray ones do not move it.
     """
-    some = field[:: max(1, len(field) // 512)]
+    some = field[:: max(1, len(field) // LOOKED_AT)]
     largest = float(np.abs(some).max())
     # No magnetometer reads what squares badly: any side will do.
     if not SMALLEST_SIDE < largest < 1.0 / SMALLEST_SIDE:
@@ -157,62 +160,71 @@ def natural_side(field: Floats) -> float:
 
 def keys_of(readings: Floats, side: float) -> NDArray[np.int64]:
     """(N,) keys of the cells that (N, 3) readings fall into."""
-    return _pack(_indices(readings.T, side))
+    return _pack(_indices(readings.T, side).astype(np.int64))
 
 
-def _indices(axes: Floats, side: float) -> NDArray[np.int64]:
-    """(3, m) cell indices of (3, m) readings, counted from −`_REACH`."""
-    places = axes * (1.0 / side) + _REACH
-    if places.min() < 0.0 or places.max() >= 2 * _REACH:
-        np.clip(places, 0, 2 * _REACH - 1, out=places)
-    indices: NDArray[np.int64] = places.astype(np.int64)  # cutting the fraction off is the floor of what is positive
-    return indices
+def _indices(axes: Floats, side: float) -> Floats:
+    """(3, m) cell indices of (3, m) readings, whole numbers counted from −`_REACH`; what lies beyond, at the edge."""
+    indices: Floats = np.multiply(axes, 1.0 / side, order="C")
+    indices += _REACH
+    np.floor(indices, out=indices)
+    return np.clip(indices, 0.0, 2.0 * _REACH - 1.0, out=indices)
 
 
 def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:
     """Columns of one block: keys, counts, sums, first, last."""
-    axes = np.ascontiguousarray(readings.T)
-    indices = _indices(axes, side)
-    low = indices.min(axis=1)
-    extent = indices.max(axis=1) - low + 1
-    if int(extent[0]) * int(extent[1]) * int(extent[2]) <= _DENSE:
-        size, high, middle = int(extent.prod()), int(extent[1] * extent[2]), int(extent[2])
-        flat = indices[0] * high
-        flat += indices[1] * middle
-        flat += indices[2]
-        flat -= int(low @ (high, middle, 1))
-        found = np.bincount(flat, minlength=size)
-        cells = np.flatnonzero(found)
-        keys = _pack(np.stack([cells // high, cells // middle % extent[1], cells % middle]) + low[:, np.newaxis])
-    else:
-        keys, flat, found = np.unique(_pack(indices), return_inverse=True, return_counts=True)
-        size, cells = len(keys), np.arange(len(keys))
-    counts: Floats = found[cells].astype(float)
-    sums: Floats = np.stack([np.bincount(flat, weights=axis, minlength=size)[cells] for axis in axes], axis=1)
+    keys, place, bins = _occupied(_indices(readings.T, side))
+    size = int(bins[-1]) + 1
+    counts: Floats = np.bincount(place, minlength=size)[bins].astype(float)
+    sums: Floats = np.stack([np.bincount(place, weights=axis, minlength=size)[bins] for axis in readings.T], axis=1)
     if time is None:
-        unknown: Floats = np.full(len(cells), np.nan)
+        unknown: Floats = np.full(len(keys), np.nan)
         return keys, counts, sums, unknown, unknown
     first: Floats = np.empty(size)
     last: Floats = np.empty(size)
-    first[flat[::-1]] = time[::-1]
-    last[flat] = time
-    return keys, counts, sums, first[cells], last[cells]
+    first[place[::-1]] = time[::-1]
+    last[place] = time
+    return keys, counts, sums, first[bins], last[bins]
+
+
+def _occupied(indices: Floats) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
+    """(K,) keys of the cells that (3, m) indices name, ascending; (m,) a bin for each; (K,) which bin a cell has.
+
+    Cells of a box around them all are marked one by one where the box is small: no sorting. Where it is larger than
+    the readings are many, the bins are those in use, numbered anew.
+    """
+    low = indices.min(axis=1).astype(np.int64)
+    deep, wide, high = (indices.max(axis=1).astype(np.int64) - low + 1).tolist()
+    if deep * wide * high > _DENSE:
+        keys, inverse = np.unique(_pack(indices.astype(np.int64)), return_inverse=True)
+        return keys, inverse, np.arange(len(keys))
+    strides = np.array([wide * high, high, 1.0])
+    flat = (strides @ indices - strides @ low).astype(np.intp)  # whole numbers below 2⁵³: exact
+    marked = np.zeros(deep * wide * high, dtype=bool)
+    marked[flat] = True
+    cells = np.flatnonzero(marked)
+    keys = _pack(np.stack([cells // (wide * high), cells // high % wide, cells % high]) + low[:, np.newaxis])
+    if len(marked) <= len(flat):
+        return keys, flat, cells
+    rank = np.empty(len(marked), dtype=np.intp)
+    rank[cells] = np.arange(len(cells))
+    return keys, rank[flat], rank[cells]
 
 
 def _gathered(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floats, last: Floats) -> _Columns:
     """Add up rows that have the same key."""
     order = np.argsort(keys, kind="stable")
-    keys = keys[order]
-    starts = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
-    with np.errstate(over="ignore"):  # numbers that large are refused, but not here
-        added = np.add.reduceat(sums[order], starts, axis=0)
-    return (
-        keys[starts],
-        np.add.reduceat(counts[order], starts),
-        added,
-        np.fmin.reduceat(first[order], starts),
-        np.fmax.reduceat(last[order], starts),
-    )
+    ordered = keys[order]
+    is_new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
+    place = np.empty(len(keys), dtype=np.intp)
+    place[order] = np.cumsum(is_new) - 1
+    keys = ordered[is_new]
+    size = len(keys)
+    added: Floats = np.stack([np.bincount(place, weights=axis, minlength=size) for axis in sums.T], axis=1)
+    earliest, latest = np.full((2, size), np.nan)
+    np.fmin.at(earliest, place, first)
+    np.fmax.at(latest, place, last)
+    return keys, np.bincount(place, weights=counts, minlength=size), added, earliest, latest
 
 
 def _pack(indices: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.quadric import centred
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -26,9 +28,9 @@ if TYPE_CHECKING:
 UPRIGHT: Final = 0.55
 """Mean height of the directions of a recording, of that of a level vehicle's, from which on it is told from it."""
 
-_BANDS: Final = np.array([1, 15, 34, 34, 15, 1])
-_STARTS: Final = np.concatenate([[0], np.cumsum(_BANDS)[:-1]])
-_EDGES: Final = 1.0 - 0.02 * np.cumsum(_BANDS)[:-1]
+BANDS: Final = np.array([1, 15, 34, 34, 15, 1])
+STARTS: Final = np.concatenate([[0], np.cumsum(BANDS)[:-1]])
+EDGES: Final = 1.0 - 0.02 * np.cumsum(BANDS)[:-1]
 
 
 def around_z(z: Floats, longitude: Floats) -> Floats:
@@ -57,10 +59,10 @@ LEANING_LEAST, LEANING = 0.1, math.sqrt(3.0)
 
 
 def _centres() -> Floats:
-    heights = 1.0 - 0.02 * (np.cumsum(_BANDS) - _BANDS / 2.0)
+    heights = 1.0 - 0.02 * (np.cumsum(BANDS) - BANDS / 2.0)
     heights[[0, -1]] = 1.0, -1.0
-    z = np.repeat(heights, _BANDS)
-    longitude = 2.0 * np.pi * np.concatenate([(np.arange(n) + 0.5) / n for n in _BANDS])
+    z = np.repeat(heights, BANDS)
+    longitude = 2.0 * np.pi * np.concatenate([(np.arange(n) + 0.5) / n for n in BANDS])
     return around_z(z, longitude)
 
 
@@ -156,15 +158,16 @@ class Coverage:
 
 def directions_of(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(K, 3) unit vectors of (K, 3) readings after correction."""
-    corrected = np.linalg.solve(ellipsoid.shape, (readings - ellipsoid.centre).T).T
-    lengths = np.sqrt(np.einsum("ij,ij->i", corrected, corrected))
-    directions: Floats = corrected / np.where(lengths > 0.0, lengths, 1.0)[:, np.newaxis]
+    corrected = np.linalg.inv(ellipsoid.shape) @ centred(readings, ellipsoid.centre)
+    lengths = np.sqrt(np.einsum("ij,ij->j", corrected, corrected))
+    corrected /= np.where(lengths > 0.0, lengths, 1.0)
+    directions: Floats = np.ascontiguousarray(corrected.T)
     return directions
 
 
 def cells_of(directions: Floats) -> NDArray[np.int64]:
     """(K,) index of the cell that each unit vector falls into."""
-    band = np.searchsorted(-_EDGES, -directions[:, 2])
+    band = np.searchsorted(-EDGES, -directions[:, 2])
     turn = np.arctan2(directions[:, 1], directions[:, 0]) / (2.0 * np.pi) % 1.0
-    cells: NDArray[np.int64] = _STARTS[band] + np.minimum((turn * _BANDS[band]).astype(int), _BANDS[band] - 1)
+    cells: NDArray[np.int64] = STARTS[band] + np.minimum((turn * BANDS[band]).astype(int), BANDS[band] - 1)
     return cells

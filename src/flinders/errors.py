@@ -14,6 +14,7 @@
     │   ├── ForeignAxes              foreign-axes      5    accelerometer and magnetometer with unlike axes
     │   ├── MissingExtra             missing-extra     5    a format whose optional package is not installed
     │   ├── LinkError                link              5    a sensor or vehicle that is not there or is gone
+    │   ├── LostWorker               lost-worker       5    a file of a fleet that ends the workers which read it
     │   └── DocumentError            document          5    a calibration file that is not one
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4

@@ -25,6 +25,7 @@ from flinders.estimators import (
     as_correlated,
     at_one_strength,
     drift_of,
+    slip_of,
     with_bias,
     within_range,
 )
@@ -32,6 +33,7 @@ from flinders.estimators.aided import refuse_without
 from flinders.estimators.aids import AUTO, aided_by, available
 from flinders.estimators.driving import following, told
 from flinders.estimators.followed import earned
+from flinders.estimators.joint import SCALE_SIGMA
 from flinders.estimators.kept import concatenated
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.sited import sited
@@ -54,7 +56,7 @@ if TYPE_CHECKING:
     from flinders.estimators.driving import Driving
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats
-    from flinders.result import Drift
+    from flinders.result import Drift, Slip
     from flinders.samples import Recording
     from flinders.summary import Summary
     from flinders.terms.site import Site
@@ -77,6 +79,7 @@ def fit(
     drivers: Sequence[str] = (),
     aids: str | Sequence[str] = (),
     site: Site | None = None,
+    gyro_scale: float = SCALE_SIGMA,
     **options: Any,
 ) -> Fit:
     """Find the calibration, and say how far to trust it.
@@ -108,6 +111,8 @@ def fit(
         its place, drivers included. See docs/terms.md.
     site : Site, optional
         What is known of the field at the place. With its strength, corrected readings have that length.
+    gyro_scale : float
+        With the aid ``rate``: what the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
     **options
         Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
@@ -141,7 +146,9 @@ def fit(
         _refuse_to_relabel(recording, unit, axes)
         unit, axes, frame = recording.unit, recording.axes, frame_of(recording)
     readings = within_range(readings)
-    found, told_by = _aided(readings, aids, site, method=method, dip_deg=dip_deg, options=options)
+    found, told_by = _aided(
+        readings, aids, site, method=method, dip_deg=dip_deg, options=options, gyro_scale=gyro_scale
+    )
     told_by = told_by if told_by is None else replace(told_by, each=(*tried, *told_by.each))
     estimate = found or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
     readings = readings if found else at_one_strength(readings, estimate)
@@ -266,14 +273,17 @@ def _aided(
     method: str,
     dip_deg: float,
     options: dict[str, Any],
+    gyro_scale: float,
 ) -> tuple[Estimate | None, Aids | None]:
     """Fit with what was recorded beside the magnetometer; no estimate where no aid was asked for, or none was kept.
 
     Raises
     ------
     UsageError
-        For another method than the default one, or where only sums are left.
+        For another method than the default one, where only sums are left, or for a gyro scale out of range.
     """
+    if not 0.0 <= gyro_scale <= 0.5:
+        raise UsageError(f"gyro scale is {gyro_scale:g}: need a share from 0 to 0.5, such as {SCALE_SIGMA:g}")
     if not aids:
         return None, None
     if method != "auto" or set(options) - {"prior"}:
@@ -284,7 +294,8 @@ def _aided(
     samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, aids)
-    found, told_by = aided_by(samples, aids, site=site, dip_deg=dip_deg, spread=options.get("prior", SPREAD) or SPREAD)
+    spread = options.get("prior", SPREAD) or SPREAD
+    found, told_by = aided_by(samples, aids, site=site, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale)
     if is_flat(readings.summary.moments.principal_variances, found.noise):
         return None, _of_no_use(samples, aids)
     return found.estimate() if found.aids else None, told_by
@@ -389,6 +400,15 @@ def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | No
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
+def _slip(estimate: Estimate, readings: Readings) -> Slip | None:
+    """Whether axes slipped while one recording was made, of those held in memory; if so, residuals are not white."""
+    if readings.parts or not isinstance(readings.recording, Samples):
+        return None
+    if not estimate.strays and (estimate.correlation is None or estimate.correlation.is_white):
+        return None
+    return slip_of(readings.recording.field, estimate.noise)
+
+
 def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
     """What independent residuals would allow to claim."""
     if estimate.textbook is None:
@@ -479,6 +499,7 @@ def _judged(
         strays=estimate.strays,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, readings, dip),
+        slip=_slip(estimate, readings),
         repeats=repeats,
         plane=estimate.plane,
         aids=told_by,

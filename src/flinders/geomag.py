@@ -203,7 +203,7 @@ def year_of(day: datetime.date | str | float) -> float:
     if not FIRST_YEAR <= year <= LAST_YEAR:
         raise UsageError(
             f"{_shown(day)} lies outside the World Magnetic Models from {FIRST_YEAR:.0f} to {LAST_YEAR:.0f}: give the "
-            "date of the recording, or add the declination yourself"
+            "date of the recording, or leave the place out"
         )
     return year
 

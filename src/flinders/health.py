@@ -48,13 +48,20 @@ class Lows:
     @classmethod
     def of(cls, readings: Floats) -> Self:
         """Look at (N, 3) readings, N > 0."""
-        values = np.array([readings[:, axis].min() for axis in range(3)])
-        there = [readings[np.flatnonzero(readings[:, axis] == values[axis])] for axis in range(3)]
+        return cls.along(np.ascontiguousarray(readings.T))
+
+    @classmethod
+    def along(cls, axes: Floats) -> Self:
+        """Look at readings axis by axis, (3, N), N > 0."""
+        values = axes.min(axis=1)
+        axis, rows = np.divmod(np.flatnonzero(axes == values[:, np.newaxis]), axes.shape[1])
+        counts = np.bincount(axis, minlength=3)
+        begins, there = np.cumsum(counts) - counts, axes[:, rows]
         return cls(
             values,
-            np.array([len(rows) for rows in there], float),
-            np.stack([rows.min(axis=0) for rows in there]),
-            np.stack([rows.max(axis=0) for rows in there]),
+            counts.astype(float),
+            np.minimum.reduceat(there, begins, axis=1).T,
+            np.maximum.reduceat(there, begins, axis=1).T,
         )
 
     def __add__(self, other: Lows) -> Self:
@@ -204,13 +211,14 @@ class Health:
         readings = samples.field
         if not len(readings):
             return cls(skipped=samples.skipped)
+        axes = np.ascontiguousarray(readings.T)
         return cls(
             rows=len(readings),
-            repeats=_repeats(readings),
+            repeats=_repeats(axes),
             first=readings[0].copy(),
             last=readings[-1].copy(),
-            lows=Lows.of(readings),
-            highs=Lows.of(-readings),
+            lows=Lows.along(axes),
+            highs=Lows.along(-axes),
             clock=Clock.of(samples.time),
             skipped=samples.skipped,
         )
@@ -257,10 +265,10 @@ class Health:
         return bool(extent[axis] > 0.0 and np.all(ends.beside[axis, others] > RAIL_WIDTH * extent[others]))
 
 
-def _repeats(readings: Floats) -> int:
-    """How many readings equal the one before."""
-    same = np.flatnonzero(readings[1:, 0] == readings[:-1, 0])
-    return int(np.count_nonzero((readings[same + 1, 1:] == readings[same, 1:]).all(axis=1))) if len(same) else 0
+def _repeats(axes: Floats) -> int:
+    """How many readings, (3, N), equal the one before."""
+    same = np.flatnonzero(axes[0, 1:] == axes[0, :-1])
+    return int(np.count_nonzero((axes[1:, same + 1] == axes[1:, same]).all(axis=0))) if len(same) else 0
 
 
 def _merged(some: tuple[Skipped, ...], more: tuple[Skipped, ...]) -> tuple[Skipped, ...]:

@@ -18,9 +18,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flinders.arrays import Floats, column, table
 from flinders.samples import BLOCK
@@ -95,9 +96,11 @@ class Moments:
             return cls.empty()
         unit = power_of_two_above(max(float(readings.max()), -float(readings.min())))
         sums = np.zeros(35)
+        room = np.empty((10, min(len(readings), BLOCK)))
         for start in range(0, len(readings), BLOCK):
             rows = slice(start, start + BLOCK)
-            sums += _block_sums(readings[rows].T / unit, None if weights is None else weights[rows])
+            monomials = _monomials(readings[rows].T, unit, room)
+            sums += _block_sums(monomials, None if weights is None else weights[rows])
         return cls(sums, unit)
 
     def __add__(self, other: Moments) -> Self:
@@ -189,23 +192,59 @@ def unpacked(sums: Floats) -> Floats:
     return scatter
 
 
+class Packing(NamedTuple):
+    """Where each sum stands, for those who add up or use the sums of many units at once.
+
+    Attributes
+    ----------
+    product : (10, 10) int
+        Which of the 35 sums is that of the product of two monomials of a quadric.
+    doubled : (10, 10) float
+        How often it counts in a scatter matrix.
+    first : (35,) int
+        Where in a flat scatter matrix each sum stands first.
+    from_block : (31,) int
+        Where sums of degree two and more stand in the flat (10, 6) products of 1, x, y, z, x², y², z², xy, xz, yz with
+        the last six of these.
+    """
+
+    product: NDArray[np.int64]
+    doubled: Floats
+    first: NDArray[np.int64]
+    from_block: NDArray[np.int64]
+
+
+def packing() -> Packing:
+    """Tell where each sum stands."""
+    return Packing(_PRODUCT, _DOUBLED, _FIRST, _FROM_BLOCK)
+
+
 def power_of_two_above(value: float) -> float:
     """The smallest power of two that is at least `value` (and not too small to divide by)."""
     mantissa, exponent = math.frexp(max(value, SMALLEST_UNIT))
     return math.ldexp(1.0, min(exponent - (mantissa == 0.5), 1023))
 
 
-def _block_sums(scaled: Floats, weight: Floats | None) -> Floats:
-    """(35,) sums of one block of scaled readings (3, m).
+def _monomials(axes: Floats, unit: float, room: Floats) -> Floats:
+    """(10, m) monomials 1, x, y, z, x², y², z², xy, xz, yz of one block of readings (3, m).
 
-    A 10 × 6 product holds all sums of degree two and more: monomials times the quadratic ones.
+    They are written into `room`, (10, m or more): memory asked for anew, block by block, would cost a quarter more
+    (``python -m benchmarks.kernel``).
     """
-    monomials = np.empty((10, scaled.shape[1]))
+    monomials = room[:, : axes.shape[1]]
     monomials[0] = 1.0
-    monomials[1:4] = scaled
+    scaled = np.multiply(axes, 1.0 / unit, out=monomials[1:4])  # exact: the unit is a power of two
     np.multiply(scaled, scaled, out=monomials[4:7])
     np.multiply(scaled[0], scaled[1:], out=monomials[7:9])
     np.multiply(scaled[1], scaled[2], out=monomials[9])
+    return monomials
+
+
+def _block_sums(monomials: Floats, weight: Floats | None) -> Floats:
+    """(35,) sums of one block of monomials (10, m).
+
+    A 10 × 6 product holds all sums of degree two and more: monomials times the quadratic ones.
+    """
     weighted = monomials if weight is None else monomials * weight
     sums = np.empty(35)
     sums[:4] = weighted[:4].sum(axis=1)

@@ -117,26 +117,28 @@ def of_angles(angles: ArrayLike) -> Floats:
 
 
 def of_matrix(matrix: Floats) -> Floats:
-    """(4,) the quaternion of a (3, 3) rotation, with w positive or 0.
+    """(..., 4) quaternions of (..., 3, 3) rotations, with w positive or 0.
 
     The largest of w, x, y, z is found first, so that none is divided by a small one (Shepperd 1978).
 
     >>> of_matrix(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
     array([0.7071, 0.    , 0.    , 0.7071])
     """
-    m = matrix
-    trace = np.trace(m)
-    rows = np.array(
-        [
-            [1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], 1 - trace + 2 * m[0, 0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - trace + 2 * m[1, 1], m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - trace + 2 * m[2, 2]],
-        ]
-    )  # 4 q qᵀ: each row is q times one of its numbers
-    best = rows[int(np.argmax(np.diag(rows)))]
-    found: Floats = best / np.linalg.norm(best)
-    return -found if found[0] < 0 else found
+    x, y, z = np.moveaxis(np.diagonal(matrix, axis1=-2, axis2=-1), -1, 0)
+    added, taken = matrix + np.swapaxes(matrix, -1, -2), matrix - np.swapaxes(matrix, -1, -2)
+    xy, yz, zx = added[..., 0, 1], added[..., 1, 2], added[..., 2, 0]
+    wx, wy, wz = taken[..., 2, 1], taken[..., 0, 2], taken[..., 1, 0]
+    rows = [
+        [1 + x + y + z, wx, wy, wz],
+        [wx, 1 + x - y - z, xy, zx],
+        [wy, xy, 1 - x + y - z, yz],
+        [wz, zx, yz, 1 - x - y + z],
+    ]  # 4 q qᵀ: each row is q times one of its numbers
+    four = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    largest = np.argmax(np.diagonal(four, axis1=-2, axis2=-1), axis=-1)
+    best = np.take_along_axis(four, largest[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]
+    found: Floats = best / np.linalg.norm(best, axis=-1, keepdims=True)
+    return np.where(found[..., :1] < 0, -found, found)
 
 
 def between(first: Floats, second: Floats, share: Floats) -> Floats:

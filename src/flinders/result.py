@@ -153,6 +153,25 @@ class Drift:
 
 
 @dataclass(frozen=True, slots=True)
+class Slip:
+    """Axes that changed their sign, or were exchanged, while the recording was made.
+
+    Attributes
+    ----------
+    axes : str
+        ``x``, ``y`` or ``z`` for a sign; ``xy``, ``yz`` or ``zx`` for two that were exchanged.
+    rows : tuple of int
+        Readings, counted from 0, from each of which on it is so, or is so no longer.
+    gain : float
+        How many times closer to an ellipsoid all readings lie once it is undone.
+    """
+
+    axes: str
+    rows: tuple[int, ...]
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
 class Driven:
     """What is known of something that the offset follows.
 
@@ -396,6 +415,8 @@ class Fit(Outcome):
         `structure_deg` of it is in the heading error.
     drift : Drift, optional
         Where the recording is one and long enough.
+    slip : Slip, optional
+        Where the readings tell that axes slipped in mid-recording.
     repeats : Repeats, optional
         Several recordings, held against each other; their scatter is in the covariance.
     plane : str, optional
@@ -432,6 +453,7 @@ class Fit(Outcome):
     strays: tuple[Stray, ...] = ()
     distortion: float = 0.0
     drift: Drift | None = None
+    slip: Slip | None = None
     repeats: Repeats | None = None
     plane: Plane | None = None
     driven: tuple[Driven, ...] = ()

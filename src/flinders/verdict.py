@@ -47,6 +47,7 @@ CODES: Final = {
     "inflation": "the ellipsoid found is `number` times as wide as the readings that it goes through",
     "recordings-differ": "recordings of one sensor contradict each other: one is `number` degrees off the others",
     "field-changed": "the offset changed during the recording: `number` degrees of heading from beginning to end",
+    "slipped-axes": "with axes put right from some moment on, readings lie `number` times closer to an ellipsoid",
     "structure": "residuals belong to the direction: `number` of the field that no ellipsoid takes off",
     "few-samples": "only `number` independent readings",
     "correlated": "residuals hang together: `number` is the share of readings that are independent",
@@ -75,6 +76,10 @@ CODES: Final = {
     "circular-attitude": "the yaw of the attitude has the `number` degrees of deviation of an uncorrected compass",
     "gyro-unit": "the rate fits `number` times better in another unit than rad/s",
     "gyro-differs": "the gyro leaves `number` of how far the field moves, in whatever unit and axes",
+    "gyro-clipped": "`number` of the readings have a gyro at its limit",
+    "gyro-scales": "the scales of the gyro would be off by `number`, more than those of gyros are",
+    "gyro-gaps": "`number` of the readings have no rate, and were given that of their neighbours",
+    "aids-disagree": "beside an aid the scales of the gyro would be off by `number`, and without it they are not",
     "aid-empty": "only `number` readings have what an aid goes by",
     "swapped-axes": "an instrument fits `number` times better with its axes exchanged",
     "one-axis": "the body turned about one axis: about the second `number` as much",
@@ -118,6 +123,8 @@ BEYOND_CHANCE: Final = 0.01
 BEYOND_CLAIM: Final = 3.0
 CHANGED: Final = 1e-4
 CHANGED_SHARE: Final = 0.25
+SLIPPED: Final = 1.1
+"""Times closer to an ellipsoid: `flinders.estimators.slips` tells nothing below it."""
 STRUCTURE: Final = 0.005
 FEW: Final = 20
 CORRELATED: Final = 0.5
@@ -133,10 +140,13 @@ REPEATS: Final = 0.1
 SKIPPED: Final = 0.1
 LONG_STEP: Final = 20.0
 AXIS_RATIO: Final = 2.0
-NOTED: Final = frozenset({"one-axis"})
+NOTED: Final = frozenset({"one-axis", "gyro-gaps"})
 """Mistakes that are limits of a recording and cost what the heading error says."""
 
 EARTH_UT: Final = (22.0, 67.0)
+OTHER_UNIT: Final = 1.5
+"""Times outside of that which neither soft iron nor the gain of a sound sensor makes: the unit is another."""
+
 UPSIDE_DOWN: Final = 180.0
 
 
@@ -409,6 +419,7 @@ def _change(fit: Fit) -> Iterator[Finding]:
             f"to its end, {figures(drift.heading_deg)}° of heading: keep currents and everything magnetic as they "
             "will be, let the sensor warm up, and record again",
         )  # fmt: skip
+    yield from _slipped(fit)
     share = fit.distortion / fit.ellipsoid.radius
     if share > STRUCTURE:
         yield Finding(
@@ -417,6 +428,22 @@ def _change(fit: Fit) -> Iterator[Finding]:
             f"{figures(fit.structure_deg)}° of heading, which the heading error allows for: the sensor is not linear, "
             "near the end of its range, or the field not the same everywhere; record away from iron, check the range",
         )  # fmt: skip
+
+
+def _slipped(fit: Fit) -> Iterator[Finding]:
+    """Whether axes changed their sign or their place while this was recorded."""
+    slip = fit.slip
+    if slip is None:
+        return
+    letters = slip.axes
+    what = f"the sign of {letters} turned" if len(letters) == 1 else f"{letters[0]} and {letters[1]} changed places"
+    others = len(slip.rows) - 1
+    again = f" and back and forth, {counted(others, 'time')} more" if others else ""
+    yield Finding(
+        "slipped-axes", "limits", slip.gain, SLIPPED,
+        f"from reading {slip.rows[0] + 1:,} on {what}{again}: put right, the readings lie {figures(slip.gain)} times "
+        "closer to an ellipsoid; find out what the driver did then, and record again",
+    )  # fmt: skip
 
 
 def _mixed(fit: Fit) -> Iterator[Finding]:
@@ -581,8 +608,10 @@ def _shape(fit: Corrected) -> Iterator[Finding]:
         )  # fmt: skip
     strength, known = fit.ellipsoid.radius, fit.calibration.field_strength_known
     if fit.calibration.unit == MICROTESLA and not known and not EARTH_UT[0] <= strength <= EARTH_UT[1]:
+        nearest = min(max(strength, EARTH_UT[0]), EARTH_UT[1])
+        other = max(strength / nearest, nearest / strength) > OTHER_UNIT
         yield Finding(
-            "field-strength", "note", strength, EARTH_UT[0] if strength < EARTH_UT[0] else EARTH_UT[1],
+            "field-strength", "limits" if other else "note", strength, nearest,
             f"a field of {figures(strength, 3)} µT is outside the earth's {EARTH_UT[0]:g}–{EARTH_UT[1]:g} µT: "
             "check the unit or scale; headings do not depend on it",
         )  # fmt: skip

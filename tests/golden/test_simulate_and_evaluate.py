@@ -43,9 +43,9 @@ def test_a_calibration_that_knows_its_errors(golden: Golden) -> None:
 
 def test_one_that_does_not(golden: Golden) -> None:
     """The field of the motors passes for iron, and no method knows of it."""
-    session("flinders simulate three-axis -o drive.csv --motion drive --motor 0.3 --seed 7")
-    session("flinders calibrate drive.csv -o calibration.json", code=3)
-    golden("cli/evaluate-worse.txt", session("flinders evaluate calibration.json drive.truth.json", code=4))
+    session("flinders simulate three-axis -o flight.csv --motion flight --motor 0.3 --seed 7")
+    session("flinders calibrate flight.csv -o calibration.json", code=3)
+    golden("cli/evaluate-worse.txt", session("flinders evaluate calibration.json flight.truth.json", code=4))
 
 
 def test_a_recovery_of_a_two_axis_compass(golden: Golden) -> None:

@@ -87,7 +87,7 @@ def test_the_simulator_and_an_attitude_mean_the_same_turn() -> None:
     """The simulator's attitudes are matrices of its own, made in another way."""
     simulated = simulate.tumble(seed=4, motion="hand", sensor=simulate.Sensor(), noise=0.0)
     assert simulated.attitudes is not None
-    attitude = np.array([quaternions.of_matrix(each) for each in simulated.attitudes])
+    attitude = quaternions.of_matrix(simulated.attitudes)
     dip = np.deg2rad(simulated.dip_deg)
     earth = simulated.field_strength * np.array([np.cos(dip), 0.0, np.sin(dip)])
     npt.assert_allclose(quaternions.rotated(attitude, simulated.samples.field), np.tile(earth, (len(attitude), 1)),

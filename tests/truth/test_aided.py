@@ -147,7 +147,7 @@ def test_it_finds_how_the_sensor_is_mounted_and_how_late_it_is() -> None:
 
 def test_an_attitude_gives_the_whole_matrix() -> None:
     true = swayed(5)
-    attitude = np.array([of_matrix(matrix) for matrix in true.attitudes])  # type: ignore[union-attr]
+    attitude = of_matrix(true.attitudes)  # type: ignore[arg-type]
     found = solve(replace(true.samples, attitude=attitude), ("attitude",), site=Site(None, DIP_DEG))
     assert heading_error_deg(found, true) < 0.1
     assert found.sees_rotation
@@ -208,7 +208,7 @@ def test_turning_about_one_axis_is_named() -> None:
 
 def test_an_attitude_from_the_same_compass_is_named_and_not_used() -> None:
     true = swayed(12)
-    known = np.array([of_matrix(matrix) for matrix in true.attitudes])  # type: ignore[union-attr]
+    known = of_matrix(true.attitudes)  # type: ignore[arg-type]
     heading = np.arctan2(true.attitudes[:, 1, 0], true.attitudes[:, 0, 0])  # type: ignore[index]
     zeros = np.zeros_like(heading)
     deviation = np.stack([zeros, zeros, np.radians(12.0) * np.sin(heading + 0.4)], axis=1)

@@ -33,7 +33,7 @@ def drawn(seed: int) -> tuple[simulate.Simulated, Floats, Site]:
     true = simulate.tumble(rng, motion="swayed", n=READINGS, rate_hz=READINGS / 60.0, sensor=sensor, imu=imu)
     assert true.attitudes is not None
     shaken = simulate.turns(rng.normal(0.0, np.radians(ATTITUDE_DEG), (READINGS, 3)))
-    attitude = np.array([of_matrix(one) for one in true.attitudes @ shaken])
+    attitude = of_matrix(true.attitudes @ shaken)
     strength, dip = 50.0 * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
     return true, attitude, Site(strength, dip, gain_sigma=0.01, inclination_sigma_deg=1.0)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from benchmarks import terms as benchmark
+from benchmarks import magyc as benchmark
 from benchmarks.terms_recordings import clusters
 from click.testing import CliRunner
 from hypothesis import given, settings
@@ -277,13 +277,14 @@ def test_anything_at_all_gives_an_ellipsoid_or_a_refusal(estimator: Estimator) -
 
 
 def test_the_truth_scores_nothing_and_its_errors_score_what_they_are() -> None:
-    rocked = benchmark.magyc("WAM 5/45/360", 1)
-    perfect = np.linalg.inv(IRON)
-    assert benchmark.scored((OFFSET, 7.0 * perfect), rocked) == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
-    off, iron, heading = benchmark.scored((OFFSET + np.array([0.0, 30.0, 40.0]), np.eye(3)), rocked)
-    assert off == pytest.approx(50.0)
-    assert iron == pytest.approx(0.2841, abs=1e-4)  # of MAGYC's own iron, which an offset alone leaves
-    assert heading > 2.0
+    rocked = benchmark.rocked("WAM", 1)
+    perfect = benchmark.Answer(OFFSET, 7.0 * np.linalg.inv(IRON), benchmark.GYRO_BIAS, 0.5)
+    assert benchmark.scored(perfect, rocked).row == pytest.approx((0.0, 0.0, 0.0, 1.0, 0.5), abs=1e-9)
+    off = benchmark.scored(benchmark.Answer(OFFSET + np.array([0.0, 30.0, 40.0]), np.eye(3), None, 0.5), rocked)
+    assert off.offset == pytest.approx(50.0)
+    assert off.iron == pytest.approx(0.2841, abs=1e-4)  # of MAGYC's own iron, which an offset alone leaves
+    assert np.isnan(off.bias)
+    assert off.heading > 2.0
 
 
 def test_headings_in_three_groups_are_found_whichever_way_they_point() -> None:

@@ -215,6 +215,9 @@ def test_exchanged_axes_are_named() -> None:
     found = fit_together({"a": recordings["a"], "b": swapped})["b"]
     assert (found.axes, found.is_mirrored) == ("-y,x,z", False)
     assert found.off_axes_deg < 1.0
+    [turned] = [finding for finding in found.findings if finding.code == "turned-to"]
+    assert 0.0 < turned.number < 0.5
+    assert "-y,x,z" in turned.advice
 
 
 def test_a_mirror_image_is_found_and_corrected() -> None:
@@ -292,6 +295,19 @@ def test_of_two_it_is_not_told_which_unless_a_length_changes() -> None:
     longer = seen.copy()
     longer[1, 500:700] *= 1.2
     assert [(run.sensor, run.by_length) for run in departures(longer, time)] == [(1, True)]
+
+
+def test_two_that_disagree_say_so_both() -> None:
+    """The field of the second is turned by 11.5° for two seconds of twenty; none of the lengths tells of it."""
+    recordings, sensors, directions = body(40, n=1000, same=True)
+    astray = directions.copy()
+    astray[400:500] = directions[400:500] @ rotations(np.array([[0.0, 0.0, 0.2]]))[0].T
+    field = sensors[1].read(FIELD * astray, np.random.default_rng(1))
+    found = fit_together({"a": recordings["a"], "b": changed(recordings["b"], field=field)})
+    for member in found.members:
+        [told] = [finding for finding in member.findings if finding.code == "disagree"]
+        assert 8.0 < told.number < 25.0
+        assert "cannot be told which" in told.advice
 
 
 def test_no_departure_where_there_is_none() -> None:

@@ -31,6 +31,8 @@ main = Program(
         "report",
         "plot",
         "merge",
+        "fleet",
+        "drift",
         "export",
         "import_",
         "targets",

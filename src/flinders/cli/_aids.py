@@ -10,6 +10,8 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from flinders.geomag import SiteField
+
 
 def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Split what stands after ``--with`` into aids and into the rest, which are drivers.
@@ -37,7 +39,12 @@ def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def add(
-    options: dict[str, Any], words: Iterable[str], place: str | None, date: str | None, gain_sigma: float | None = None
+    options: dict[str, Any],
+    words: Iterable[str],
+    place: str | None,
+    date: str | None,
+    gain_sigma: float | None = None,
+    gyro_scale: float | None = None,
 ) -> tuple[str, ...]:
     """Put aids and site among the options of a fit, and give back what else stood after ``--with``.
 
@@ -46,11 +53,16 @@ def add(
     Raises
     ------
     UsageError
-        For a site without a date, or what goes with a site without one.
+        For a site without a date or beyond what the model holds, for what goes with a site where there is none, and
+        for what goes with a gyro that does not count.
     """
     aids, rest = taken(words)
     if aids:
         options["aids"] = "auto" if aids == ("auto",) else aids
+    if gyro_scale is not None:
+        if not {"rate", "auto"} & set(aids):
+            raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
+        options["gyro_scale"] = gyro_scale
     if place is None:
         if date is not None:
             raise UsageError("--date goes with --at: give both, or neither")
@@ -59,16 +71,33 @@ def add(
         return rest
     import click
 
-    from flinders.cli._compass import site_of
     from flinders.terms.site import Site
 
-    site = Site.of(site_of(place, date))
+    site = Site.of(_field_of(place, date))
     options["site"] = site if gain_sigma is None else replace(site, gain_sigma=gain_sigma)
     context = click.get_current_context(silent=True)
     source = None if context is None else context.get_parameter_source("dip_deg")
     if source is not click.core.ParameterSource.COMMANDLINE:
         options["dip_deg"] = site.inclination_deg
     return rest
+
+
+def _field_of(place: str, date: str | None) -> SiteField:
+    """The field of a site on a day.
+
+    Raises
+    ------
+    UsageError
+        For no place, no day, or one without a model.
+    """
+    from flinders.cli._compass import site_of
+
+    if date is None:
+        raise UsageError(
+            "the field changes with the years: give the day of the recording with --at, such as --date 2026-11-21, "
+            "or leave --at out"
+        )
+    return site_of(place, date)
 
 
 def told(fit: Any) -> str:  # noqa: ANN401 - a Fit

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from flinders.cli import _aids
 from flinders.cli._talk import print_fit, print_json, say
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 from flinders.files import reason
@@ -77,6 +78,8 @@ def _told(error: FlindersError, *, as_json: bool) -> int:
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
         print_fit(fit, err=True)
+        for line in _aids.told(fit).splitlines():
+            say(line)
     else:
         message = " ".join(str(error).splitlines())
         say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {message}")

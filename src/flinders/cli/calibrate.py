@@ -72,6 +72,12 @@ def _spread(value: str) -> float | str:
     return "none" if value.strip().casefold() == "none" else number(value)
 
 
+def _scale(value: str) -> float:
+    """Read the value of ``--gyro-scale``, which may be 0: the scales are held."""
+    number = _options.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the gyro is calibrated")
+    return 0.0 if value.strip() in ("0", "0.0") else number(value)
+
+
 @click.command(
     "calibrate",
     short_help="Fit recordings of a sensor and write its calibration.",
@@ -149,6 +155,10 @@ Example:
     help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
 )  # fmt: skip
 @click.option(
+    "--gyro-scale", "gyro_scale", type=_scale, metavar="SHARE",
+    help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
+)  # fmt: skip
+@click.option(
     "--previous", metavar="CALIBRATION",
     help="With --with and a sensor that was not turned: the calibration that the drivers found belong to.",
 )  # fmt: skip
@@ -184,6 +194,7 @@ def command(
     place: str | None,
     date: str | None,
     gain_sigma: float | None,
+    gyro_scale: float | None,
     previous: str | None,
     minmax: str | None,
     by: Filter | None,
@@ -220,7 +231,7 @@ def command(
     _check(recordings, options)
     _add(options, method_options)
     _convergence.refuse(convergence, options["method"])
-    _drivers.add(options, _aids.add(options, aids, place, date, gain_sigma), previous)
+    _drivers.add(options, _aids.add(options, aids, place, date, gain_sigma, gyro_scale), previous)
     asked = {**options, "filter": by}
     reading = {name: options.pop(name) for name in _options.READING}
     is_all = _sensors.is_all(recordings, options["sensor"])

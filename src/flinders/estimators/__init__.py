@@ -70,6 +70,7 @@ from flinders.estimators.robust import Robust
 from flinders.estimators.sar_kf import SarKf
 from flinders.estimators.sar_ls import SarLs
 from flinders.estimators.sequential import Sequential
+from flinders.estimators.slips import slip_of
 from flinders.estimators.sphere import Sphere
 from flinders.estimators.strays import strays_of
 from flinders.estimators.two_axis import TwoAxisRecipe
@@ -138,6 +139,7 @@ __all__ = [
     "at_one_strength",
     "drift_of",
     "fit_error",
+    "slip_of",
     "strays_of",
     "with_bias",
     "within_range",

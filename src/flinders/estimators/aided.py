@@ -25,22 +25,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.errors import NotAnEllipsoid, TooFewSamples, UsageError
+from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.joint import (
     ROTATION_SIGMA,
     SCALE_SIGMA,
-    SETTLED,
     Equations,
     Found,
     Problem,
+    begun,
+    iterated,
     reweighed,
-    settled,
     solved,
     starts,
     surprise,
@@ -52,7 +51,7 @@ from flinders.quadric import Ellipsoid
 from flinders.terms import prior, turning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -76,6 +75,14 @@ UNSEEN: Final = 0.5
 CORRECTED: Final = 4
 """Steps with the mean gradient of the noise taken off."""
 
+EASED: Final = 0.03
+"""Standard deviations: such a step with it is the last, as the next would be shorter than `SETTLED`."""
+
+FAR_SCALES: Final = 5.0
+"""Standard deviations of what is thought of a gyro's scales: beyond, something else is wrong, and they are held."""
+
+FEWEST: Final = 12
+"""Readings that are needed."""
 
 MOST_BENT: Final = 3.0
 """Claimed standard deviations: what the gyro's walk moves by more is no matter of second order, and is left."""
@@ -113,6 +120,9 @@ class Aided:
         Factor by which stretches of the recording scatter more than their residuals explain, in variance.
     site_off : float, optional
         Standard deviations between the dip found and that of the site.
+    scales_off : float
+        What the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead.
+        0 where they are as gyros are.
     drivers : tuple of str
         Names of the drivers.
     """
@@ -132,6 +142,7 @@ class Aided:
     creep: float = 1.0
     site_off: float | None = None
     drivers: tuple[str, ...] = ()
+    scales_off: float = 0.0
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -195,6 +206,7 @@ def solve(
     window_s: float = turning.WINDOW_S,
     delay: bool = True,
     gyro_scale: float = SCALE_SIGMA,
+    near: Aided | None = None,
 ) -> Aided:
     """Fit all that a recording holds.
 
@@ -220,7 +232,10 @@ def solve(
         Whether to find by how much the magnetometer is behind the gyro.
     gyro_scale : float
         What the scales of the gyro may be off by, 1 σ, and its axes from square, in rad: they are found with the rest.
-        0 where that gyro has been calibrated.
+        0 where that gyro has been calibrated. Scales that come out at more than `FAR_SCALES` times as much tell of
+        something else that is wrong; they are then held, and `Aided.scales_off` says what they were.
+    near : Aided, optional
+        Another fit to the same readings, with the same drivers: tried before any other start.
 
     Raises
     ------
@@ -230,19 +245,76 @@ def solve(
         For fewer readings than parameters.
     NotAnEllipsoid
         If no step leads to a closed surface.
+    FitError
+        For a column in which nothing is told.
     """
     refuse_without(samples, terms)
-    if len(samples) < 12:
-        raise TooFewSamples(found=len(samples), needed=12, method="aided")
-    put = partial(Problem.of, delay=delay, gyro_scale=gyro_scale)
-    problem = put(samples, tuple(terms), site, drivers, rotation, spread, window_s)
-    begins = [start] if start is not None else list(starts(samples, site))
+    samples = replace(samples, rate=turning.bridged(samples.time, samples.rate)[0])
+    put = _Put(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay)
+    solved_for = _solved(put, gyro_scale, start, near)
+    off = float(np.abs(solved_for.found.at.gyro_scale).max())
+    is_off = gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale
+    if is_off:
+        solved_for = _solved(put, 0.0, start, near)
+    aided = _finished(solved_for.problem, without_strays(solved_for.problem, solved_for.found))
+    whole = replace(aided.parameters, delay=aided.parameters.delay + solved_for.late_s)
+    return replace(aided, parameters=whole, scales_off=off if is_off else 0.0)
+
+
+def parameters_of(
+    samples: Samples, terms: Sequence[str], *, rotation: Floats | None, near: Aided, gyro_scale: float = SCALE_SIGMA
+) -> Parameters:
+    """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
+    samples = replace(samples, rate=turning.bridged(samples.time, samples.rate)[0])
+    put = _Put(samples, tuple(terms), None, None, rotation, prior.SPREAD, turning.WINDOW_S, delay=True)
+    solved_for = _solved(put, gyro_scale, None, near)
+    found = without_strays(solved_for.problem, solved_for.found)
+    return _eased(solved_for.problem, found, np.zeros(solved_for.problem.layout.size))[0].at
+
+
+class _Put(NamedTuple):
+    """What is asked for, but for the gyro's scales."""
+
+    samples: Samples
+    terms: tuple[str, ...]
+    site: Site | None
+    drivers: Drivers | None
+    rotation: Floats | None
+    spread: float
+    window_s: float
+    delay: bool
+
+    def problem(self, gyro_scale: float) -> Problem:
+        """Put the readings in groups."""
+        return Problem.of(
+            self.samples, self.terms, self.site, self.drivers, self.rotation, self.spread, self.window_s,
+            delay=self.delay, gyro_scale=gyro_scale,
+        )  # fmt: skip
+
+
+class _Solved(NamedTuple):
+    """Where the best start leads, and by how many seconds, in whole intervals, the rate was moved for it."""
+
+    problem: Problem
+    found: Found
+    late_s: float
+
+
+def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
+    """Go down from each start until one leaves no more than noise.
+
+    Raises
+    ------
+    TooFewSamples, NotAnEllipsoid, FitError
+        As `solve`.
+    """
+    if len(put.samples) < FEWEST:
+        raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
+    problem = put.problem(gyro_scale)
+    _refuse_nothing(problem, put.samples)
     best: Found | None = None
-    for begin in begins:
-        try:
-            found = settled(problem, begin)
-        except NotAnEllipsoid:
-            continue
+    for begin in _begins(problem, put, start, near):
+        found = iterated(problem, begun(problem, begin))
         if best is None or surprise(problem, found) < surprise(problem, best):
             best = found
         if not found.misfits:
@@ -250,13 +322,38 @@ def solve(
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "aided")
     late = _whole_intervals(best.at.delay, problem.interval)
-    if late and samples.rate is not None:
-        behind = replace(samples, rate=_moved_back(samples.rate, late))
-        problem = put(behind, tuple(terms), site, drivers, rotation, spread, window_s)
-        best = settled(problem, Ellipsoid(best.at.offset, best.at.shape))
-    aided = _finished(problem, without_strays(problem, best))
-    whole = late * problem.interval
-    return replace(aided, parameters=replace(aided.parameters, delay=aided.parameters.delay + whole)) if late else aided
+    if not late or put.samples.rate is None:
+        return _Solved(problem, best, 0.0)
+    late_s = late * problem.interval
+    behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
+    at = replace(best.at, delay=best.at.delay - late_s)
+    return _Solved(behind, iterated(behind, begun(behind, behind.begin_near(at, problem.layout))), late_s)
+
+
+def _begins(problem: Problem, put: _Put, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
+    """Where to start: near another fit, and where readings by themselves say."""
+    if near is not None:
+        yield problem.begin_near(near.parameters, near.layout)
+    for ellipsoid in starts(put.samples, put.site) if start is None else [start]:
+        yield problem.begin(ellipsoid)
+
+
+def _refuse_nothing(problem: Problem, samples: Samples) -> None:
+    """Refuse a column that is there and tells nothing.
+
+    Raises
+    ------
+    FitError
+        Naming it.
+    """
+    trusts = [group.trust for group in problem.groups if group.trust is not None]
+    if trusts and not any(trust.any() for trust in trusts):
+        column = "acceleration" if "dip" in problem.aids else "attitude"
+        raise FitError(
+            f"{samples.source}: no reading has an {column} that tells a direction, all are zero or missing: "
+            f"record it, or leave {' and '.join(aid for aid in problem.aids if aid != 'rate')} out",
+            column=column,
+        )
 
 
 def _whole_intervals(delay_s: float, interval_s: float) -> int:
@@ -296,13 +393,12 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 
 def _finished(problem: Problem, found: Found) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    found, equations = _eased(problem, found, np.zeros(problem.layout.size))
-    textbook = _inverse(equations)
-    scatter = scatter_of(problem, found, textbook)
+    equations = Equations.of(problem, found)
+    scatter = scatter_of(problem, found, _inverse(equations))
     whole = equations.prior.matrix + scatter.creep * scatter.covariance
-    if 0.0 < float(scatter.bent @ np.linalg.pinv(whole, hermitian=True) @ scatter.bent) < MOST_BENT**2:
-        found, equations = _eased(problem, found, scatter.bent)
-        textbook = _inverse(equations)
+    is_second = float(scatter.bent @ np.linalg.pinv(whole, hermitian=True) @ scatter.bent) < MOST_BENT**2
+    found, equations = _eased(problem, found, scatter.bent if is_second else np.zeros(problem.layout.size))
+    textbook = _inverse(equations)
     covariance = textbook @ whole @ textbook
     believed = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
     held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ believed)).max(), 0.0, 1.0))
@@ -340,7 +436,7 @@ def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equatio
         if moved is None:
             break
         found = moved
-        if float(step @ matrix @ step) < SETTLED**2:
+        if float(step @ matrix @ step) < EASED**2:
             break
     equations = Equations.of(problem, found)
     return reweighed(problem, found, equations), equations

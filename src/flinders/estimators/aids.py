@@ -20,15 +20,28 @@ kept, the accelerometer is not.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
 from flinders.errors import FitError, figures
 from flinders.estimators.aided import AIDS, Aided, refuse_without, solve
 from flinders.estimators.held_out import Missed, missed
+from flinders.estimators.joint import SCALE_SIGMA
 from flinders.estimators.likelihood import Likelihood, start
-from flinders.estimators.mistakes import circular, dip_of, elsewhere, is_elsewhere, of_instruments, one_axis
+from flinders.estimators.mistakes import (
+    circular,
+    dip_of,
+    elsewhere,
+    is_elsewhere,
+    is_far,
+    of_aid_and_gyro,
+    of_instruments,
+    of_scales,
+    one_axis,
+    without_gaps,
+)
 from flinders.estimators.readings import Readings
 from flinders.heading import level_error, level_turn
 from flinders.quaternions import of_matrix
@@ -60,9 +73,6 @@ FAR_TURN_DEG: Final = 20.0
 FAR_CLAIM: Final = 4.0
 """Times more heading error claimed with a vertical than without: it leans, or is none."""
 
-FAR_SCALE: Final = 0.08
-"""Four times what the scales of gyros are off by: the gyro is another body's, clipped, or sampled too seldom."""
-
 UPRIGHT: Final = ("dip", "tilt", "attitude")
 """Aids that tell the vertical: one of them at a time."""
 
@@ -74,6 +84,7 @@ def aided_by(
     site: Site | None = None,
     dip_deg: float = 60.0,
     spread: float = prior.SPREAD,
+    gyro_scale: float = SCALE_SIGMA,
 ) -> tuple[Aided, Aids]:
     """Fit with aids, those that can be trusted and, with ``auto``, those that earn their place.
 
@@ -87,6 +98,8 @@ def aided_by(
         Inclination at which headings are compared.
     spread : float
         Of the prior on the shape.
+    gyro_scale : float
+        What the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
 
     Raises
     ------
@@ -98,12 +111,15 @@ def aided_by(
     is_auto = aids == AUTO
     wanted = available(samples) if is_auto else ((aids,) if isinstance(aids, str) else tuple(aids))
     refuse_without(samples, wanted)
-    alone = _alone(samples)
-    axes, mistakes = of_instruments(samples, alone, wanted)
+    wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are held against it
+    samples, of_gaps = without_gaps(samples, wanted)
+    fitted = partial(solve, samples, site=site, spread=spread, gyro_scale=gyro_scale)
+    axes, mistakes = of_instruments(samples, _alone(samples), wanted)
+    mistakes += of_gaps
     untrusted = {mistake.aid: mistake for mistake in mistakes if mistake.drops}
     rotation = None if axes is None else axes.apply(np.eye(3)).T
-    best = solve(samples, (), site=site, spread=spread)
-    turned: Aided | None = None
+    best = fitted(())
+    turned, is_strange = cast("Aided | None", None), False
     reports: list[Aid] = []
     kept: tuple[str, ...] = ()
     for name in wanted:
@@ -116,7 +132,13 @@ def aided_by(
             continue
         replaced = [aid for aid in kept if name in UPRIGHT and aid in UPRIGHT]
         tried = (*(aid for aid in kept if aid not in replaced), name)
-        found = solve(samples, tried, site=site, rotation=rotation, spread=spread)
+        found = fitted(tried, rotation=rotation, near=best)
+        is_strange = is_strange or is_elsewhere(found, site)
+        if found.scales_off:
+            contradiction = of_scales(found.scales_off) if name == "rate" else of_aid_and_gyro(name, found.scales_off)
+            mistakes += [] if is_auto else [contradiction]
+            reports.append(Aid(name, kept=False, words=contradiction.words))
+            continue
         said = Aid(
             name, True, change_deg(best, found, dip_deg), claim_deg(best, dip_deg), claim_deg(found, dip_deg)
         )  # fmt: skip
@@ -135,11 +157,18 @@ def aided_by(
         best, kept = found, tried
     if "rate" in kept and samples.rate is not None:
         mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
-    if site is not None and is_elsewhere(best, site):  # it would bend the fit: again, without it
-        again, told = aided_by(samples, aids, dip_deg=dip_deg, spread=spread)
-        seen = dip_of(again if again.aids else best)
-        return again, replace(told, mistakes=(*told.mistakes, elsewhere(seen, site)))
+    if site is not None and (is_elsewhere(best, site) or is_strange):  # it would bend the fit: again, without it
+        again, told = aided_by(samples, aids, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale)
+        if (mistake := _of_site(best, told.dip_deg, site)) is not None:
+            return again, replace(told, mistakes=(*of_gaps, *told.mistakes, mistake))
     return best, _told(best, turned, tuple(reports), tuple(mistakes))
+
+
+def _of_site(bent: Aided, seen_deg: float | None, site: Site) -> Mistake | None:
+    """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
+    if seen_deg is None:
+        return elsewhere(dip_of(bent), site) if is_elsewhere(bent, site) else None
+    return elsewhere(seen_deg, site) if is_elsewhere(bent, site) or is_far(seen_deg, site) else None
 
 
 def available(samples: Samples) -> tuple[str, ...]:
@@ -197,9 +226,6 @@ class _Trial:
 
     def against(self, said: Aid) -> str:
         """Why the aid does not earn its place; nothing where it does."""
-        scale = float(np.abs(self.found.parameters.gyro_scale).max())
-        if self.found.aids[-1] == "rate" and scale > FAR_SCALE:
-            return f"scales of the gyro would be off by {scale:.0%}, more than those of gyros are: check range and rate"
         if said.after_deg > WORTH * said.before_deg:
             return f"claims no less: {figures(said.after_deg)}° with it, {figures(said.before_deg)}° without"
         before, after = (self._missed(one).length for one in (self.without, self.found))
@@ -232,7 +258,7 @@ class _Trial:
         """How far off what was left out is; a fit that sees no rotation takes the axes for those of the body."""
         rotation = self.rotation if fitted.sees_rotation else None
         vertical = next((aid for aid in self.found.aids if aid in UPRIGHT[:2]), None)
-        return missed(self.samples, fitted.aids, rotation, vertical, fitted.ellipsoid)
+        return missed(self.samples, fitted.aids, rotation, vertical, fitted)
 
 
 def turned_deg(rotation: Floats, dip_deg: float) -> float:

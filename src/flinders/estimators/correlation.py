@@ -203,7 +203,7 @@ class Residuals:
         """(9, 9) Σᵢⱼ JᵢJⱼᵀ C(i − j), the products of Jacobians interpolated between a few lags."""
         white = autocovariance[0] * self.jacobian.T @ self.jacobian
         total = white.copy()
-        lags, weights = _quadrature(autocovariance)
+        lags, weights = quadrature(autocovariance)
         for lag, weight in zip(lags, weights, strict=True):
             for stretch in self.stretches:
                 rows = self.jacobian[stretch]
@@ -260,7 +260,7 @@ def _principal(matrix: Floats) -> tuple[Floats, Floats]:
     return values[kept], vectors[:, kept] / scale[:, np.newaxis]
 
 
-def _quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:
+def quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:
     """Lags at which products are taken, and their weights: Σₖ C(k) M(k) with M linear between them."""
     last = len(autocovariance)
     if last < 2:

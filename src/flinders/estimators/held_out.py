@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError
-from flinders.estimators.aided import solve
+from flinders.estimators.aided import parameters_of, solve
+from flinders.estimators.joint import SCALE_SIGMA
+from flinders.quadric import Ellipsoid
 from flinders.terms import inclination, magnitude
 
 if TYPE_CHECKING:
@@ -27,8 +29,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.estimators.aided import Aided
-    from flinders.quadric import Ellipsoid
     from flinders.samples import Samples
+    from flinders.terms.parameters import Parameters
 
 FOLDS: Final = 3
 """Parts of a recording that are left out in turn."""
@@ -61,7 +63,7 @@ def missed(
     terms: tuple[str, ...],
     rotation: Floats | None,
     vertical: str | None,
-    near: Ellipsoid | None = None,
+    near: Aided | None = None,
 ) -> Missed:
     """How far off readings are that were left out of a fit with some aids.
 
@@ -74,8 +76,8 @@ def missed(
         Which way the magnetometer sits on the body, about which it is looked for.
     vertical : str, optional
         ``dip`` or ``tilt``: by which verticals the dip is looked at.
-    near : Ellipsoid, optional
-        Where to begin: that of the whole recording saves time.
+    near : Aided, optional
+        What the whole recording says, where each fit begins; by default that is found first.
 
     Examples
     --------
@@ -85,18 +87,21 @@ def missed(
     >>> aided.length < 1.1 * tumble.sensor.noise and aided.height < alone.height
     True
     """
+    near = solve(samples, terms, rotation=rotation) if near is None else near
+    gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0
     lengths, heights = [], []
     for kept, left_out in folds(len(samples)):
         try:
-            found = solve(samples[kept], terms, rotation=rotation, start=near)
+            found = parameters_of(samples[kept], terms, rotation=rotation, near=near, gyro_scale=gyro_scale)
         except FitError:
             return Missed(np.inf, np.inf)
-        lengths.append(np.mean(magnitude.distances(samples.field[left_out], found.ellipsoid) ** 2))
+        ellipsoid = Ellipsoid(found.offset, found.shape)
+        lengths.append(np.mean(magnitude.distances(samples.field[left_out], ellipsoid) ** 2))
         heights.append(_heights(samples[left_out], found, vertical))
     return Missed(float(np.sqrt(np.mean(lengths))), float(np.sqrt(np.mean(heights))))
 
 
-def _heights(samples: Samples, found: Aided, vertical: str | None) -> float:
+def _heights(samples: Samples, found: Parameters, vertical: str | None) -> float:
     """Variance of the field's height above the horizon, by verticals that are trusted."""
     if vertical == "dip" and samples.acceleration is not None:
         down, trust = inclination.verticals(samples.acceleration)
@@ -104,7 +109,7 @@ def _heights(samples: Samples, found: Aided, vertical: str | None) -> float:
         down, trust = inclination.verticals_of(samples.attitude)
     else:
         return np.nan
-    unit = found.corrected(samples.field)
+    unit = (samples.field - found.offset) @ np.linalg.inv(found.ellipsoid_like).T
     unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-300)
     heights = np.einsum("ni,ni->n", down, unit)
     middle = np.average(heights, weights=trust)

@@ -69,6 +69,9 @@ LEAST_CHANGE: Final = 0.2
 FINEST_VERTICAL: Final = 1e-4
 """rad: no vertical is known better."""
 
+LOUDEST: Final = 0.1
+"""Of the field, and rad: what noises begin with at most."""
+
 SAME: Final = 1e-2
 """Relative change of a standard deviation that is none."""
 
@@ -154,7 +157,19 @@ class Problem:
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
         count = 0 if self.drivers is None else len(self.drivers.names)
-        at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, drivers=count), rotation=self.rotation)
+        return self.facing(
+            replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, drivers=count), rotation=self.rotation)
+        )
+
+    def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
+        """Where to start with what a fit of another `Layout` has found, of as many drivers."""
+        free = [name for name in ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "delay") if name in layout]
+        found = {name: getattr(near, name) for name in free if name in self.layout}
+        at = self.begin(Ellipsoid(near.offset, near.shape))
+        return self.facing(replace(at, **found))
+
+    def facing(self, at: Parameters) -> Parameters:
+        """The same with the dip, or the direction of the site's field, that readings show."""
         inverse = np.linalg.inv(at.ellipsoid_like)
         heights, weights, world = 0.0, 0.0, np.zeros(3)
         for group in self.groups:
@@ -363,18 +378,30 @@ def starts(samples: Samples, site: Site | None) -> Iterable[Ellipsoid]:
             yield Ellipsoid(middle + lift * spread * normal, (known or radius) * np.eye(3))
 
 
-def settled(problem: Problem, begin: Ellipsoid, *, groups: tuple[Group, ...] | None = None) -> Found:
-    """Levenberg–Marquardt from a start.
-
-    Raises
-    ------
-    NotAnEllipsoid
-        If no step keeps the shape positive.
-    """
-    at = problem.begin(begin)
-    taken = problem.groups if groups is None else groups
-    directions = tuple(group.guess(at) for group in taken)
-    return iterated(problem, Found(at, taken, directions, Weights(0.1 * begin.radius, 0.1)))
+def begun(problem: Problem, at: Parameters) -> Found:
+    """Where to begin with some parameters: directions that readings agree on, and noises that residuals show."""
+    groups = tuple(group.at(at) for group in problem.groups)
+    directions = tuple(group.guess(at) for group in groups)
+    squares, counts = np.zeros(2), np.zeros(2)
+    for group, known in zip(groups, directions, strict=True):
+        residual, beside = residuals_of(group, at, known)
+        squares[0] += float(np.sum(residual**2))
+        counts[0] += 3.0 * residual.shape[0] * residual.shape[1] - 2.0 * len(known)
+        if beside is not None and group.trust is not None:
+            squares[1] += float(np.sum(np.sum(beside**2, axis=2) * group.trust))
+            counts[1] += float(np.count_nonzero(group.trust)) * beside.shape[2]
+    noise, vertical = np.sqrt(squares / np.maximum(counts, 1.0)).tolist()
+    radius = float(np.cbrt(np.linalg.det(at.shape)))
+    widest = Weights(LOUDEST * radius, LOUDEST)
+    return Found(
+        at,
+        groups,
+        directions,
+        Weights(
+            float(np.clip(noise, FINEST * radius, widest.noise)),
+            float(np.clip(vertical, FINEST_VERTICAL, widest.vertical)),
+        ),
+    )
 
 
 def iterated(problem: Problem, found: Found) -> Found:
@@ -422,7 +449,11 @@ def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:
     """The damped step, in a scale in which the matrix has ones on its diagonal."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix / np.outer(scale, scale)
-    step: Floats = np.linalg.solve(scaled + damping * np.eye(len(scale)), gradient / scale) / scale
+    damped = scaled + damping * np.eye(len(scale))
+    try:
+        step: Floats = np.linalg.solve(damped, gradient / scale) / scale
+    except np.linalg.LinAlgError:  # nothing speaks for one of them, and it stays
+        step = np.linalg.lstsq(damped, gradient / scale, rcond=None)[0] / scale
     return step
 
 

@@ -46,8 +46,8 @@ class MagycLs:
 
     Use it for parity with MAGYC. Not where accuracy counts: the derivative of noisy readings is nearly all noise, its
     product with the rate's noise does not average out, and medians over windows blunt what the body turned in them. The
-    angular rate aid of `flinders.fit` compares readings over seconds instead, and is 25 to 38 times closer
-    (``python -m benchmarks.terms``).
+    angular rate aid of `flinders.fit` compares readings over seconds instead, and is 12 to 26 times closer
+    (``python -m benchmarks.magyc``).
 
     Parameters
     ----------

@@ -17,11 +17,14 @@ each is named, and how often wrongly, is measured by ``python -m benchmarks.wron
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.aided import Aided, solve
+from flinders.errors import figures
+from flinders.estimators.aided import FAR_SCALES, Aided, solve
+from flinders.estimators.joint import SCALE_SIGMA
 from flinders.estimators.mounting import (
     EXPLAINED,
     FEW,
@@ -35,7 +38,9 @@ from flinders.estimators.mounting import (
     second_axis,
 )
 from flinders.heading import level_error
+from flinders.health import RAIL_SHARE, Health
 from flinders.result import Mistake
+from flinders.samples import Samples
 from flinders.terms import inclination, pointing, turning
 
 if TYPE_CHECKING:
@@ -44,7 +49,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.axes import Axes
     from flinders.quadric import Ellipsoid
-    from flinders.samples import Samples
     from flinders.terms.site import Site
 
 CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
@@ -56,8 +60,14 @@ FEWEST_ATTITUDES: Final = 12
 ROUNDS: Final = 3
 """Of finding an offset and where the rest points."""
 
+JUST_BEFORE, MANY_MORE = 0.05, 1.0
+"""Of the range of a gyro's axis, what is just before its end; and how many times as many readings are at a limit."""
+
 FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
 """A dip that is off by more, and by more of what both are known to, is another place's."""
+
+STEEP_DEG: Final = 10.0
+"""A steeper dip has a sign that no iron near it turns round."""
 
 
 def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:
@@ -80,7 +90,7 @@ def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) ->
         How the magnetometer sits among those that can be used, where that is not as recorded.
     mistakes : list of Mistake
     """
-    empty = [mistake for aid in wanted if (mistake := _empty(samples, aid)) is not None]
+    empty = [mistake for aid in wanted if (mistake := _empty(samples, aid) or _clipped(samples, aid)) is not None]
     wanted = [aid for aid in wanted if aid not in {mistake.aid for mistake in empty}]
     gyro = by_rate(samples, alone) if "rate" in wanted else Mounted()
     felt = by_vertical(samples, alone) if "dip" in wanted else Mounted()
@@ -94,6 +104,53 @@ def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) ->
         mistakes.append(_misread("dip", felt, contradicted=is_used and not felt.allows(gyro.axes)))
     used = [mistake.aid for mistake in mistakes if not mistake.drops]
     return (None if not used else gyro.axes if "rate" in used else felt.axes), [*empty, *mistakes]
+
+
+def without_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list[Mistake]]:
+    """Fill short gaps of the gyro, see `flinders.terms.turning.bridged`, and say how many readings that was.
+
+    >>> from dataclasses import replace
+    >>> from flinders import simulate
+    >>> samples = simulate.tumble(seed=1, motion="swayed", n=500).samples
+    >>> samples.rate[::5] = np.nan
+    >>> [(one.code, round(one.number, 3)) for one in without_gaps(samples, ["rate"])[1]]
+    [('gyro-gaps', 0.198)]
+    """
+    if "rate" not in wanted:
+        return samples, []
+    rate, count = turning.bridged(samples.time, samples.rate)
+    if not count:
+        return samples, []
+    words = (
+        f"{count:,} of {len(samples):,} readings have no rate, in gaps of at most {turning.BRIDGED}: it was taken from "
+        "their neighbours; log the gyro as often as the magnetometer"
+    )
+    return replace(samples, rate=rate), [Mistake("gyro-gaps", "rate", count / len(samples), 0.0, words)]
+
+
+def of_scales(off: float) -> Mistake:
+    """Say that a gyro's scales are farther off than those of gyros are.
+
+    >>> of_scales(0.2).words[:76]
+    "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
+    """
+    words = (
+        f"the gyro's scales would be off by {off:.0%}, and those of gyros are by {SCALE_SIGMA:.0%} or so: "
+        "check its range and how often it is logged; it was not used"
+    )
+    return Mistake("gyro-scales", "rate", off, FAR_SCALES * SCALE_SIGMA, words, drops=True)
+
+
+def of_aid_and_gyro(aid: str, off: float) -> Mistake:
+    """Say that an aid does not go with a gyro that by itself goes with the magnetometer."""
+    why = (
+        "it leans, as an accelerometer does in steady turns" if aid == "dip" else "it lags, or is that of another body"
+    )
+    words = (
+        f"beside {aid!r} the gyro's scales would be off by {off:.0%}, and without it they are not: {why}; it was not "
+        f"used, leave {aid!r} out"
+    )
+    return Mistake("aids-disagree", aid, off, FAR_SCALES * SCALE_SIGMA, words, drops=True)
 
 
 def one_axis(rate: Floats) -> list[Mistake]:
@@ -123,8 +180,12 @@ def is_elsewhere(found: Aided, site: Site | None) -> bool:
     """Whether the dip that was found cannot be that of the site, which the fit took it for."""
     if site is None or site.inclination_deg is None or found.site_off is None:
         return False
-    off = abs(dip_of(found) - site.inclination_deg)
-    return off > FAR_SITE_DEG and abs(found.site_off) > FAR_SITE_SIGMAS
+    return is_far(dip_of(found), site) and abs(found.site_off) > FAR_SITE_SIGMAS
+
+
+def is_far(seen_deg: float, site: Site) -> bool:
+    """Whether a dip is farther from that of the site than iron and rock make it."""
+    return site.inclination_deg is not None and abs(seen_deg - site.inclination_deg) > FAR_SITE_DEG
 
 
 def elsewhere(seen_deg: float, site: Site) -> Mistake:
@@ -136,11 +197,15 @@ def elsewhere(seen_deg: float, site: Site) -> Mistake:
 accelerometer that lies level reads −g on z; the site was not used'
     """
     there = site.inclination_deg or 0.0
-    check = (
-        "the vertical seems to be upside down, as an accelerometer that lies level reads −g on z"
-        if abs(seen_deg + there) <= FAR_SITE_DEG
-        else "check place and date, and whether iron was near"
-    )
+    if abs(seen_deg + there) <= FAR_SITE_DEG:
+        check = "the vertical seems to be upside down, as an accelerometer that lies level reads −g on z"
+    elif seen_deg * there < 0.0 and min(abs(seen_deg), abs(there)) > STEEP_DEG:
+        check = (
+            "the vertical is upside down, as an accelerometer that lies level reads −g on z, or an axis of the "
+            "magnetometer is turned round"
+        )
+    else:
+        check = "check place and date, and whether iron was near"
     words = f"the field dips by {seen_deg:.1f}°, at the site it should by {there:.1f}°: {check}; the site was not used"
     return Mistake("site-differs", "site", abs(seen_deg - there), FAR_SITE_DEG, words, drops=True)
 
@@ -214,6 +279,26 @@ def _empty(samples: Samples, aid: str) -> Mistake | None:
         return None
     words = f"{usable} of {len(samples):,} readings have {what}: record it, or leave {aid!r} out; it was not used"
     return Mistake("aid-empty", aid, usable, FEW, words, drops=True)
+
+
+def _clipped(samples: Samples, aid: str) -> Mistake | None:
+    """Say where a gyro was at its limit: many readings share the end of an axis, many more than lie just before it."""
+    if aid != "rate" or samples.rate is None:
+        return None
+    known = samples.rate[np.isfinite(samples.rate).all(axis=1)]
+    for rail in Health.of(Samples.of(known)).rails if len(known) else ():
+        inside = np.abs(known[:, rail.axis] - rail.value)
+        at_the_end = int(np.count_nonzero(inside == 0.0))
+        width = JUST_BEFORE * float(np.ptp(known[:, rail.axis]))
+        next_to_it = float(inside[inside > 0.0].min(initial=np.inf))
+        before = int(np.count_nonzero((inside > 0.0) & (inside <= max(width, next_to_it))))
+        if at_the_end > MANY_MORE * before:
+            words = (
+                f"the gyro's {'xyz'[rail.axis]} axis is at its limit of {figures(abs(rail.value))} rad/s in "
+                f"{rail.share:.0%} of the readings: set a wider range, or turn more slowly; it was not used"
+            )
+            return Mistake("gyro-clipped", "rate", rail.share, RAIL_SHARE, words, drops=True)
+    return None
 
 
 def _strange(gyro: Mounted) -> Mistake:

@@ -47,6 +47,7 @@ WRONG: Final = (
     "strays",
     "axis-ratio",
     "structure",
+    "slipped-axes",
     "recordings-differ",
 )
 """Findings that say that something is wrong, and not only that more turning is needed."""

@@ -81,6 +81,39 @@ class Beside:
             found[(gap > LONGEST) & ~met] = np.nan
         return found
 
+    def until_next(self, time: Floats) -> Floats:
+        """(N, k) mean from each of these (N,) times to the next, where something was measured in between; else `at`.
+
+        What a gyro says of a reading is how the body turns until the next. Single values of a gyro that is faster than
+        the compass leave out most of that: of the flight in the archive half as much of the field again is left.
+
+        >>> shaken = Beside.of(np.arange(9.0) / 4, np.array([[0, 4, 0, 4, 0, 4, 0, 4, 0]]).T)
+        >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.until_next(np.array([0.0, 1.0, 2.0])).ravel()
+        (array([0., 0., 0.]), array([2., 2., 0.]))
+        """
+        found = self.at(time)
+        if len(time) < 2 or len(self.time) < 2:
+            return found
+        ends = time[1:]
+        last = self.at(ends)
+        inside = np.searchsorted(self.time, ends, side="left") > np.searchsorted(self.time, time[:-1], side="right")
+        seconds = ends - time[:-1]
+        sound = inside & (seconds > 0.0) & (seconds <= LONGEST) & np.isfinite(last + found[:-1]).all(axis=1)
+        area = self._area(ends, last)[sound] - self._area(time[:-1], found[:-1])[sound]
+        found[:-1][sound] = area / seconds[sound, np.newaxis]
+        return found
+
+    def _area(self, time: Floats, here: Floats) -> Floats:
+        """(N, k) integral from the first measurement to these times, where the straight lines are at `here`."""
+        steps = np.diff(self.time)[:, np.newaxis]
+        whole = np.concatenate(
+            [np.zeros((1, here.shape[1])), np.cumsum(0.5 * steps * (self.values[1:] + self.values[:-1]), axis=0)]
+        )
+        before = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 1)
+        rest = (time - self.time[before])[:, np.newaxis]
+        area: Floats = whole[before] + 0.5 * rest * (self.values[before] + here)
+        return area
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
@@ -129,11 +162,13 @@ class Turning:
         return found
 
 
-def along(beside: Beside | None, time: Floats, turn: Floats | None = None) -> Floats | None:
+def along(
+    beside: Beside | None, time: Floats, turn: Floats | None = None, *, until_next: bool = False
+) -> Floats | None:
     """The same of something that may not be there, turned by a (3, 3) rotation where there is one."""
     if beside is None:
         return None
-    found = beside.at(time)
+    found = beside.until_next(time) if until_next else beside.at(time)
     return found if turn is None else found @ turn.T
 
 

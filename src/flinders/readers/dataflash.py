@@ -222,7 +222,10 @@ class _Others:
         found: dict[str, Floats] = {}
         for name, (labels, factor) in self.columns.items():
             measured = Beside.of(clock, factor * np.column_stack([near.column(label) for label in labels]))
-            values = np.full((len(time), len(labels)), np.nan) if measured is None else measured.at(time)
+            if measured is None:
+                values = np.full((len(time), len(labels)), np.nan)
+            else:
+                values = measured.until_next(time) if name == "rate" else measured.at(time)
             found[name] = values[:, 0] if len(labels) == 1 else values
         if "throttle" in found:
             found["throttle"] = shares(found["throttle"])

@@ -61,7 +61,7 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
         with reading(file.name, kind):
             yield from parquet.ParquetFile(file.path, memory_map=True).iter_batches(BLOCK, columns=names)
 
-    return open_table(file, _table("Parquet", schema, length, batches, file.name), **options)
+    return open_table(file, table_of("Parquet", schema, length, batches, file.name), **options)
 
 
 def open_arrow(file: File, **options: Any) -> TableRecording:
@@ -83,10 +83,10 @@ def open_arrow(file: File, **options: Any) -> TableRecording:
     with reading(file.name, kind):
         schema = opened().schema
         length = sum(opened().get_batch(number).num_rows for number in range(opened().num_record_batches))
-    return open_table(file, _table("Arrow", schema, length, batches, file.name), **options)
+    return open_table(file, table_of("Arrow", schema, length, batches, file.name), **options)
 
 
-def _table(
+def table_of(
     kind: str,
     schema: Any,  # noqa: ANN401
     length: int,

@@ -470,12 +470,13 @@ class _Readings:
             rows = slice(start, start + BLOCK)
             time = self.time[rows]
             motion, temperature = along(self.motion, time), along(self.temperature, time)
+            turned = along(self.motion, time, until_next=True)
             samples = Samples.of(
                 self.field[rows],
                 unit=self.unit,
                 time=time,
                 acceleration=None if motion is None or not self.is_accelerating else motion[:, :3],
-                rate=None if motion is None or not self.is_turning else motion[:, 3:],
+                rate=None if turned is None or not self.is_turning else turned[:, 3:],
                 temperature=None if temperature is None else temperature[:, 0],
                 source=self.source,
             )

@@ -403,7 +403,7 @@ class _Readings:
                 unit=GAUSS,
                 time=time,
                 acceleration=along(self.flight.acceleration, time, back) if known else None,
-                rate=along(self.flight.rate, time, back) if known else None,
+                rate=along(self.flight.rate, time, back, until_next=True) if known else None,
                 current=None if current is None else current[:, 0],
                 throttle=None if throttle is None else throttle[:, 0],
                 attitude=None if turn is None else self.attitude(time, turn),

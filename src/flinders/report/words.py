@@ -67,6 +67,10 @@ FINDINGS: Final = {
         "Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
         "Record again with currents and everything magnetic as they will be, and the sensor warm.",
     ),
+    "slipped-axes": Words(
+        "While this was recorded, an axis changed its sign, or two axes changed places.",
+        "Find out what the driver of the sensor did then, and record again.",
+    ),
     "structure": Words(
         "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind takes "
         "off. The errors given here allow for it.",
@@ -124,6 +128,33 @@ FINDINGS: Final = {
         "be told from the other.",
         "Record again, and change it in each position, not in step with the turning.",
     ),
+    "driver-one-way": Words(
+        "What the compass follows only went one way while the recording was made. A compass that changes by itself, or "
+        "that was moved, would look the same.",
+        "Record again, and let it go up and down again meanwhile.",
+    ),
+    "driver-noisy": Words(
+        "What the compass follows is measured with so much noise that its effect was found {number:.0%} too small.",
+        "Record a steadier value of it, or hold each setting for longer.",
+    ),
+    "driver-lag": Words(
+        "The compass seems to follow what disturbs it with a delay of more than {limit:g} s. The clocks of the two "
+        "columns differ, or something else disturbs the compass.",
+        "Check the times of the column that is followed.",
+    ),
+    "driver-range": Words(
+        "What the compass follows was recorded with values that cannot be, as far as {number:g}: in another unit, or "
+        "with the other sign.",
+        "Convert the column that is followed, or turn its sign round, before anything is exported.",
+    ),
+    "driver-beyond": Words(
+        "What the compass follows went {number:.0%} of its range beyond what is known of it.",
+        "Calibrate again over the whole range.",
+    ),
+    "bench-moved": Words(
+        "The sensor that should be held still was moved.",
+        "Fix the sensor, keep everything magnetic away, and record again.",
+    ),
     "driver-uncertain": Words(
         "At the far end of what the compass follows, headings may be off by {angle}.",
         "Record again, with more of it at that end, while turning through all directions.",
@@ -151,17 +182,34 @@ FINDINGS: Final = {
         "from this compass before it was corrected, and was not used.",
         "Take the attitude without its heading, or one that no compass has a part in.",
     ),
-    "aid-empty": Words(
-        "Something that should have helped was recorded as empty. It was not used.",
-        "Check what is recorded beside the compass.",
+    "gyro-unit": Words(
+        "The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
+        "Record the turning rate in radians a second.",
     ),
     "gyro-differs": Words(
         "The recorded turning rate does not go with the compass. It was not used.",
         "Check that the instrument is on the same body, is not at its limit, and is recorded as often as the compass.",
     ),
-    "gyro-unit": Words(
-        "The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
-        "Record the turning rate in radians a second.",
+    "gyro-clipped": Words(
+        "The gyro was at its limit in {number:.0%} of the recording, so it does not tell how the compass was turned. It "
+        "was not used.",
+        "Set the gyro to a wider range, or turn more slowly.",
+    ),
+    "gyro-scales": Words(
+        "The gyro turns {number:.0%} too much or too little, which no sound gyro does. It was not used.",
+        "Check the range that the gyro is set to, and that it is recorded often enough.",
+    ),
+    "gyro-gaps": Words(
+        "In {number:.0%} of the recording the turning rate is missing, for a moment at a time. It was filled in.",
+        "Record the turning rate as often as the compass.",
+    ),
+    "aids-disagree": Words(
+        "Gyro and vertical do not go together. The vertical was not used.",
+        "Leave the vertical out, as it leans in turns; or record while turning on the spot.",
+    ),
+    "aid-empty": Words(
+        "Something that should have helped was recorded as empty. It was not used.",
+        "Check what is recorded beside the compass.",
     ),
     "swapped-axes": Words(
         "The compass and the instrument beside it do not agree on which way is forward, right and down.",
@@ -174,6 +222,46 @@ FINDINGS: Final = {
     "site-differs": Words(
         "The field points down {number:.0f}° more or less steeply than it should at the place that was given.",
         "Check the place and the day, and whether there was iron near.",
+    ),
+    "departs": Words(
+        "For a while the compass was up to {angle} of heading off the others of its vehicle: something magnetic was "
+        "near it, or a current flowed. The correction does not rest on that.",
+        "Find out what happened then, or steer by another compass.",
+    ),
+    "departs-throughout": Words(
+        "The compass is {angle} of heading off the others of its vehicle all the time: something near it keeps "
+        "changing, such as a current.",
+        "Steer by another compass, or see whether a correction that follows the current helps.",
+    ),
+    "disagree": Words(
+        "For a while the compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was "
+        "off.",
+        "Compare them with a known bearing, or fit a third.",
+    ),
+    "copied-sensor": Words(
+        "The readings are those of another sensor, turned and scaled. It is no second compass.",
+        "Look at how the columns of the recording were written.",
+    ),
+    "mirrored-sensor": Words(
+        "The axes of this sensor and those of another are mirror images of each other: one of the two has an axis "
+        "turned over.",
+        "Find out which of the two it is, and check its axes mapping.",
+    ),
+    "turned-to": Words(
+        "Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",
+    ),
+    "unlike-units": Words(
+        "The readings are {number:.3g} times as long as those of another sensor of the vehicle: most likely they are "
+        "in another unit.",
+        "Name the unit of each sensor.",
+    ),
+    "clock-differs": Words(
+        "The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
+    ),
+    "not-together": Words(
+        "How the sensors of the vehicle are turned against each other cannot be told from the recording. Each was "
+        "corrected by itself.",
+        "Turn the vehicle about all of its axes, with all sensors running.",
     ),
     "mirrored-axes": Words(
         "The axes were mapped to a mirror image, which is right only for a left-handed sensor.",

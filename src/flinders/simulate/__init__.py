@@ -46,7 +46,8 @@ Anything can be put together:
 >>> rough.disturbances, rough.samples.current.shape, rough.samples.temperature.shape
 (('motor', 'drift', 'step', 'magnet'), (2000,), (2000,))
 
-A two-axis compass is `TwoAxis`, and `swing` turns it around; `truth.Truth` keeps what is true in a file.
+A two-axis compass is `TwoAxis`, and `swing` turns it around; `truth.Truth` keeps what is true in a file; `fleet` makes
+any number of units, some of them with a fault.
 """
 
 from __future__ import annotations
@@ -54,6 +55,7 @@ from __future__ import annotations
 import numpy as np  # noqa: F401  for the examples above
 
 from flinders.coverage import fibonacci as fibonacci
+from flinders.simulate import fleet as fleet
 from flinders.simulate import truth as truth
 from flinders.simulate.angle_error import angle_error_deg as angle_error_deg
 from flinders.simulate.directions import clump as clump

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.quadric import GATHER, Ellipsoid, gathered
+from flinders.quadric import GATHER, Ellipsoid, centred, gathered
 from flinders.samples import BLOCK
 from flinders.terms.equations import NormalEquations
 
@@ -69,7 +69,7 @@ def equations(blocks: Iterable[Floats], ellipsoid: Ellipsoid, *, exact: bool = F
 def distances(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(N,) Sampson distances of (N, 3) readings, outside positive, in their unit."""
     inverse = np.linalg.inv(ellipsoid.shape)
-    return _distances(inverse @ (readings - ellipsoid.centre).T, inverse)[0]
+    return _distances(inverse @ centred(readings, ellipsoid.centre), inverse)[0]
 
 
 def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
@@ -79,7 +79,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     """
     inverse = np.linalg.inv(ellipsoid.shape)
     metric = inverse @ inverse
-    u = inverse @ (readings - ellipsoid.centre).T
+    u = inverse @ centred(readings, ellipsoid.centre)
     u = u[:, np.any(u != 0.0, axis=0)]  # a reading at the centre has no direction
     u /= _lengths(u)
     normal = inverse @ u
@@ -94,7 +94,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(K, 9) Jacobian J at (K, 3) unit directions u: the distance that each parameter moves the surface there."""
-    normals = np.linalg.solve(ellipsoid.shape, directions.T)
+    normals = np.linalg.inv(ellipsoid.shape) @ directions.T
     normals /= _lengths(normals)
     return gathered(normals, directions.T)
 
@@ -102,7 +102,7 @@ def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
 def _rows(readings: Floats, centre: Floats, inverse: Floats, *, exact: bool) -> Floats:
     """(13, m): normal n, the products n_i u_j, and s, for one block."""
     rows = np.empty((13, len(readings)))
-    y = inverse @ (readings - centre).T
+    y = inverse @ centred(readings, centre)
     s, unit, normal, steepness, length = _distances(y, inverse)
     if exact:
         _exact_gradient(rows, s, unit, normal, steepness, length, inverse)

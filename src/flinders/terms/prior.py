@@ -36,9 +36,9 @@ SPREAD: Final = 0.3
 SENSE: Final = 10.0
 
 # Deviator of the entries 11, 22, 33, 12, 13, 23; an off-diagonal entry stands twice in the matrix.
-_DEVIATOR: Final = np.zeros((6, 6))
-_DEVIATOR[:3, :3] = np.eye(3) - 1.0 / 3.0
-_DEVIATOR[3:, 3:] = np.sqrt(2.0) * np.eye(3)
+DEVIATOR: Final = np.zeros((6, 6))
+DEVIATOR[:3, :3] = np.eye(3) - 1.0 / 3.0
+DEVIATOR[3:, 3:] = np.sqrt(2.0) * np.eye(3)
 
 
 def check(spread: object) -> None:
@@ -57,9 +57,9 @@ def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquation
     """Give the prior's normal equations, its residuals in standard deviations."""
     entries = upper(ellipsoid.shape)
     scale = np.sqrt(2.0) * spread * float(entries[:3].mean())
-    residual: Floats = _DEVIATOR @ entries / scale
+    residual: Floats = DEVIATOR @ entries / scale
     jacobian = np.zeros((6, 9))
-    jacobian[:, 3:] = -_DEVIATOR / scale
+    jacobian[:, 3:] = -DEVIATOR / scale
     jacobian[:, 3:6] += residual[:, np.newaxis] / entries[:3].sum()
     return NormalEquations(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 0)
 

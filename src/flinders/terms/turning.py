@@ -51,6 +51,9 @@ SHORTEST: Final = 4
 GAP: Final = 3.0
 """Usual intervals between two readings that are a gap: nobody knows how the body turned meanwhile."""
 
+BRIDGED: Final = 3
+"""Missing rates in a row that their neighbours stand for."""
+
 AGAIN: Final = 2e-3
 """rad: the rate is integrated anew once a change of its bias has turned the end of a window by more."""
 
@@ -65,6 +68,8 @@ class Turned:
         ΔR: from body axes at each reading into those at the first of its window.
     by_bias : (W, n, 3, 3) float, s
         J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right.
+    by_scale : (W, n, 3, 6) float
+        The same for a Γ larger by γ.
     rate : (W, n, 3) float, rad/s
         As recorded.
     interval : (W, n) float, s
@@ -76,6 +81,7 @@ class Turned:
 
     rotations: Floats
     by_bias: Floats
+    by_scale: Floats
     rate: Floats
     interval: Floats
     bias: Floats
@@ -91,24 +97,11 @@ class Turned:
         turns = rotations(change.reshape(-1, 3)).reshape(self.rotations.shape)
         return replace(self, rotations=self.rotations @ turns, bias=bias, scale=scale)
 
-    @property
-    def by_scale(self) -> Floats:
-        """(W, n, 3, 6) a Γ larger by γ turns ΔR_k by exp([(this) γ]×) on the right."""
-        turning = (self.rate - self.bias) * self.interval[..., np.newaxis]
-        moved = np.zeros((*turning.shape, 6))
-        for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-            moved[..., i, column] = turning[..., j]
-            moved[..., j, column] = turning[..., i]
-        summed = np.zeros_like(moved)
-        summed[:, 1:] = np.cumsum(self.rotations[:, 1:] @ moved[:, :-1], axis=1)
-        turned: Floats = np.swapaxes(self.rotations, 2, 3) @ summed
-        return turned
-
     def chunk(self, rows: slice) -> Self:
         """Some of the windows."""
         return replace(
-            self, rotations=self.rotations[rows], by_bias=self.by_bias[rows], rate=self.rate[rows],
-            interval=self.interval[rows],
+            self, rotations=self.rotations[rows], by_bias=self.by_bias[rows], by_scale=self.by_scale[rows],
+            rate=self.rate[rows], interval=self.interval[rows],
         )  # fmt: skip
 
 
@@ -138,7 +131,20 @@ def integrated(rate: Floats, interval: Floats, bias: Floats, scale: Floats | Non
     weighted = np.cumsum(along[:, 1:] * interval[:, :-1, np.newaxis, np.newaxis], axis=1)
     by_bias = np.zeros_like(along)
     by_bias[:, 1:] = -np.swapaxes(along[:, 1:], 2, 3) @ weighted @ grown
-    return Turned(along, by_bias, rate, interval, bias, gamma)
+    by_scale = _by_scale(along, (rate - bias) * interval[..., np.newaxis])
+    return Turned(along, by_bias, by_scale, rate, interval, bias, gamma)
+
+
+def _by_scale(along: Floats, turning: Floats) -> Floats:
+    """(W, n, 3, 6) how a larger Γ turns ΔR_k, of (W, n, 3) what the gyro turned by from each reading to the next."""
+    moved = np.zeros((*turning.shape, 6))
+    for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        moved[..., i, column] = turning[..., j]
+        moved[..., j, column] = turning[..., i]
+    summed = np.zeros_like(moved)
+    summed[:, 1:] = np.cumsum(along[:, 1:] @ moved[:, :-1], axis=1)
+    turned: Floats = np.swapaxes(along, 2, 3) @ summed
+    return turned
 
 
 def rotations(vectors: Floats) -> Floats:
@@ -163,6 +169,34 @@ def cross_matrices(vectors: Floats) -> Floats:
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape[:-1], 3, 3)
+
+
+def bridged(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:
+    """(N, 3) rates with short gaps filled between their neighbours by a straight line, and how many readings that is.
+
+    A gap of at most `BRIDGED` readings is one; what is longer stays NaN, and ends a window. Anything of other shape
+    than times and rates comes back as it is.
+
+    >>> time, rate = np.arange(9.0), np.outer(np.arange(9.0), [1.0, 0.0, 0.0])
+    >>> rate[[2, 4, 5, 6, 7]] = np.nan
+    >>> filled, count = bridged(time, rate)
+    >>> filled[:, 0], count
+    (array([ 0.,  1.,  2.,  3., nan, nan, nan, nan,  8.]), 1)
+    """
+    if time is None or rate is None:
+        return rate, 0
+    known = np.isfinite(rate).all(axis=1)
+    there = np.flatnonzero(known)
+    if known.all() or len(there) < 2:
+        return rate, 0
+    rows = np.arange(len(rate))
+    after = np.clip(np.searchsorted(there, rows), 1, len(there) - 1)
+    before, behind = there[after - 1], there[after]
+    span = time[behind] - time[before]
+    inside = ~known & (rows > before) & (rows < behind) & (behind - before <= BRIDGED + 1) & (span > 0.0)
+    share = np.where(inside, (time - time[before]) / np.where(span > 0.0, span, 1.0), 0.0)[:, np.newaxis]
+    filled: Floats = np.where(inside[:, np.newaxis], rate[before] * (1.0 - share) + rate[behind] * share, rate)
+    return filled, int(np.count_nonzero(inside))
 
 
 def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArray[np.intp]:

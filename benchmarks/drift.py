@@ -1,0 +1,242 @@
+"""How many units that drifted, or had something moved, `flinders drift` finds, and how often it is wrong.
+
+Fleets are simulated as the table that `flinders fleet` writes: true offsets and shapes of each unit over two years, and
+estimates about them that are as uncertain as they claim, or twice that. For each fleet a line: the share found of units
+in which a step was made, and the units without one that were reported beside them; then the share found of units whose
+heading truly changed by more than 1.5° from the first recording to the last, and those reported, at a target of 1°,
+whose heading truly changed by less than that.
+
+    python -m benchmarks.drift                 # the table of docs/drift.md, a few minutes
+    python -m benchmarks.drift --quick         # small fleets
+    python -m benchmarks.drift --alarms        # of 200 small fleets in which nothing changed
+    python -m benchmarks.drift --recordings    # readings simulated and fitted, 300 units of 4 recordings
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from flinders import simulate
+from flinders.fleet.drift import drift_of
+from flinders.fleet.scatter import YEAR
+from flinders.fleet.table import UPPER, Row, Rows, objects
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.report.fleet_view import Drift, UnitDrift
+
+FIELD: Final = 48.0
+ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """What is simulated.
+
+    Attributes
+    ----------
+    units, recordings : int
+        Each unit has so many, at random times of two years.
+    sigma : float, µT
+        1 σ of each of the nine parameters of a recording; its logarithm spreads by 0.3 from one to the next.
+    claimed : float
+        Claimed over true 1 σ.
+    walk : float
+        Of the offset, as a fraction of the field per root second.
+    trend_deg : float
+        Heading change that a steady drift of one unit in ten makes over two years.
+    step_deg : float
+        Heading change that a step makes, of one unit in thirty-three.
+    """
+
+    units: int = 5_000
+    recordings: int = 5
+    sigma: float = 0.05
+    claimed: float = 1.0
+    walk: float = 2e-7
+    trend_deg: float = 0.0
+    step_deg: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What was simulated, of (U,) units: whether there is a step, and the true change of heading in degrees."""
+
+    has_step: NDArray[np.bool_]
+    change_deg: Floats
+
+
+def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[Rows, Truth]:
+    """Make the table of a fleet, and say what is true of it."""
+    U, n = fleet.units, fleet.recordings
+    seconds = np.sort(rng.uniform(0.0, 2.0 * YEAR, (U, n)), axis=1)
+    gaps = np.diff(seconds, axis=1, prepend=seconds[:, :1])
+    offset = rng.normal(size=(U, 1, 3)) * 20.0
+    walk = np.cumsum(rng.normal(size=(U, n, 3)) * fleet.walk * np.sqrt(gaps)[:, :, np.newaxis], axis=1)
+    has_step, after = rng.random(U) < 0.03, rng.integers(0, max(n - 1, 1), U)
+    has_trend = (rng.random(U) < 0.1) & ~has_step
+    behind = (np.arange(n) > after[:, np.newaxis]) & has_step[:, np.newaxis]
+    horizontal = FIELD * np.cos(np.deg2rad(60.0)) * np.pi / 180.0  # µT across the field in a degree of heading
+    offset = offset + FIELD * walk
+    offset = offset + fleet.step_deg * horizontal * behind[:, :, np.newaxis] * _level(U, rng)
+    slope = fleet.trend_deg * horizontal * has_trend[:, np.newaxis] * seconds / (2.0 * YEAR)
+    offset = offset + slope[:, :, np.newaxis] * _level(U, rng)
+    soft = rng.normal(size=(U, 3, 3)) * 0.03
+    shape = FIELD * (np.eye(3) + (soft + np.swapaxes(soft, 1, 2)) / 2.0)
+    rows = _table(fleet, rng, offset.reshape(-1, 3), np.repeat(shape, n, axis=0), seconds.ravel())
+    across = np.linalg.norm((offset[:, -1] - offset[:, 0])[:, :2], axis=1) / horizontal
+    return rows, Truth(has_step & (fleet.step_deg > 0.0), across)
+
+
+def _level(units: int, rng: np.random.Generator) -> Floats:
+    """(U, 1, 3) horizontal unit vectors: a vertical step turns no level heading."""
+    angle = rng.uniform(0.0, 2.0 * np.pi, units)
+    return np.stack([np.cos(angle), np.sin(angle), np.zeros(units)], axis=1)[:, np.newaxis]
+
+
+def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats, seconds: Floats) -> Rows:
+    """Estimates about the truth, with what they claim."""
+    rows = len(offset)
+    sigma = fleet.sigma * np.exp(0.3 * rng.normal(size=rows))
+    errors = rng.normal(size=(rows, 9)) * sigma[:, np.newaxis]
+    shape = shape.copy()
+    shape[:, *ENTRIES] += errors[:, 3:]
+    shape[:, ENTRIES[1], ENTRIES[0]] = shape[:, *ENTRIES]
+    radius = np.cbrt(np.linalg.det(shape))
+    covariance = np.zeros((rows, 45))
+    covariance[:, UPPER[0] == UPPER[1]] = ((fleet.claimed * sigma) ** 2)[:, np.newaxis]
+    unit = np.repeat([f"U{place:07d}" for place in range(fleet.units)], fleet.recordings)
+
+    def texts(word: str) -> np.ndarray[tuple[int], np.dtype[np.object_]]:
+        return objects([word] * rows)
+
+    none = np.full(rows, np.nan)
+    return Rows(
+        unit=objects(unit.tolist()), recording=texts(""), start_s=1.7e9 + seconds, end_s=none,
+        readings=np.full(rows, 500), used=np.full(rows, 500), verdict=texts("good"), code=texts(""), message=texts(""),
+        method=texts("likelihood"), worst_deg=none, rms_deg=none, dip_deg=np.full(rows, 60.0),
+        offset=offset + errors[:, :3], matrix=(radius[:, None, None] * np.linalg.inv(shape)).reshape(-1, 9),
+        covariance=covariance, noise=none, radius=radius, coverage=none, findings=objects([()] * rows),
+        unit_of_field=texts("uT"),
+    )  # fmt: skip
+
+
+def found_in(rows: Rows, *, most: int = 1000) -> tuple[Drift, list[UnitDrift]]:
+    """Write a table, and look for what changed in it."""
+    from pyarrow import parquet
+
+    units: list[UnitDrift] = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "fleet.parquet")
+        parquet.write_table(rows.to_arrow(), path)
+        return drift_of([path], most=most, each=units.extend), units
+
+
+def line(name: str, fleet: Fleet, seed: int = 1) -> str:
+    """One row of the table: what of a fleet was found, what was not, and what was found that is not there."""
+    rows, truth = simulated(fleet, np.random.default_rng(seed))
+    drift, units = found_in(rows, most=fleet.units)
+
+    def named(places: NDArray[np.bool_]) -> set[str]:
+        return {f"U{place:07d}" for place in np.flatnonzero(places).tolist()}
+
+    stepped, far, near = named(truth.has_step), named(truth.change_deg > 1.5), named(truth.change_deg < 1.0)
+    reported = {step.unit for step in drift.steps}
+    urgent = {unit.unit for unit in units if unit.state == "recalibrate"}
+    steps = f"{len(reported & stepped) / len(stepped):.3f}" if stepped else "–"
+    recall = f"{len(urgent & far) / len(far):.3f}" if far else "–"
+    return (
+        f"| {name} | {fleet.recordings} | {steps} | {len(reported - stepped)} | {recall} | {len(urgent & near)} | "
+        f"{drift.session**0.5:.2f} | {drift.walk_deg:.2f}° |"
+    )
+
+
+def fleets(units: int) -> dict[str, Fleet]:
+    """The fleets of docs/drift.md."""
+    plain = Fleet(units=units)
+    return {
+        "nothing moved": plain,
+        "nothing moved, two recordings": replace(plain, recordings=2),
+        "nothing moved, twenty recordings": replace(plain, recordings=20, units=units // 4),
+        "nothing moved, claims half of what is true": replace(plain, claimed=0.5),
+        "all walk by 1° a year": replace(plain, walk=1.55e-6),
+        "a tenth drifts steadily by 3°": replace(plain, trend_deg=3.0),
+        "steps of 1°": replace(plain, step_deg=1.0),
+        "steps of 2°": replace(plain, step_deg=2.0),
+        "steps of 5°": replace(plain, step_deg=5.0),
+        "steps of 2°, two recordings": replace(plain, step_deg=2.0, recordings=2),
+        "steps of 2°, three recordings": replace(plain, step_deg=2.0, recordings=3),
+        "steps of 2°, twenty recordings": replace(plain, step_deg=2.0, recordings=20, units=units // 4),
+        "steps of 2°, claims half of what is true": replace(plain, step_deg=2.0, claimed=0.5),
+        "steps of 5°, all walk by 1° a year": replace(plain, step_deg=5.0, walk=1.55e-6),
+        "steps of 2°, a tenth drifts by 3°": replace(plain, step_deg=2.0, trend_deg=3.0),
+    }
+
+
+def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
+    """Readings of sensors whose offset steps by 2 µT in one of ten, fitted by `flinders.fit`."""
+    rng = np.random.default_rng(seed)
+    rows, stepped = [], set()
+    for place in range(units):
+        sensor = simulate.Sensor.random(rng)
+        if has_step := place % 10 == 0:
+            stepped.add(f"U{place:05d}")
+        for number in range(count):
+            moved = np.array([2.0, 0.0, 0.0]) * (has_step and number >= 2)
+            read = simulate.tumble(
+                seed=count * place + number, n=500, sensor=replace(sensor, offset=sensor.offset + moved)
+            )
+            start = 1.7e9 + 30.0 * 86400.0 * number
+            rows.append(Row.of_fit(flinders.fit(read.samples), f"U{place:05d}", start_s=start, readings=500))
+    drift, found = found_in(Rows.of(rows))
+    reported, urgent = {step.unit for step in drift.steps}, {one.unit for one in found if one.state == "recalibrate"}
+    return (
+        f"{units} units of {count} recordings, {len(stepped)} with a step of 2 µT: found {len(reported & stepped)}, "
+        f"beside them {len(reported - stepped)}; to recalibrate {len(urgent & stepped)}, beside them "
+        f"{len(urgent - stepped)}; claims are to be widened {drift.session**0.5:.2f} times"
+    )
+
+
+def of_nothing(fleets: int = 200, units: int = 200) -> str:
+    """How many of many fleets in which nothing changed, and claims are true, have anything reported."""
+    stepped = changed = 0
+    for seed in range(fleets):
+        rows, _ = simulated(Fleet(units=units, walk=0.0), np.random.default_rng(1000 + seed))
+        drift, _ = found_in(rows)
+        stepped += drift.step_count > 0
+        changed += drift.states["recalibrate"] + drift.states["changed"] > 0
+    return f"of {fleets} fleets of {units} units in which nothing changed, {stepped} have a step and {changed} a change"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--recordings", action="store_true")
+    parser.add_argument("--alarms", action="store_true")
+    asked = parser.parse_args()
+    began = time.perf_counter()
+    if asked.recordings:
+        print(of_recordings())
+    elif asked.alarms:
+        print(of_nothing())
+    else:
+        print("| fleet | recordings | steps found | steps beside | changes found | changes beside | widened | a year |")
+        print("|---|---:|---:|---:|---:|---:|---:|---:|")
+        for name, fleet in fleets(500 if asked.quick else 5_000).items():
+            print(line(name, fleet), flush=True)
+    print(f"\n{time.perf_counter() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,230 @@
+"""Which faults of a unit are found, and how many good units are called bad. A confusion table as Markdown.
+
+    python -m benchmarks.faults [--each 500] [--good 5000] [--workers 2]     # each fault and severity, so many units
+    python -m benchmarks.faults --fleet 1000000 [--bad 0.03] --out runs/     # a fleet as it is drawn, to go on with
+
+Units are those of `flinders.simulate.fleet`, judged one by one by ``flinders.fit``. A unit is **found** where it is
+limited or refused, or gives no fit at all, or where a note names what is wrong (`TELLING`); a good unit that is found
+is a false alarm. Of those missed, **off** are the ones whose calibration is more than `HARM_DEG` off at the worst level
+heading, by the truth: a fault that leaves the calibration right does no harm in it.
+
+A piece of `PIECE` units is one file under ``--out``, written under another name and then renamed; a piece that is
+there is not run again. Memory is bounded by a piece. Units follow from seed and number: with any number of workers the
+table is the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+
+from flinders import fit, simulate
+from flinders.errors import FitError
+from flinders.result import Refused
+from flinders.simulate.fleet import BAD, DIP_DEG, FAULTS, Unit, unit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from flinders.result import Fit
+
+SEED: Final = 20261122
+PIECE: Final = 500
+
+HARM_DEG: Final = 2.0
+"""Twice the target: what one claims at 1 σ, one unit in twenty is off by."""
+
+TELLING: Final = frozenset({"stale-repeats", "strays", "field-changed"})
+"""Notes that name a fault which the calibration allows for."""
+
+Key: TypeAlias = tuple[str, int]
+"""Fault and severity; of a good unit, nothing and 0."""
+
+Tally: TypeAlias = dict[Key, Counter[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Units to be judged together.
+
+    Attributes
+    ----------
+    first, count : int
+        Numbers of the units.
+    fault : str, optional
+        Which they all have, nothing for good ones; drawn unit by unit where it is None.
+    severity : int
+    bad : float
+        Share of bad units where they are drawn.
+    """
+
+    first: int
+    count: int
+    fault: str | None = None
+    severity: int = 2
+    bad: float = BAD
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        what = f"{self.bad:g}" if self.fault is None else f"{self.fault or 'good'}-{self.severity}"
+        return f"{what}-{self.first:08d}-{self.count}.json"
+
+    def units(self) -> Iterator[Unit]:
+        """Make them, one after the other."""
+        for number in range(self.first, self.first + self.count):
+            yield unit(number, seed=SEED, bad=self.bad, fault=self.fault, severity=self.severity)
+
+
+def judged(made: Unit) -> Counter[str]:
+    """Count what is said of one unit: ``units``, its verdict, ``found``, and each code, with ! where it is no note."""
+    try:
+        fitted = fit(made.samples)
+    except Refused as error:
+        fitted = error.fit
+    except FitError as error:
+        return Counter(["units", "failed", "found", f"{error.code}!"])
+    codes = {finding.code + "!" * (finding.severity != "note") for finding in fitted.findings}
+    told = [fitted.verdict, *sorted(codes)]
+    if fitted.verdict != "good" or codes & TELLING:
+        told.append("found")
+    elif off_deg(made, fitted) > HARM_DEG:
+        told.append("off")
+    return Counter(["units", *told])
+
+
+def off_deg(made: Unit, fitted: Fit) -> float:
+    """Worst error of a level heading, in degrees, by the truth; the mean over all headings taken off."""
+    headings = np.radians(np.arange(0.0, 360.0, 3.0))
+    attitudes = simulate.posed(headings, 0.0, 0.0)
+    world = made.field_strength * simulate.north_and_down(DIP_DEG)
+    raw = simulate.seen_from(attitudes, world) @ made.sensor.matrix.T + made.sensor.offset
+    x, y, _ = fitted.calibration.apply(raw @ made.lasting.T).T
+    error = np.exp(1j * (np.arctan2(-y, x) - headings))
+    return float(np.degrees(np.abs(np.angle(error * np.conj(error.mean())))).max())
+
+
+def tallied(piece: Piece, folder: Path | None = None) -> Tally:
+    """Judge a piece, or read what came of it before."""
+    path = None if folder is None else folder / piece.name
+    if path is not None and path.exists():
+        return {
+            (fault, severity): Counter(counts) for fault, severity, counts in json.loads(path.read_text())
+        }  # fmt: skip
+    tally: Tally = {}
+    for made in piece.units():
+        tally.setdefault((made.fault, made.severity), Counter()).update(judged(made))
+    if path is not None:
+        begun = path.with_suffix(".part")
+        begun.write_text(json.dumps([[*key, counts] for key, counts in tally.items()]))
+        begun.replace(path)
+    return tally
+
+
+def pieces_of(total: int, *, fault: str | None, severity: int = 2, bad: float = BAD) -> Iterator[Piece]:
+    """Cut so many units into pieces."""
+    for first in range(0, total, PIECE):
+        yield Piece(first, min(PIECE, total - first), fault, severity, bad)
+
+
+def by_class(each: int, good: int, faults: Sequence[str]) -> Iterator[Piece]:
+    """So many units of each fault and severity, and good ones; of what cannot be told, in one severity."""
+    yield from pieces_of(good, fault="")
+    for fault in faults:
+        for severity in (1, 2) if FAULTS[fault].can_be_told else (2,):
+            yield from pieces_of(each, fault=fault, severity=severity)
+
+
+def run(pieces: Iterable[Piece], workers: int, folder: Path | None) -> Tally:
+    """Judge all pieces, in so many processes, and add up what comes of them."""
+    total: Tally = {}
+    work = partial(tallied, folder=folder)
+    with ProcessPoolExecutor(workers) as pool:
+        for tally in pool.map(work, pieces):
+            for key, counts in tally.items():
+                total.setdefault(key, Counter()).update(counts)
+    return total
+
+
+def table(total: Tally) -> list[str]:
+    """Lay it out in Markdown: a row for each fault and severity, the good units first."""
+    rows = [
+        "| fault | severity | units | good | limited | refused | no fit | found | missed and off | told by |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---|",
+    ]
+    order = ["", *FAULTS]
+    for (fault, severity), counts in sorted(total.items(), key=lambda item: (order.index(item[0][0]), item[0][1])):
+        of, amount = counts["units"], FAULTS[fault].amount(severity) if fault else 0.0
+        verdicts = [f"{counts[verdict] / of:.1%}" for verdict in ("good", "limited", "refused", "failed")]
+        what = f"{('', 'smaller', 'larger')[severity]} ({amount:g})" if fault else ""
+        cells = [fault or "**none**", what, f"{of:,}", *verdicts, f"**{counts['found'] / of:.2%}**", str(counts["off"])]
+        rows.append(f"| {' | '.join(cells)} | {told_by(counts)} |")
+    return rows
+
+
+def told_by(counts: Counter[str]) -> str:
+    """Name the most frequent findings that are no notes, or that name a fault, with how often each is there."""
+    codes = [
+        (code.rstrip("!"), number)
+        for code, number in counts.most_common()
+        if code.endswith("!") or code in TELLING or code == "field-strength"
+    ]
+    summed: Counter[str] = Counter()
+    for code, number in codes:
+        summed[code] += number
+    return ", ".join(f"`{code}` {number / counts['units']:.1%}" for code, number in summed.most_common(4))
+
+
+def summary(total: Tally) -> list[str]:
+    """Say in three lines how many faults were found, and how many good units were called bad."""
+    lines = []
+    for severity, words in ((2, "larger"), (1, "smaller")):
+        told = [c for (fault, how), c in total.items() if how == severity and FAULTS[fault].can_be_told]
+        if told:
+            found, of = sum(c["found"] for c in told), sum(c["units"] for c in told)
+            least = min(c["found"] / c["units"] for c in told)
+            lines.append(f"recall at the {words} severity: {found / of:.2%} of {of:,}; of the worst fault {least:.2%}")
+    good = total.get(("", 0), Counter())
+    if good:
+        beyond = (good["limited"] + good["refused"] + good["failed"]) / good["units"]
+        lines.append(
+            f"false alarms: {good['found'] / good['units']:.2%} of {good['units']:,} good units, "
+            f"{beyond:.2%} beyond notes; off unseen: {good['off']}"
+        )  # fmt: skip
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run it and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--each", type=int, default=500, help="units of each fault and severity")
+    parser.add_argument("--good", type=int, default=5000, help="good units")
+    parser.add_argument("--faults", default=",".join(FAULTS), help="only these")
+    parser.add_argument("--fleet", type=int, help="units of a fleet as it is drawn, instead")
+    parser.add_argument("--bad", type=float, default=BAD, help="share of bad units in it")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="folder for what is done, to go on from after a stop")
+    options = parser.parse_args(arguments)
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+    pieces = (
+        by_class(options.each, options.good, options.faults.split(","))
+        if options.fleet is None
+        else pieces_of(options.fleet, fault=None, bad=options.bad)
+    )
+    total = run(pieces, options.workers, options.out)
+    sys.stdout.write("\n".join([*table(total), "", *summary(total)]) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

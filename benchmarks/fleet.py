@@ -1,0 +1,341 @@
+"""A fleet in Parquet: what calibrating all of it costs beside reading it, and beside other fits unit by unit.
+
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet [--units 20000] [--curve 1000 5000 20000] [--faulty]
+
+Units are those of `flinders.simulate.fleet`, good ones unless ``--faulty`` asks for its three per cent. A thousand
+are simulated and the others are those again, with another offset: so a million need no hour. Files have a column
+``unit``, a time and three axes in single precision, and a row group each; reading means all of that in NumPy, in double
+precision, by one core. Each job has a process of its own. Ratios to reading are of CPU seconds on one core, where
+neither workers nor other programs count, and of time on all cores less the start of their workers. Then follow other
+fits unit by unit, and all that a run takes by the number of units. Prints Markdown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
+
+import flinders
+from flinders.errors import FlindersError
+from flinders.estimators import METHODS, Readings
+from flinders.fleet.engine import cores
+from flinders.fleet.run import run
+from flinders.fleet.table import Rows
+from flinders.fleet.tables import Asked
+from flinders.quadric import Ellipsoid, symmetric
+from flinders.simulate import angle_error_deg
+from flinders.simulate.fleet import BAD, Unit, fleet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.simulate import Simulated
+
+UNITS, EACH, FILES = 20_000, 500, 100
+"""Of the fleet that ratios are of: ten million readings."""
+A_FILE: Final = 200
+"""Units in a file where there are other numbers of them."""
+POOL: Final = 1_000
+"""Units that are simulated."""
+APART_UT: Final = 0.5
+"""By which the offsets of one unit and the next that is made of it are apart, along x: whole steps of the sensor."""
+CURVE: Final = (1_000, 5_000, 20_000)
+PEERED: Final = 100
+"""Units that other fits are called for."""
+LIMITS: Final = {"moments": 2.5, "polish": 5.0}
+"""Of time, beside reading."""
+PEER_LIMIT: Final = 30.0
+MEMORY_LIMIT_MB: Final = 1_000.0
+JOBS: Final = ("read", "moments", "polish")
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a job took.
+
+    Attributes
+    ----------
+    cpu_s : float, s
+        Of it and its workers.
+    wall_s : float, s
+    rss_mb : float
+        Memory of its process at the peak, those of the largest worker times the workers added.
+    """
+
+    cpu_s: float
+    wall_s: float
+    rss_mb: float
+
+
+def main() -> None:
+    """Print all tables."""
+    parser = argparse.ArgumentParser(description="What calibrating a fleet costs.")
+    parser.add_argument("--units", type=int, default=UNITS)
+    parser.add_argument("--each", type=int, default=EACH, help="readings of a unit")
+    parser.add_argument("--curve", type=int, nargs="*", default=CURVE, help="numbers of units")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--faulty", action="store_true", help="three per cent of the units are faulty")
+    parser.add_argument("--job", choices=JOBS, help=argparse.SUPPRESS)
+    parser.add_argument("--folder", help=argparse.SUPPRESS)
+    parser.add_argument("--workers", type=int, default=0, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.job:
+        print(json.dumps(_job(given.job, given.folder, given.workers)))
+        return
+    share = BAD if given.faulty else 0.0
+    pool = list(fleet(min(POOL, given.units), seed=1, bad=share, readings=given.each))
+    with tempfile.TemporaryDirectory() as made:
+        whole = Path(made) / "whole"
+        size = write(whole, pool, given.units, files=max(1, given.units * FILES // UNITS))
+        print(f"{given.units:,} units × {given.each} readings, {size / 1e6:.1f} MB in Parquet\n")
+        costs = {job: _median([measured(job, whole, workers=0) for _ in range(given.repeats)]) for job in JOBS}
+        spread = {job: _median([measured(job, whole) for _ in range(given.repeats)]) for job in LIMITS}
+        write(Path(made) / "one", pool, 1, files=1)
+        start_s = _median([measured("moments", Path(made) / "one") for _ in range(given.repeats)]).wall_s
+        beside_reading(costs, spread, start_s, given.units)
+        beside_peers(pool, whole, costs, given.units)
+        print("\n| units | MB | reading, s | moments only, s | polished, s | µs a unit | peak memory, MB |")
+        print("|---:|---:|---:|---:|---:|---:|---:|", flush=True)
+        for units in given.curve:
+            curve(Path(made) / f"fleet{units}", pool, units)
+
+
+def write(folder: Path, pool: Sequence[Unit], units: int, *, files: int) -> int:
+    """Write a fleet into Parquet files, and return how many bytes they have."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    folder.mkdir()
+    for place, numbers in enumerate(np.array_split(np.arange(units), files)):
+        some = [numbered(pool, int(number)) for number in numbers]
+        counts = [len(unit.samples) for unit in some]
+        rows = np.repeat(np.arange(len(some), dtype=np.int32), counts)
+        field = np.concatenate([unit.samples.field for unit in some]).astype(np.float32)
+        names = arrow.DictionaryArray.from_arrays(rows, [unit.name for unit in some])
+        time = np.concatenate([cast("Floats", unit.samples.time) for unit in some])
+        columns = {"unit": names, "t_s": time, **{f"mag_{axis}_uT": field[:, i] for i, axis in enumerate("xyz")}}
+        parquet.write_table(arrow.table(columns), folder / f"part-{place:05}.parquet")
+    return sum(path.stat().st_size for path in folder.iterdir())
+
+
+def numbered(pool: Sequence[Unit], number: int) -> Unit:
+    """One of a fleet of any size: that of the pool, moved a little further along x each time around."""
+    unit = pool[number % len(pool)]
+    shift = np.array([APART_UT * (number // len(pool) % 64), 0.0, 0.0])
+    samples = replace(unit.samples, field=unit.samples.field + shift)
+    sensor = replace(unit.sensor, offset=unit.sensor.offset + shift)
+    return replace(unit, number=number, samples=samples, sensor=sensor)
+
+
+def into_numpy(path: Path) -> tuple[Floats, ...]:
+    """Whose readings they are, as numbers, when they were taken, and the (N, 3) readings of one file."""
+    from pyarrow import parquet
+
+    table = parquet.read_table(path, use_threads=False, read_dictionary=["unit"])
+    whose = table.column("unit").combine_chunks().indices.to_numpy()
+    time, *axes = (table.column(name).to_numpy() for name in ("t_s", "mag_x_uT", "mag_y_uT", "mag_z_uT"))
+    return whose, time, np.stack(axes, axis=1, dtype=np.float64)
+
+
+def measured(job: str, folder: Path, *, workers: int | None = None) -> Cost:
+    """Do a job in a process of its own; all cores unless `workers` says how many, none for that process alone."""
+    count = cores() if workers is None else workers
+    command = [sys.executable, "-m", "benchmarks.fleet", "--job", job, "--folder", str(folder), "--workers", str(count)]
+    return Cost(**json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
+
+
+def beside_reading(costs: dict[str, Cost], spread: dict[str, Cost], start_s: float, units: int) -> None:
+    """Print the ratios to reading on one core: of CPU on one core, and of time on all cores less their start."""
+    print(f"Starting the workers, with a table of one unit, took {start_s:.2f} s.\n")
+    print("| job | CPU, s | µs a unit | ÷ reading | all cores, s | less start ÷ reading | limit | peak memory, MB |")
+    print("|---|---:|---:|---:|---:|---:|---:|---:|")
+    for job, cost in costs.items():
+        alone = f"{job} | {cost.cpu_s:.3g} | {cost.cpu_s / units * 1e6:.3g} | {cost.cpu_s / costs['read'].cpu_s:.3g}"
+        if job == "read":
+            print(f"| {alone} | – | – | – | {cost.rss_mb:.0f} |", flush=True)
+            continue
+        ratio = (spread[job].wall_s - start_s) / costs["read"].wall_s
+        together = f"{spread[job].wall_s:.3g} | {_judged(ratio, LIMITS[job])} | {spread[job].rss_mb:.0f}"
+        print(f"| {alone} | {together} |", flush=True)
+
+
+def beside_peers(pool: Sequence[Unit], folder: Path, costs: dict[str, Cost], units: int) -> None:
+    """Print what other fits cost and give, unit by unit, beside the whole fleet's cost by the unit."""
+    some = [numbered(pool, number) for number in range(min(PEERED, len(pool)))]
+    ours = costs["polish"].cpu_s / units
+    print("\n| unit by unit | ms a unit | ÷ polished fleet | error, ° rms | failed |\n|---|---:|---:|---:|---:|")
+    for label, peer in PEERS.items():
+        begin = process_time()
+        found = [_tried(peer, unit.samples.field) for unit in some]
+        each = (process_time() - begin) / len(some)
+        print(f"| {label} | {each * 1e3:.3g} | {each / ours:.3g} | {_accuracy(found, some)} |", flush=True)
+    for job in ("moments", "polish"):
+        rows = _calibrated(folder, some, polish=job == "polish")
+        each = costs[job].cpu_s / units
+        print(f"| the fleet, {job} | {each * 1e3:.3g} | {each / ours:.3g} | {_accuracy(rows, some)} |", flush=True)
+
+
+def curve(folder: Path, pool: Sequence[Unit], units: int) -> None:
+    """Print a row of cost by the number of units, on all cores with everything that belongs to a run."""
+    size = write(folder, pool, units, files=max(1, units // A_FILE))
+    read, moments, polish = (measured(job, folder, workers=0 if job == "read" else None) for job in JOBS)
+    for path in folder.iterdir():
+        path.unlink()
+    walls = f"{read.wall_s:.3g} | {moments.wall_s:.3g} | {polish.wall_s:.3g}"
+    memory = _judged(max(moments.rss_mb, polish.rss_mb), MEMORY_LIMIT_MB).split(" |")[0]
+    print(f"| {units:,} | {size / 1e6:.1f} | {walls} | {polish.wall_s / units * 1e6:.3g} | {memory} |", flush=True)
+
+
+def plain_ellipsoid(field: Floats) -> Ellipsoid:
+    """The script that most copy: nine coefficients by least squares, with those of x², y², z² adding up to three."""
+    origin, scale = field.mean(axis=0), float(field.std())
+    x, y, z = ((field - origin) / scale).T
+    columns = [x * x + y * y - 2 * z * z, x * x + z * z - 2 * y * y, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z, x**0]
+    u = np.linalg.lstsq(np.stack(columns, axis=1), x * x + y * y + z * z, rcond=None)[0]
+    form = [u[0] + u[1] - 1.0, u[0] - 2.0 * u[1] - 1.0, u[1] - 2.0 * u[0] - 1.0]
+    return Ellipsoid.from_quadric(np.array([*form, *u[2:]]), method="plain").in_frame(origin, scale)
+
+
+def by_magnitude(field: Floats) -> Ellipsoid:
+    """``|W(x − b)| = 1`` by SciPy's Levenberg–Marquardt: what magcc, ArduPilot and MicroStrain minimise."""
+    from scipy.optimize import least_squares
+
+    origin, scale = field.mean(axis=0), float(field.std()) * 3.0**0.5
+
+    def residuals(unknown: Floats) -> Floats:
+        local = (field - origin) / scale - unknown[:3]
+        lengths: Floats = np.linalg.norm(local @ symmetric(unknown[3:]), axis=1) - 1.0
+        return lengths
+
+    unknown = least_squares(residuals, [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0], method="lm").x
+    return Ellipsoid(origin + scale * unknown[:3], scale * np.linalg.inv(symmetric(unknown[3:])))
+
+
+def by_distance(field: Floats) -> Ellipsoid:
+    """Sampson distances by SciPy, from the plain ellipsoid: maximum likelihood, to first order."""
+    from scipy.optimize import least_squares
+
+    start = plain_ellipsoid(field)
+    entries = start.shape.ravel()[[0, 4, 8, 1, 2, 5]]
+
+    def residuals(unknown: Floats) -> Floats:
+        inverse = np.linalg.inv(symmetric(unknown[3:]))
+        y = (field - unknown[:3]) @ inverse
+        lengths = np.linalg.norm(y, axis=1)
+        distances: Floats = (lengths - 1.0) * lengths / np.linalg.norm(y @ inverse, axis=1)
+        return distances
+
+    unknown = least_squares(residuals, np.concatenate([start.centre, entries]), method="lm").x
+    return Ellipsoid(unknown[:3], symmetric(unknown[3:]))
+
+
+def li(field: Floats) -> Ellipsoid:
+    """Li and Griffiths' fit, of Magneto and many scripts, as `flinders` has it."""
+    return METHODS["li"]().estimate(Readings.of(field)).ellipsoid
+
+
+def by_flinders(field: Floats) -> Ellipsoid:
+    """`flinders.fit`, one unit after the other."""
+    return flinders.fit(field).ellipsoid
+
+
+PEERS: Final[dict[str, Callable[[Floats], Ellipsoid]]] = {
+    "plain least squares, NumPy": plain_ellipsoid,
+    "Li and Griffiths, as in Magneto": li,
+    "field strength, SciPy, as in magcc": by_magnitude,
+    "distances, SciPy: maximum likelihood": by_distance,
+    "`flinders.fit`, with uncertainty and verdict": by_flinders,
+}
+
+
+def _job(job: str, folder: str, workers: int) -> dict[str, float]:
+    """Do a job here, and tell what it took; what is imported once is not of it, but workers are started."""
+    paths = sorted(Path(folder).iterdir())
+    _do(job, str(paths[0]), paths[:1], 0)
+    begin, cpu = perf_counter(), _cpu_s()
+    _do(job, folder, paths, workers)
+    others = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    memory = (_peak_kb() + workers * others) / 1024.0
+    return {"cpu_s": _cpu_s() - cpu, "wall_s": perf_counter() - begin, "rss_mb": memory}
+
+
+def _peak_kb() -> int:
+    """Memory of this process at the peak, in kB; ``ru_maxrss`` may be that of the process that started it."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmHWM:")[2].split()[0])
+
+
+def _do(job: str, where: str, paths: Sequence[Path], workers: int) -> None:
+    """Read files, or calibrate what is in them."""
+    if job == "read":
+        for path in paths:
+            into_numpy(path)
+        return
+    with tempfile.TemporaryDirectory() as made:
+        run(where, Path(made) / "out.parquet", Asked(polish=job == "polish"), workers=workers)
+
+
+def _cpu_s() -> float:
+    """Seconds of CPU of this process and of those workers that have ended."""
+    some = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(used.ru_utime + used.ru_stime for used in some)
+
+
+def _calibrated(folder: Path, some: Sequence[Unit], *, polish: bool) -> list[Ellipsoid | None]:
+    """What the fleet's table says of some units."""
+    with tempfile.TemporaryDirectory() as made:
+        out = Path(made) / "out.parquet"
+        run(str(folder / "part-00000.parquet"), out, Asked(polish=polish), workers=0)
+        rows = Rows.read(out)
+    known = dict(zip(rows.unit.tolist(), zip(rows.offset, rows.matrix, strict=True), strict=True))
+    return [_ellipsoid(*known[unit.name]) if unit.name in known else None for unit in some]
+
+
+def _ellipsoid(offset: Floats, matrix: Floats) -> Ellipsoid | None:
+    return None if np.isnan(offset).any() else Ellipsoid(offset, np.linalg.inv(matrix.reshape(3, 3)))
+
+
+def _tried(peer: Callable[[Floats], Ellipsoid], field: Floats) -> Ellipsoid | None:
+    try:
+        return peer(field)
+    except (FlindersError, np.linalg.LinAlgError):
+        return None
+
+
+def _accuracy(found: Sequence[Ellipsoid | None], some: Sequence[Unit]) -> str:
+    """Root mean square angle error over units, and how many have none."""
+    errors = [
+        angle_error_deg(np.linalg.inv(ellipsoid.shape), ellipsoid.centre, cast("Simulated", unit))
+        for ellipsoid, unit in zip(found, some, strict=False)
+        if ellipsoid is not None
+    ]
+    missing = sum(ellipsoid is None for ellipsoid in found)
+    return f"{np.sqrt(np.mean(np.square(errors))):.3g} | {missing}"
+
+
+def _median(costs: Sequence[Cost]) -> Cost:
+    """The middle of each number."""
+    values = np.median([(cost.cpu_s, cost.wall_s, cost.rss_mb) for cost in costs], axis=0).tolist()
+    return Cost(*cast("tuple[Any, Any, Any]", tuple(values)))
+
+
+def _judged(value: float, limit: float | None) -> str:
+    """Write a number beside its limit, in bold where it is beyond."""
+    if limit is None:
+        return f"{value:.3g} | –"
+    return f"{value:.3g} | {limit:g}" if value <= limit else f"**{value:.3g}** | {limit:g}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,190 @@
+"""What the core costs by the reading, beside the least that it can cost. Prints Markdown.
+
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.kernel
+
+The least is ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192 over the same readings: what any quadric
+fit has to do. The sums of one long recording are compared with it, those of many short ones one by one and stacked, and
+whole summaries. Then follow the stages of a fit and the readers, in microseconds a reading.
+
+Times are medians of interleaved repeats in seconds of this process's CPU, so that other programs count for less.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import process_time
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from benchmarks.readers import write_csv
+from benchmarks.speed import MILLION, blocked_products, readings
+from flinders.cloud import Cloud
+from flinders.coverage import Coverage
+from flinders.estimators import Consistent, Likelihood, Readings
+from flinders.estimators.correlation import correlation_of
+from flinders.estimators.robust import asks_for_it
+from flinders.heading import level_error
+from flinders.health import Health
+from flinders.moments import Moments
+from flinders.simulate import tumble
+from flinders.stacked.sums import Sums
+from flinders.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.samples import Samples
+
+LIMIT: Final = 1.5
+"""Of the sums to ``D @ D.T``."""
+UNITS, EACH = 2_000, 500
+"""Many short recordings: a million readings in all."""
+STAGED: Final = (500, 3_000, 30_000, 300_000)
+"""Readings of the fits that are taken apart."""
+AT_LEAST: Final = 9
+"""Repeats of each call."""
+SECONDS: Final = 3.0
+"""That the repeats of a row take together, unless those are too few."""
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One row of the first table.
+
+    Attributes
+    ----------
+    label : str
+    ours, least : callable
+    readings : int
+        That both go through.
+    limit : float or None
+        Of their ratio.
+    """
+
+    label: str
+    ours: Callable[[], object]
+    least: Callable[[], object]
+    readings: int
+    limit: float | None = None
+
+    def row(self) -> str:
+        """Measure, and write the row."""
+        ours, least = medians([self.ours, self.least])
+        ratio = f"{ours / least:.2f}"
+        judged = ratio if self.limit is None or ours <= self.limit * least else f"**{ratio}**"
+        allowed = "–" if self.limit is None else f"{self.limit:g}"
+        each = [f"{seconds / self.readings * 1e9:.1f}" for seconds in (ours, least)]
+        return f"| {self.label} | {self.readings:,} | {each[0]} | {each[1]} | {judged} | {allowed} |"
+
+
+def medians(calls: Sequence[Callable[[], object]]) -> list[float]:
+    """Median CPU seconds of each of some calls, made in turn."""
+    for call in calls:
+        call()
+    rounds: list[list[float]] = []
+    end = process_time() + SECONDS
+    while len(rounds) < AT_LEAST or (process_time() < end and len(rounds) < 1000):
+        rounds.append([_timed(call) for call in calls])
+    found: list[float] = np.median(rounds, axis=0).tolist()
+    return found
+
+
+def kernels() -> None:
+    """Print sums and summaries beside ``D @ D.T``."""
+    print("| what ÷ `D @ D.T` | readings | ns a reading | `D @ D.T` | ratio | limit |\n|---|---:|---:|---:|---:|---:|")
+    for count in (50_000, MILLION):
+        field = readings(count)
+        least = partial(blocked_products, field)
+        print(Compared("`Moments.of`", partial(Moments.of, field), least, count, LIMIT).row(), flush=True)
+        print(Compared("`Summary.of`", partial(Summary.of, field), least, count).row(), flush=True)
+    short = readings(UNITS * EACH).reshape(UNITS, EACH, 3)
+    stacked = np.ascontiguousarray(np.swapaxes(short, 1, 2))
+    least = partial(blocked_products, short.reshape(-1, 3))
+    rows: list[tuple[str, Callable[[], object], float | None]] = [
+        ("all stacked: `stacked.Sums.of`", partial(Sums.of, stacked), LIMIT),
+        ("`Moments.of` one by one", partial(_one_by_one, Moments.of, short), None),
+        ("`Summary.of` one by one", partial(_one_by_one, Summary.of, short), None),
+    ]
+    for label, ours, limit in rows:
+        print(Compared(f"{UNITS:,} × {EACH}, {label}", ours, least, UNITS * EACH, limit).row(), flush=True)
+
+
+def stages() -> None:
+    """Print what each part of a fit costs, in microseconds a reading."""
+    tables = [_stages_of(count) for count in STAGED]
+    print("\n| stage, µs a reading | " + " | ".join(f"{count:,}" for count in STAGED) + " |")
+    print("|---|" + "---:|" * len(STAGED))
+    for name in tables[0]:
+        cells = (f"{table[name] / count * 1e6:.3g}" for table, count in zip(tables, STAGED, strict=True))
+        print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
+
+
+def readers() -> None:
+    """Print what reading costs, in microseconds a reading, beside pyarrow's own reader into NumPy."""
+    from pyarrow import csv, parquet
+
+    print("\n| reading, µs a reading | Flinders | pyarrow into NumPy | ratio |\n|---|---:|---:|---:|")
+    with tempfile.TemporaryDirectory() as made:
+        text, table = Path(made) / "million.csv", Path(made) / "million.parquet"
+        write_csv(text)
+        parquet.write_table(csv.read_csv(text), table)
+        for label, path, plain in (("CSV", text, csv.read_csv), ("Parquet", table, parquet.read_table)):
+            ours, theirs = medians([partial(flinders.read, path), partial(_columns, plain, path)])
+            cells = " | ".join(f"{seconds / MILLION * 1e6:.3g}" for seconds in (ours, theirs))
+            print(f"| {label}, {path.stat().st_size / 1e6:.1f} MB | {cells} | {ours / theirs:.2f} |", flush=True)
+
+
+def main() -> None:
+    """Print all tables."""
+    kernels()
+    stages()
+    readers()
+
+
+def _stages_of(count: int) -> Mapping[str, float]:
+    """CPU seconds of the parts of a fit of so many readings that come as a hand turns a sensor."""
+    samples: Samples = tumble(seed=count, n=count).samples
+    held = Readings.of(samples)
+    found = Likelihood().estimate(held)
+    ellipsoid = found.ellipsoid
+    calls: dict[str, Callable[[], object]] = {
+        "`fit`, all of it": partial(flinders.fit, samples),
+        "moments": partial(Moments.of, samples.field),
+        "cloud": partial(Cloud.of, samples.field, time=samples.time),
+        "health": partial(Health.of, samples),
+        "summary, the three together": partial(Summary.of, samples),
+        "consistent start": partial(Consistent().estimate, held),
+        "likelihood with its start and correlation": partial(Likelihood().estimate, held),
+        "correlation": lambda: correlation_of(held.stretches(""), len(held), ellipsoid),
+        "look for strays": partial(asks_for_it, held, ellipsoid),
+        "coverage": partial(Coverage.through, held.summary.cloud, ellipsoid),
+        "heading error": partial(level_error, ellipsoid, found.covariance),
+    }
+    return dict(zip(calls, medians(list(calls.values())), strict=True))
+
+
+def _one_by_one(call: Callable[[Floats], object], clouds: Floats) -> None:
+    for cloud in clouds:
+        call(cloud)
+
+
+def _columns(plain: Callable[[Path], object], path: Path) -> list[Floats]:
+    """The columns of a table of Arrow, as NumPy has them."""
+    return [column.to_numpy() for column in plain(path).columns]  # type: ignore[attr-defined]
+
+
+def _timed(call: Callable[[], object]) -> float:
+    """CPU seconds that one call takes."""
+    begin = process_time()
+    call()
+    return process_time() - begin
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""What the fast lane of `flinders.stacked` costs a unit, stage by stage, and how well it agrees with `flinders.fit`.
+
+    python -m benchmarks.stacked                         # the cost, for two kinds of motion
+    python -m benchmarks.stacked --agreement 2000        # and each of so many units fitted alone beside it
+
+Times are of one core; set OPENBLAS_NUM_THREADS=1. The last lines give them in units of reading the same readings from a
+Parquet file into NumPy in the same run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flinders import fitting
+from flinders.result import Refused
+from flinders.stacked import Stack, fit_stack, lane, solve
+from flinders.stacked.algebra import in_stretches, symmetric
+from flinders.stacked.hung import Residuals, hung_together
+from flinders.stacked.judge import Health, errors_facing
+from flinders.stacked.lane import UPPER
+from flinders.stacked.sums import Sums
+from flinders.units import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+    from flinders.stacked.algebra import Array
+
+READINGS = 500
+TRIES = 5
+
+
+def readings_of(units: int, *, by_hand: bool) -> Floats:
+    """(U, N, 3) readings of units that were turned through random directions, or along a path."""
+    rng = np.random.default_rng(1)
+    turned = rng.normal(size=(units, READINGS, 4))
+    if by_hand:
+        turned = np.cumsum(0.1 * turned, axis=1) + rng.normal(size=(units, 1, 4))
+    w, x, y, z = np.moveaxis(turned / np.linalg.norm(turned, axis=2, keepdims=True), 2, 0)
+    directions = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=2)
+    shapes: Floats = 50.0 * symmetric(np.array([1.0, 1, 1, 0, 0, 0]) + rng.normal(scale=0.05, size=(units, 6)))
+    return directions @ shapes + rng.uniform(-40, 40, (units, 1, 3)) + rng.normal(scale=0.4, size=directions.shape)
+
+
+def least(function: Callable[[], object]) -> float:
+    """Shortest processor time of a few tries, in s: another process on the same core only adds to it."""
+    found = []
+    for _ in range(TRIES):
+        begin = time.process_time()
+        function()
+        found.append(time.process_time() - begin)
+    return min(found)
+
+
+def stages(stack: Stack) -> dict[str, float]:
+    """Seconds of each stage, over all units."""
+    x, counts = stack.readings, stack.counts
+    sums = Sums.of(x)
+    start = solve.consistent(sums)
+    found = solve.likelihood(x, None, sums, start)
+    surfaces, some = found.ellipsoids, x[found.at]
+    left = Residuals.of(some, None, counts[found.at], surfaces)
+    counted, _, _ = _placed(some, counts[found.at], surfaces, left)
+    return {
+        "sums": least(lambda: Sums.of(x)),
+        "health": least(lambda: Health.of(x, None, counts)),
+        "consistent": least(lambda: solve.consistent(Sums(sums.values, sums.unit))),
+        "likelihood": least(lambda: solve.likelihood(x, None, sums, start)),
+        "residuals": least(lambda: Residuals.of(some, None, counts[found.at], surfaces)),
+        "correlation": least(lambda: hung_together(some, None, counts[found.at], surfaces, left)),
+        "coverage, strays": least(lambda: _placed(some, counts[found.at], surfaces, left)),
+        "heading error": least(lambda: errors_facing(surfaces, found.covariance, counted, 60.0)),
+        "all of the lane": least(lambda: lane.through(stack, target_deg=1.0, dip_deg=60.0)),
+        "all, without polish": least(lambda: lane.through(stack, target_deg=1.0, dip_deg=60.0, polish=False)),
+    }
+
+
+def _placed(readings: Floats, counts: Array, surfaces: solve.Ellipsoids, left: Residuals) -> tuple[Floats, ...]:
+    """Coverage and strays."""
+    found: tuple[Floats, ...] = in_stretches(
+        lane.placed, readings, counts, surfaces.centre, surfaces.inverse, surfaces.shape, left.distances
+    )
+    return found
+
+
+def from_parquet(field: Floats) -> float:
+    """Seconds that reading the same from a Parquet file into NumPy takes."""
+    import pyarrow
+    from pyarrow import parquet
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "units.parquet"
+        flat = field.reshape(-1, 3)
+        unit = np.repeat(np.arange(len(field)), READINGS)
+        columns = {"unit": unit, **{name: flat[:, axis] for axis, name in enumerate("xyz")}}
+        parquet.write_table(pyarrow.table(columns), path)
+        return least(lambda: [column.to_numpy() for column in parquet.read_table(path, use_threads=False).columns])
+
+
+def agreement(stack: Stack, units: int) -> str:
+    """Largest departure from `flinders.fit` over so many units."""
+    found = fit_stack(stack)
+    worst = {"offset": 0.0, "matrix": 0.0, "covariance": 0.0, "worst_deg": 0.0}
+    unlike = 0
+    for place in np.flatnonzero(found.through)[:units].tolist():
+        try:
+            fit = fitting.fit(stack[place])
+        except Refused as error:
+            fit = error.fit
+        unlike += found.findings[place] != tuple(finding.code for finding in fit.findings)
+        expected: dict[str, Any] = {
+            "offset": fit.calibration.offset, "matrix": fit.calibration.matrix.ravel(),
+            "covariance": fit.covariance.ravel()[UPPER], "worst_deg": fit.heading_error_deg.worst,
+        }  # fmt: skip
+        for name, numbers in expected.items():
+            scale = fit.calibration.field_strength if name == "offset" else np.abs(numbers).max()
+            worst[name] = max(worst[name], float(np.abs(getattr(found, name)[place] - numbers).max() / scale))
+    told = ", ".join(f"{name} {number:.0e}" for name, number in worst.items())
+    return f"{int(found.through.sum())} of {len(stack)} through; {told}; {unlike} with unlike findings"
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--units", type=int, default=512)
+    parser.add_argument("--agreement", type=int, default=0, metavar="UNITS")
+    asked = parser.parse_args()
+    for name, by_hand in (("random directions", False), ("along a path", True)):
+        field = readings_of(asked.units, by_hand=by_hand)
+        stack = Stack.cut(field.reshape(-1, 3), np.full(asked.units, READINGS), unit=Unit.of("uT"))
+        found = stages(stack)
+        print(f"\n{name}: {asked.units} units of {READINGS} readings, µs a unit")
+        for stage, seconds in found.items():
+            print(f"  {stage:20s} {1e6 * seconds / asked.units:7.1f}")
+        read = from_parquet(field)
+        print(f"  {'reading Parquet':20s} {1e6 * read / asked.units:7.1f}")
+        for stage in ("all of the lane", "all, without polish"):
+            print(f"  {stage}: {found[stage] / read:.1f} × reading, one core")
+        if asked.agreement:
+            print(f"  {agreement(stack, asked.agreement)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,271 @@
+"""Wrong use of what stands beside a magnetometer: how often it is named, and how often wrongly. A table as Markdown.
+
+    python -m benchmarks.wrong_use [--seeds 20] [--motions swayed,hand] [--cases gyro,axes] [--rows]
+
+Each case does one thing to a simulated recording of 1,500 readings, of which all else is right, and looks for the
+finding that names it (``named``) and for others (``others``, which may be right as well: a gyro in degrees is noise to
+everything else). The case ``good`` does nothing wrong: a mounting a few degrees off, a gyro with a bias, a magnetometer
+that is behind, an attitude with noise, a site a degree off; whatever is named there is a false alarm.
+
+Motions: ``swayed`` all around and leaning, ``hand`` tumbled, ``rocked`` as MAGYC's (10 Hz), ``drive`` bends and hills,
+6° at most (5 Hz), ``flight`` banked turns (5 Hz).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import repeat
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders import fit, simulate
+from flinders.attitude import magnetic_heading_deg
+from flinders.errors import FitError
+from flinders.estimators.aids import aided_by
+from flinders.estimators.mounting import TURNS
+from flinders.geomag import site_field
+from flinders.quaternions import of_angles, of_matrix, product
+from flinders.result import Refused
+from flinders.simulate.rotations import rates
+from flinders.terms.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.samples import Samples
+    from flinders.simulate import Simulated
+
+SEED: Final = 20261121
+COUNT: Final = 1500
+RATES_HZ: Final = {"swayed": 25.0, "hand": 25.0, "rocked": 10.0, "drive": 5.0, "flight": 5.0}
+HOME: Final = (47.6, 11.0)
+"""Latitude and longitude of the recordings."""
+
+YEAR: Final = 2026.9
+KM: Final = 1.0 / 111.2
+"""Degrees of latitude in a kilometre."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Attack:
+    """What is fitted, and what it should be told.
+
+    Attributes
+    ----------
+    samples : Samples
+    aids : tuple of str
+    code : str
+        Of the finding; nothing for a good recording.
+    site : Site, optional
+    drivers : tuple of str
+    """
+
+    samples: Samples
+    aids: tuple[str, ...]
+    code: str
+    site: Site | None = None
+    drivers: tuple[str, ...] = ()
+
+
+def recorded(motion: str, seed: int) -> tuple[Simulated, Samples, np.random.Generator]:
+    """A good recording at home: a mounting within 5°, a gyro with a bias, an attitude with half a degree of noise."""
+    rng = np.random.default_rng([SEED, seed])
+    home = site_field(*HOME, year=YEAR)
+    imu = simulate.Imu(gyro_bias=rng.normal(0.0, 0.01, 3))
+    true = simulate.tumble(
+        rng, motion=motion, n=COUNT, rate_hz=RATES_HZ[motion], imu=imu, dip_deg=home.inclination_deg,
+        field_strength=home.strength,
+    )  # fmt: skip
+    samples = true.samples
+    assert samples.rate is not None
+    assert samples.acceleration is not None
+    mounting = simulate.turns(np.radians(rng.uniform(-5.0, 5.0, (1, 3))))[0]
+    samples = replace(
+        samples,
+        rate=samples.rate @ mounting.T,
+        acceleration=samples.acceleration @ mounting.T,
+        attitude=_attitude(true, mounting, rng),
+    )
+    return true, samples, rng
+
+
+# what can be wrong
+
+
+def good(motion: str, seed: int, strength: float) -> Attack:
+    """Nothing wrong: the site's dip off by one of its standard deviations, times the strength."""
+    _, samples, rng = recorded(motion, seed)
+    home = site_field(*HOME, year=YEAR)
+    site = Site(home.strength, home.inclination_deg + strength * rng.normal())
+    return Attack(samples, ("rate", "dip", "attitude"), "", site)
+
+
+def gyro(motion: str, seed: int, strength: float) -> Attack:
+    """The rate times a factor: 57.3 in degrees, 1000 in mrad/s, −1 of the other sign."""
+    _, samples, _ = recorded(motion, seed)
+    assert samples.rate is not None
+    return Attack(replace(samples, rate=samples.rate * strength), ("rate", "dip"), "gyro-unit")
+
+
+def axes(motion: str, seed: int, strength: float) -> Attack:
+    """Axes exchanged, by any of 23 rotations: 0 of the gyro, 1 of the accelerometer, 2 of both alike."""
+    _, samples, rng = recorded(motion, seed)
+    turn = TURNS[rng.integers(1, len(TURNS))]
+    columns = {0: ("rate",), 1: ("acceleration",), 2: ("rate", "acceleration")}[int(strength)]
+    wrong = {name: turn.apply(getattr(samples, name)) for name in columns}
+    return Attack(replace(samples, **wrong), ("rate", "dip"), "swapped-axes")  # type: ignore[arg-type]
+
+
+def mirrored(motion: str, seed: int, strength: float) -> Attack:
+    """One axis with the other sign: 0 of the gyro, 1 of the accelerometer, 2 of both."""
+    _, samples, rng = recorded(motion, seed)
+    signs = np.ones(3)
+    signs[rng.integers(3)] = -1.0
+    columns = {0: ("rate",), 1: ("acceleration",), 2: ("rate", "acceleration")}[int(strength)]
+    wrong = {name: getattr(samples, name) * signs for name in columns}
+    return Attack(replace(samples, **wrong), ("rate", "dip"), "swapped-axes")
+
+
+def site(motion: str, seed: int, strength: float) -> Attack:
+    """A site so many km to the north, or to the south where that is negative."""
+    _, samples, _ = recorded(motion, seed)
+    other = site_field(HOME[0] + strength * KM, HOME[1], year=YEAR)
+    return Attack(samples, ("rate", "dip"), "site-differs", Site.of(other))
+
+
+def compass(motion: str, seed: int, strength: float) -> Attack:
+    """A yaw from this very compass before it was calibrated, with an offset of so many µT; roll and pitch are right."""
+    true, samples, rng = recorded(motion, seed)
+    assert true.attitudes is not None
+    around = rng.normal(size=3)
+    offset = strength * around / np.linalg.norm(around)
+    samples = replace(samples, field=samples.field - true.sensor.offset + offset)
+    felt = simulate.seen_from(true.attitudes, np.array([0.0, 0.0, -1.0]))
+    raw = samples.field @ np.linalg.inv(np.asarray(true.sensor.matrix)).T
+    perfect = true.field_strength * true.directions
+    error = np.radians(magnetic_heading_deg(raw, felt) - magnetic_heading_deg(perfect, felt))
+    zeros = np.zeros(len(error))
+    yawed = product(of_angles(np.stack([zeros, zeros, error], axis=1)), samples.attitude)  # type: ignore[arg-type]
+    return Attack(replace(samples, attitude=yawed), ("dip", "attitude"), "circular-attitude")
+
+
+def current(motion: str, seed: int, strength: float) -> Attack:
+    """A current that only varies by its noise, of so many A."""
+    _, samples, rng = recorded(motion, seed)
+    flat = 12.0 + rng.normal(0.0, strength, len(samples))
+    return Attack(replace(samples, current=flat), (), "driver-constant", drivers=("current",))
+
+
+def one_axis(motion: str, seed: int, strength: float) -> Attack:
+    """A turn about the vertical alone, rocked by so many degrees; the motion named says how fast it is recorded."""
+    rng = np.random.default_rng([SEED, seed])
+    turning = simulate.rocked(
+        rng, seconds=COUNT / RATES_HZ[motion], rate_hz=RATES_HZ[motion], amplitudes_deg=(5.0, 5.0, 360.0)
+    )
+    heading = np.unwrap(np.arctan2(turning.attitudes[:, 1, 0], turning.attitudes[:, 0, 0]))
+    home = site_field(*HOME, year=YEAR)
+    lean = np.radians(strength) * np.sin(np.outer(turning.time, [0.31, 0.23]) + rng.uniform(0.0, 6.0, 2))
+    attitudes = simulate.posed(heading, lean[:, 0], lean[:, 1])
+    sensor = simulate.Sensor.random(rng, noise=0.5)
+    true = simulate.seen_from(attitudes, home.strength * simulate.north_and_down(home.inclination_deg))
+    rate = rates(attitudes, RATES_HZ[motion]) + rng.normal(0.0, 0.005, true.shape) + rng.normal(0.0, 0.01, 3)
+    base = simulate.tumble(rng, motion="hand", n=COUNT, rate_hz=RATES_HZ[motion]).samples
+    samples = replace(
+        base, field=sensor.read(true, rng), rate=rate, acceleration=simulate.specific_force(attitudes, rng)
+    )
+    return Attack(samples, ("rate",), "one-axis")
+
+
+CASES: Final[Mapping[str, tuple[Callable[[str, int, float], Attack], tuple[float, ...]]]] = {
+    "good": (good, (0.0, 1.0)),
+    "gyro": (gyro, (180.0 / np.pi, np.pi / 180.0, 1e3, -1.0)),
+    "axes": (axes, (0, 1, 2)),
+    "mirrored": (mirrored, (0, 1, 2)),
+    "site": (site, (-3000.0, -1000.0, -500.0, 500.0, 1000.0, 3000.0)),
+    "compass": (compass, (2.0, 5.0, 10.0, 20.0, 40.0)),
+    "current": (current, (0.0, 0.02, 0.1)),
+    "one-axis": (one_axis, (0.0, 0.5, 1.0, 3.0)),
+}
+
+
+# how it is told
+
+
+def codes_of(attack: Attack) -> tuple[str, ...]:
+    """The findings that a fit has about its instruments; ``refused`` and why, where it has no fit."""
+    if attack.drivers:
+        try:
+            findings = fit(attack.samples, drivers=attack.drivers).findings
+        except Refused as refusal:
+            findings = refusal.fit.findings
+        except FitError as refusal:
+            return (f"refused: {type(refusal).__name__}",)
+        return tuple(finding.code for finding in findings if finding.code.startswith("driver"))
+    try:
+        _, aids = aided_by(attack.samples, attack.aids, site=attack.site)
+    except FitError as refusal:
+        return (f"refused: {type(refusal).__name__}",)
+    return tuple(mistake.code for mistake in aids.mistakes)
+
+
+def tried(case: str, strength: float, motion: str, seed: int) -> tuple[str, tuple[str, ...]]:
+    """The code that should be named, and those that are."""
+    attack = CASES[case][0](motion, seed, strength)
+    return attack.code, codes_of(attack)
+
+
+def table(pool: ProcessPoolExecutor, cases: Sequence[str], motions: Sequence[str], seeds: int) -> Iterator[str]:
+    """Yield a row for each case, strength and motion."""
+    yield "| case | strength | motion | named | others |"
+    yield "|---|---:|---|---:|---|"
+    for case in cases:
+        for strength in CASES[case][1]:
+            for motion in motions:
+                found = list(pool.map(tried, repeat(case), repeat(strength), repeat(motion), range(seeds)))
+                named = sum(code in codes for code, codes in found)
+                others = Counter(other for code, codes in found for other in codes if other != code)
+                told = ", ".join(f"{code} {count}" for code, count in others.most_common()) or "–"
+                share = "–" if case == "good" else f"{named} of {seeds}"
+                yield f"| {case} | {strength:g} | {motion} | {share} | {told} |"
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    options = _parser().parse_args(arguments)
+    for asked, there in ((options.cases, CASES), (options.motions, RATES_HZ)):
+        if unknown := [name for name in asked if name not in there]:
+            sys.exit(f"{', '.join(unknown)} not known: there are {', '.join(there)}")
+    with ProcessPoolExecutor(options.processes) as pool:
+        for row in table(pool, options.cases, options.motions, options.seeds):
+            print(row, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Describe the command line."""
+    parser = argparse.ArgumentParser("python -m benchmarks.wrong_use", description="Which wrong use is named.")
+
+    def names(text: str) -> list[str]:
+        return text.split(",")
+
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--motions", type=names, default=list(RATES_HZ), metavar="NAME,…", help="all by default")
+    parser.add_argument("--cases", type=names, default=list(CASES), metavar="NAME,…", help="all by default")
+    parser.add_argument("--processes", type=int, default=2)
+    return parser
+
+
+def _attitude(true: Simulated, mounting: Floats, rng: np.random.Generator) -> Floats:
+    """(N, 4) as a log tells it, of the axes of gyro and accelerometer: half a degree of noise about each axis."""
+    assert true.attitudes is not None
+    shaken = simulate.turns(rng.normal(0.0, np.radians(0.5), (len(true.attitudes), 3)))
+    return of_matrix(true.attitudes @ mounting.T @ shaken)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""``flinders fleet``: recordings of many units in, one table of calibrations out."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from flinders.cli import _options
+from flinders.cli._program import GOOD, LIMITED
+from flinders.cli._talk import drawn, print_json, say
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+
+@click.command(
+    "fleet",
+    short_help="Calibrate many units at once: one table out.",
+    epilog="""\b
+Example:
+  flinders fleet logs/ --out calibrations.parquet
+  flinders fleet 'line-7/*.parquet' --unit-column serial --unit mG --out calibrations.parquet
+  flinders fleet s3://fleet/2026/ --out calibrations.parquet --scheduler tcp://10.0.0.1:8786
+  flinders fleet logs/ --out calibrations.parquet --resume
+
+\b
+Exit codes:
+  0  every recording has a calibration
+  3  written; some recordings were refused or could not be read, and say why
+""",
+)
+@click.argument("source", metavar="INPUT")
+@click.option("-o", "--out", required=True, metavar="FILE.parquet", help="The table to write.")
+@click.option("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
+@click.option("--workers", type=click.IntRange(0, 4096), metavar="N", help="Processes [default: one for each core].")
+@click.option("--scheduler", metavar="tcp://…", help="Work on this Dask cluster instead.")
+@click.option("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
+@click.option("--moments-only", is_flag=True, help="Use sums alone: faster, and blind to what only readings show.")
+@click.option("--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is.")
+@click.option("--recording-column", metavar="NAME", help="Of tables: which column says of which recording it is.")
+@click.option("--sensor", metavar="N|NAME", help="Which magnetometer of logs with several [default: the first].")
+@click.option("--as-logged", is_flag=True, help="Leave on what the vehicle had corrected.")
+@click.option("--log", "log_file", metavar="FILE", help="Add a line of JSON for each thing that happens to this file.")
+@click.option("--axes", default="x,y,z", show_default=True, metavar="AXES", help="Where each axis used comes from.")
+@click.option("--scale", type=_options.positive, metavar="UT", help="Microtesla in one count.")
+@click.option("--unit", metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts.")
+@_options.columns
+@_options.judgement
+@_options.force
+@_options.as_json
+def command(
+    source: str,
+    out: str,
+    report: str | None,
+    workers: int | None,
+    scheduler: str | None,
+    resume: bool,
+    log_file: str | None,
+    force: bool,
+    as_json: bool,
+    **reading: Any,
+) -> int:
+    """Calibrate all units of INPUT, and write a row for each of their recordings.
+
+    INPUT is a folder or a pattern of logs, whose first folders or names are the units, or of Parquet and Arrow tables
+    with a column of units; here, or at s3:// or gs://. A recording that cannot be fitted or read is a row that says
+    why.
+    """
+    from flinders.fleet.log import Log
+    from flinders.fleet.run import run
+    from flinders.fleet.tables import Asked
+
+    if workers is not None and scheduler is not None:
+        raise UsageError("--workers are processes of this machine, --scheduler has its own: leave one of them out")
+    if report is not None:
+        from flinders.files import refuse_existing
+
+        refuse_existing(report, force=force)
+    reading["polish"] = not reading.pop("moments_only")
+    with Log.to(log_file) as log, _progress() as watch:
+        told = run(
+            source,
+            out,
+            Asked(**reading),
+            workers=workers,
+            scheduler=scheduler,
+            resume=resume,
+            force=force,
+            log=log,
+            watch=watch,
+        )
+    if as_json:
+        print_json(told.as_dict())
+    else:
+        from flinders.fleet.page import page
+
+        click.echo(drawn(page(told), sys.stdout))
+    if report is not None:
+        _write_report(out, report, force=force)
+    say(f"written to {out} in {told.seconds:.1f} s" if sys.stderr.isatty() else f"written to {out}")
+    return GOOD if told.is_whole else LIMITED
+
+
+def _write_report(out: str, report: str, *, force: bool) -> None:
+    """Write the report of a fleet."""
+    from flinders.files import write_text
+    from flinders.fleet.overview import overview_of
+    from flinders.report.fleet import page
+
+    write_text(page(overview_of([out])), report, force=force)
+    say(f"report written to {report}")
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[int, int, int], None] | None]:
+    """A bar on stderr with recordings, how many a second, and the time that is left; only on a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.fields[told]}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
+        task = shown.add_task("", total=None, told="looking at what is there")
+
+        def update(done: int, total: int, rows: int) -> None:
+            elapsed = shown.tasks[0].elapsed or 0.0
+            rate = f", {rows / elapsed:,.0f} a second" if elapsed else ""
+            shown.update(task, completed=done, total=total, told=f"{rows:,} recordings{rate}")
+
+        yield update

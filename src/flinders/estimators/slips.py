@@ -1,0 +1,123 @@
+"""Whether an axis changed its sign, or two were exchanged, while the recording was made.
+
+A driver that is started again, a cable with a bad wire or a firmware that changes the mounting it assumes does this.
+The field at the sensor goes on as smoothly as before, so readings on both sides of the moment fit together after, and
+only after, T is applied to those behind it:
+
+    r₊ = T r₋      T one of x → −x, y → −y, z → −z, x ↔ y, y ↔ z, z ↔ x
+
+for r₋ and r₊ continued by half a step from before and from behind. Such a moment is a candidate. It is one where the
+readings with all candidates undone lie clearly closer to an ellipsoid than they do as recorded: a gap in the recording
+passes neither. What is so throughout has no moment, and a mirror image of an ellipsoid is an ellipsoid: no magnetometer
+alone can tell it. Nor can it where the offset along the axis is nothing: then nothing is changed but the heading.
+
+>>> rng = np.random.default_rng(1)
+>>> turn = np.linspace(0.0, 40.0, 1000)
+>>> around = np.stack([np.sin(turn) * np.cos(0.1 * turn), np.cos(turn), np.sin(turn) * np.sin(0.1 * turn)], axis=1)
+>>> field = 50.0 * around + [10, 20, 30] + rng.normal(scale=0.3, size=around.shape)
+>>> slip_of(field) is None
+True
+>>> field[600:, 1] *= -1.0
+>>> found = slip_of(field)
+>>> found.axes, found.rows, found.gain > 10.0
+('y', (600,), True)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import FitError
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.readings import Readings
+from flinders.result import Slip
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+SLIPS: Final = {
+    "x": np.diag([-1.0, 1.0, 1.0]),
+    "y": np.diag([1.0, -1.0, 1.0]),
+    "z": np.diag([1.0, 1.0, -1.0]),
+    "xy": np.eye(3)[[1, 0, 2]],
+    "yz": np.eye(3)[[0, 2, 1]],
+    "zx": np.eye(3)[[2, 1, 0]],
+}
+"""What can happen to axes, each its own inverse, by the axes that it happens to."""
+
+FEWEST: Final = 50
+"""Fewer readings than this do not tell how smooth they are."""
+
+BROKEN: Final = 3.0
+"""Times the largest break among three readings on either side that a break has to be."""
+
+LIKE: Final = 2.0
+"""Times the same that readings may be apart once it is undone: less than a break is, more than the smooth path has."""
+
+GAIN: Final = 1.1
+"""Times closer to an ellipsoid that readings have to be once it is undone: the noise of 500 readings, known to
+√(1/1000) = 3 %, changes by more than three times as much."""
+
+
+MOST: Final = 1000.0
+"""What is told at most, also where the readings as recorded lie on no ellipsoid at all."""
+
+
+def slip_of(readings: Floats, noise: float = np.inf) -> Slip | None:
+    """Look for the moments at which axes slipped.
+
+    Parameters
+    ----------
+    readings : (N, 3) float
+        In the order of recording, in any unit.
+    noise : float
+        Of the readings that a fit keeps, 1 σ: all of them have to lie as close once the slip is undone.
+
+    Returns
+    -------
+    Slip or None
+        None where nothing slipped, or nothing that can be told.
+    """
+    if len(readings) < FEWEST:
+        return None
+    moments = moments_of(readings)
+    if not moments:
+        return None
+    axes = max(moments, key=lambda name: len(moments[name]))
+    behind = np.zeros(len(readings), dtype=int)
+    behind[moments[axes]] = 1
+    undone = np.where((np.cumsum(behind) % 2 == 1)[:, np.newaxis], readings @ SLIPS[axes], readings)
+    after = _noise(undone)
+    if not after <= GAIN * noise or np.isinf(after):
+        return None
+    gain = min(_noise(readings) / max(after, np.finfo(float).tiny), MOST)
+    if gain <= GAIN:
+        return None
+    return Slip(axes=axes, rows=tuple(int(row) for row in moments[axes]), gain=gain)
+
+
+def moments_of(readings: Floats) -> dict[str, NDArray[np.int64]]:
+    """First rows behind a break that one of `SLIPS` mends, by its name; those that mend none are left out."""
+    before = 1.5 * readings[1:-2] - 0.5 * readings[:-3]
+    after = 1.5 * readings[2:-1] - 0.5 * readings[3:]
+    breaks = np.abs(after - before).max(axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(breaks, 9)  # the two next to the middle go across the break
+    beside = np.maximum(windows[:, :3].max(axis=1), windows[:, -3:].max(axis=1))
+    at = 4 + np.flatnonzero(breaks[4:-4] > BROKEN * beside)
+    usual = beside[at - 4]
+    mended = {
+        name: at[np.abs(after[at] @ slip - before[at]).max(axis=1) <= LIKE * usual] for name, slip in SLIPS.items()
+    }
+    return {name: found + 2 for name, found in mended.items() if len(found)}
+
+
+def _noise(readings: Floats) -> float:
+    """Distance from the ellipsoid that is found, 1 σ, in the unit of the readings; infinite where there is none."""
+    try:
+        return Likelihood().estimate(Readings.of(readings)).noise
+    except FitError:
+        return float("inf")

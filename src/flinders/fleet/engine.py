@@ -1,0 +1,289 @@
+"""Run a function over units of work: in this process, in processes of this machine, or on a Dask cluster.
+
+`map_units` yields results as they come, each with the place of its unit, so that whoever commits them decides about
+order. A worker that is killed (by a person, or by the system for want of memory) is replaced, and its unit is tried
+again; a unit that takes its worker with it `ATTEMPTS` times comes back as `Lost`, and the others go on.
+
+>>> dict(map_units(abs, [-1, 2, -3], workers=0))
+{0: 1, 1: 2, 2: 3}
+
+Plain futures are used, nothing of Dask's collections: a file or a range of its row groups is the unit of work, and a
+result is small.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections import deque
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing.connection import wait
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from flinders.errors import LinkError, MissingExtra
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+ATTEMPTS: Final = 3
+"""Workers that a unit of work may cost; as many as Dask allows."""
+AHEAD: Final = 4
+"""Units that a cluster is given for each of its threads before the first of them is done."""
+PATIENCE_S: Final = 10.0
+"""Seconds within which a scheduler has to answer."""
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment of a worker: its matrices are small, and the other cores have workers of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """A unit of work whose worker died each time it was tried.
+
+    Attributes
+    ----------
+    attempts : int
+    """
+
+    attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Raised:
+    """What a worker could not do, in words: exceptions do not all survive the way between processes."""
+
+    words: str
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def map_units(
+    work: Callable[[Unit], Result], units: Sequence[Unit], *, workers: int | None = None, scheduler: str | None = None
+) -> Iterator[tuple[int, Result | Lost]]:
+    """Run a function over units, and yield the place of each and its result, as they are done.
+
+    Parameters
+    ----------
+    work : callable
+        That can be pickled; so can units and results.
+    units : sequence
+    workers : int, optional
+        Processes of this machine, by default one for each core; 0 for none but this one.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``, in place of processes.
+
+    Raises
+    ------
+    LinkError
+        Where there is no scheduler, or it goes away.
+    MissingExtra
+        Where Dask is not installed.
+    RuntimeError
+        Where `work` raises, which it should not.
+    """
+    if scheduler is not None:
+        yield from _on_cluster(work, units, scheduler)
+    elif workers == 0:
+        yield from ((place, work(unit)) for place, unit in enumerate(units))
+    else:
+        yield from _in_processes(work, units, min(workers or cores(), max(len(units), 1)))
+
+
+class _Worker:
+    """A process and the pipe to it; `place` is that of the unit it works on."""
+
+    def __init__(self, work: Callable[[Any], Any]) -> None:
+        context = _context()
+        self.connection, other = context.Pipe()
+        self.process: BaseProcess = context.Process(target=_serve, args=(other, work), daemon=True)
+        with _environment(dict.fromkeys(ONE_THREAD, "1")):
+            self.process.start()
+        other.close()
+        self.place: int | None = None
+
+    def give(self, place: int, unit: object) -> None:
+        """Hand over a unit; where the process is gone, that shows when it is waited for."""
+        self.place = place
+        with contextlib.suppress(OSError):
+            self.connection.send(unit)
+
+    def taken(self) -> Any:  # noqa: ANN401 - what the function returned
+        """The result.
+
+        Raises
+        ------
+        EOFError
+            Where the process is gone.
+        """
+        try:
+            return self.connection.recv()
+        except OSError:
+            raise EOFError from None
+
+    def end(self) -> None:
+        """Let it go; one that does not within a second is killed."""
+        self.connection.close()
+        self.process.join(0.0 if self.place is not None else 1.0)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+        self.process.close()
+
+
+def _context() -> Any:  # noqa: ANN401 - one of several classes
+    """How processes are started: by a server that has imported what they need, where the system has one.
+
+    It is started with the environment of workers and before anything else runs in it, so that forking it is safe, and
+    a worker that takes the place of a dead one is there at once.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["flinders.fleet.work"])
+    return context
+
+
+@contextlib.contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Variables that a process which is started here finds, where nobody has set them."""
+    added = {name: value for name, value in values.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+def _serve(connection: Connection, work: Callable[[Any], Any]) -> None:
+    """What a worker does until the pipe closes, also because the driver is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
+    while True:
+        try:
+            unit = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            result = work(unit)
+        except Exception as error:  # noqa: BLE001 - told to the driver, which raises it
+            import traceback
+
+            result = _Raised("".join(traceback.format_exception(error)))
+        try:
+            connection.send(result)
+        except OSError:
+            return
+
+
+def _in_processes(
+    work: Callable[[Unit], Result], units: Sequence[Unit], count: int
+) -> Iterator[tuple[int, Result | Lost]]:
+    """Keep so many processes busy, and replace those that die."""
+    waiting = deque(range(len(units)))
+    attempts = dict.fromkeys(waiting, 0)
+    workers = [_Worker(work) for _ in range(count)] if units else []
+    try:
+        for worker in workers:
+            worker.give(waiting[0], units[waiting.popleft()])
+        while any(worker.place is not None for worker in workers):
+            busy = {worker.connection: worker for worker in workers if worker.place is not None}
+            for ready in wait(list(busy)):
+                worker = busy[ready]
+                place = worker.place
+                assert place is not None
+                try:
+                    yield place, _checked(worker.taken())
+                    worker.place = None
+                except EOFError:
+                    worker.end()
+                    attempts[place] += 1
+                    if attempts[place] < ATTEMPTS:
+                        waiting.appendleft(place)
+                    else:
+                        yield place, Lost(attempts[place])
+                    workers[workers.index(worker)] = worker = _Worker(work)
+                if waiting:
+                    worker.give(waiting[0], units[waiting.popleft()])
+    finally:
+        for worker in workers:
+            worker.end()
+
+
+def _checked(result: Any) -> Any:  # noqa: ANN401
+    """What a worker returned; what it could not do is raised here."""
+    if isinstance(result, _Raised):
+        raise RuntimeError(f"a worker could not do its work:\n{result.words}")  # noqa: TRY004
+    return result
+
+
+def _on_cluster(
+    work: Callable[[Unit], Result], units: Sequence[Unit], scheduler: str
+) -> Iterator[tuple[int, Result | Lost]]:
+    """Give a cluster as much as it has threads for, and more as results come; a future is released once it is read."""
+    distributed = _distributed()
+    try:
+        client = distributed.Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise LinkError(
+            f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
+        ) from None
+    with client:
+        waiting = iter(range(len(units)))
+        ahead = AHEAD * max(sum(client.nthreads().values()), 1)
+        places = {client.submit(work, units[place], pure=False): place for place in islice(waiting, ahead)}
+        done = distributed.as_completed(list(places), loop=client.loop, raise_errors=False)
+        for future in done:
+            place = places.pop(future)
+            yield place, _of_future(future, scheduler, distributed.scheduler.KilledWorker)
+            future.release()
+            following = next(waiting, None)
+            if following is not None:
+                another = client.submit(work, units[following], pure=False)
+                places[another] = following
+                done.add(another)
+
+
+def _of_future(future: Any, scheduler: str, killed: type[Exception]) -> Any:  # noqa: ANN401
+    """The result of a future.
+
+    Raises
+    ------
+    LinkError
+        Where the scheduler lost it.
+    RuntimeError
+        Where the work raised.
+    """
+    if future.status == "finished":
+        return future.result()
+    if future.status == "error":
+        error = future.exception()
+        if isinstance(error, killed):
+            return Lost(ATTEMPTS)
+        raise RuntimeError(f"a worker of {scheduler} could not do its work: {type(error).__name__}: {error}")
+    raise LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on with --resume")
+
+
+def _distributed() -> Any:  # noqa: ANN401
+    """Import Dask's distributed.
+
+    Raises
+    ------
+    MissingExtra
+        Where it is not installed.
+    """
+    try:
+        import distributed
+        import distributed.scheduler
+    except ImportError:
+        raise MissingExtra("distributed", "fleet", "--scheduler") from None
+    return distributed

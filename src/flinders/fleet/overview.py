@@ -1,0 +1,232 @@
+"""A table of a fleet in the numbers that its report shows, gone through a bounded number of rows at once.
+
+>>> batch_pattern("[0-9]{4}").search("board-2024-17")[0]
+'2024'
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.errors import UsageError
+from flinders.fleet.history import whole_units
+from flinders.fleet.table import needs_arrow
+from flinders.report.fleet_view import Histogram, Overview, Unit
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+
+COLUMNS: Final = (
+    "unit", "recording", "verdict", "code", "message", "method", "worst_deg", "offset", "noise", "radius", "findings",
+    "unit_of_field",
+)  # fmt: skip
+BATCH: Final = "batch"
+"""The column that tells the hardware batch, where there is one."""
+PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
+"""What stands before the last part of a unit's name, which is taken for its batch where nothing tells it."""
+MOST_BATCHES: Final = 2_000
+"""Names that tell more batches than that tell none."""
+LISTED: Final = 50
+RANKS: Final = ("heading error", "offset", "noise")
+"""What the worst units are listed by."""
+
+
+def overview_of(
+    paths: Sequence[str | os.PathLike[str]], *, batch: str | None = None, target_deg: float = 1.0, listed: int = LISTED
+) -> Overview:
+    """Sum a fleet up.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Tables of `flinders fleet`, sorted by unit.
+    batch : str, optional
+        What tells the hardware batch of a unit: a column of the tables, or a regular expression for a part of the
+        unit's name. By default the column ``batch``, or what stands before the last part of the name.
+    target_deg : float
+        The worst heading error that is good enough.
+    listed : int
+        Of the worst units, by each of `RANKS`.
+
+    Raises
+    ------
+    DocumentError
+        For a file that is no table of a fleet, or is not sorted by unit.
+    UsageError
+        For a batch that is neither a column nor a regular expression.
+    """
+    column, pattern = _batch(paths, batch)
+    tally = _Tally(pattern, listed)
+    for table in whole_units(paths, (*COLUMNS, column) if column else COLUMNS):
+        tally.add(table, column)
+    told = f"the column {column}" if column else "the name of the unit" if batch is None else f"{batch!r} in the name"
+    return Overview(
+        tables=tuple(Path(path).name for path in paths),
+        rows=tally.rows,
+        units=tally.units,
+        verdicts=dict(tally.verdicts),
+        heading_deg=tally.heading_deg,
+        offset=tally.offset,
+        noise=tally.noise,
+        field=dict(tally.strengths),
+        findings=dict(tally.findings.most_common()),
+        codes={code: (count, *tally.examples[code]) for code, count in tally.codes.most_common()},
+        methods=dict(tally.methods.most_common()),
+        batches=tally.told_batches(guessed=batch is None and column is None),
+        batch_of=told,
+        worst={rank: tuple(unit for _, unit in tally.worst[rank]) for rank in RANKS},
+        target_deg=target_deg,
+    )
+
+
+def batch_pattern(text: str) -> re.Pattern[str]:
+    """Read a regular expression that tells the batch; its first group, or all of what it finds.
+
+    Raises
+    ------
+    UsageError
+    """
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise UsageError(
+            f"batch {text!r} is neither a column of the table nor a regular expression ({error}): name a column, or "
+            "write what to find in the names of units, such as '^[A-Z]+'"
+        ) from None
+
+
+def _batch(paths: Sequence[str | os.PathLike[str]], batch: str | None) -> tuple[str | None, re.Pattern[str]]:
+    """Column and pattern that tell the batch; the column goes first."""
+    needs_arrow()
+    from pyarrow import parquet
+    from pyarrow.lib import ArrowException
+
+    try:
+        has_column = all((batch or BATCH) in parquet.read_schema(path).names for path in paths)
+    except (OSError, ArrowException):
+        has_column = False  # what is wrong with the file is said where it is read
+    if has_column:
+        return batch or BATCH, PREFIX
+    return None, PREFIX if batch is None else batch_pattern(batch)
+
+
+@dataclass(slots=True)
+class _Tally:
+    """Counts of the rows seen so far."""
+
+    pattern: re.Pattern[str]
+    listed: int
+    rows: int = 0
+    units: int = 0
+    verdicts: Counter[str] = field(default_factory=Counter)
+    heading_deg: Histogram = field(default_factory=lambda: Histogram.over(0.01, 180.0, 60))
+    offset: Histogram = field(default_factory=lambda: Histogram.over(0.01, 100.0, 60))
+    noise: Histogram = field(default_factory=lambda: Histogram.over(1e-4, 1.0, 60))
+    strengths: dict[str, Histogram] = field(default_factory=dict)
+    findings: Counter[str] = field(default_factory=Counter)
+    codes: Counter[str] = field(default_factory=Counter)
+    examples: dict[str, tuple[str, str]] = field(default_factory=dict)
+    methods: Counter[str] = field(default_factory=Counter)
+    batches: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
+    worst: dict[str, list[tuple[float, Unit]]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
+
+    def add(self, table: Any, column: str | None) -> None:  # noqa: ANN401 - pyarrow ships no types
+        """Take in the rows of some units."""
+        units = _texts(table, "unit")
+        verdicts = _texts(table, "verdict")
+        self.rows += len(units)
+        self.units += len(set(units))
+        self.verdicts.update(verdicts)
+        self.methods.update(method for method in _texts(table, "method") if method)
+        self.findings.update(table.column("findings").combine_chunks().flatten().to_pylist())
+        self._add_codes(table, units)
+        self._add_batches(_texts(table, column) if column else [self._batch_of(unit) for unit in units], verdicts)
+        self._add_numbers(table)
+
+    def told_batches(self, *, guessed: bool) -> dict[str, dict[str, int]]:
+        """Rows of each verdict by batch; none where there are too many batches, or the guess tells nothing."""
+        count = len(self.batches)
+        is_told = count <= MOST_BATCHES and (not guessed or 2 <= count <= self.rows / 4)
+        return {name: dict(self.batches[name]) for name in sorted(self.batches)} if is_told else {}
+
+    def _batch_of(self, unit: str) -> str:
+        found = self.pattern.search(unit)
+        return "" if found is None else found[1] if self.pattern.groups else found[0]
+
+    def _add_batches(self, batches: Sequence[str], verdicts: Sequence[str]) -> None:
+        for (batch, verdict), count in Counter(zip(batches, verdicts, strict=True)).items():
+            if batch in self.batches or len(self.batches) <= MOST_BATCHES:
+                self.batches[batch][verdict] += count
+
+    def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401
+        codes, messages = _texts(table, "code"), table.column("message")
+        self.codes.update(code for code in codes if code)
+        for place, code in enumerate(codes):
+            if code and code not in self.examples:
+                self.examples[code] = (units[place], messages[place].as_py() or "")
+
+    def _add_numbers(self, table: Any) -> None:  # noqa: ANN401
+        worst_deg, noise, radius = (_numbers(table, name) for name in ("worst_deg", "noise", "radius"))
+        offset = np.full(len(radius), np.nan)
+        column = table.column("offset").combine_chunks()
+        known = column.is_valid().to_numpy(zero_copy_only=False)
+        offset[known] = np.linalg.norm(np.asarray(column.drop_null().flatten(), float).reshape(-1, 3), axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            shares = {"heading error": np.where(known, worst_deg, np.nan), "offset": offset / radius}
+            shares["noise"] = np.where(known, noise / radius, np.nan)
+        self.heading_deg = self.heading_deg.counted(shares["heading error"])
+        self.offset = self.offset.counted(shares["offset"])
+        self.noise = self.noise.counted(shares["noise"])
+        units = np.array(_texts(table, "unit_of_field"), dtype=object)
+        for name in sorted(set(units[known])):
+            low, high, classes = (10.0, 100.0, 120) if name == "uT" else (1.0, 1e5, 100)
+            counted = self.strengths.get(name, Histogram.over(low, high, classes))
+            self.strengths[name] = counted.counted(radius[known & (units == name)])
+        for rank, numbers in shares.items():
+            self._rank(table, rank, numbers, shares)
+
+    def _rank(self, table: Any, rank: str, numbers: Floats, shares: dict[str, Floats]) -> None:  # noqa: ANN401
+        """Keep the rows with the largest numbers; of equal ones those that come first."""
+        places = np.flatnonzero(np.isfinite(numbers))
+        places = places[np.argsort(-numbers[places], kind="stable")[: self.listed]]
+        kept = self.worst[rank]
+        found = [(float(numbers[place]), place) for place in places.tolist()]
+        if len(kept) >= self.listed:
+            found = [pair for pair in found if pair[0] > kept[-1][0]]
+        added = [(number, _unit(table, place, shares)) for number, place in found]
+        self.worst[rank] = sorted([*kept, *added], key=lambda pair: -pair[0])[: self.listed]
+
+
+def _unit(table: Any, place: int, shares: dict[str, Floats]) -> Unit:  # noqa: ANN401
+    """One row, as it is listed."""
+    row = table.slice(place, 1).to_pylist()[0]
+    texts = {name: row[name] or "" for name in ("unit", "recording", "verdict", "code", "message", "unit_of_field")}
+    return Unit(
+        **texts,
+        worst_deg=float(shares["heading error"][place]),
+        offset=float(shares["offset"][place]),
+        noise=float(shares["noise"][place]),
+        radius=float(row["radius"]),
+        findings=tuple(row["findings"] or ()),
+    )
+
+
+def _texts(table: Any, name: str) -> list[str]:  # noqa: ANN401
+    """Texts of a column, empty for null."""
+    from pyarrow import compute
+
+    texts: list[str] = compute.fill_null(table.column(name).cast("string"), "").to_pylist()
+    return texts
+
+
+def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401
+    return np.array(table.column(name).to_numpy(zero_copy_only=False), dtype=float)

@@ -1,0 +1,362 @@
+r"""What there is to do: recordings cut into partitions, each of which is worked on alone and written as one file.
+
+A partition is some log files, some files of rows, or a range of the row groups of one; it depends on what is there and
+on nothing else, so that a job which is resumed, or run with more workers, does the same partitions. A unit that has
+rows in several of them gets a partition that reads just those and takes just its rows.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> folder = Path(tempfile.mkdtemp())
+>>> for name in ("A17/monday.csv", "A17/friday.csv", "B02/monday.csv", "B02/notes.md"):
+...     (folder / name).parent.mkdir(exist_ok=True)
+...     _ = (folder / name).write_text("x,y,z\n")
+>>> plan = plan_of(str(folder), Asked())
+>>> len(plan.partitions), [key_of(piece.member.name) for piece in plan.partitions[0].pieces][:2], plan.left_out
+(3, [('A17', 'friday.csv')], {'.md': 1})
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections import Counter, defaultdict
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import chain, pairwise
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Final
+
+from flinders.errors import FlindersError, UnreadableInput, UsageError
+from flinders.fleet.store import MAGIC, Member, listed
+from flinders.fleet.table import VERSION
+from flinders.fleet.tables import TABLES, Asked, Keys, extents_of, opened, units_of
+from flinders.readers import READERS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+READABLE: Final = (*{suffix for reader in READERS for suffix in reader.suffixes}, *TABLES)
+"""Endings of files that are taken from a folder; a pattern takes what it names."""
+LARGEST: Final = 1_000_000
+"""Rows that a partition holds in memory, 64 MB with times and what becomes of them."""
+SMALLEST: Final = 100_000
+"""Rows below which small files are put together into one partition."""
+MOST_PIECES: Final = 64
+"""Files in a partition."""
+LEAST_PARTITIONS: Final = 64
+"""Fewer of them, and workers would wait for each other: a small job has small partitions."""
+LOG_BYTES: Final = 1 << 24
+"""Bytes of log files in a partition."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A log file, or some row groups of a file of rows.
+
+    Attributes
+    ----------
+    member : Member
+    groups : tuple of int
+        None of them for a log.
+    rows : int
+        Of the groups.
+    """
+
+    member: Member
+    groups: tuple[int, ...] = ()
+    rows: int = 0
+
+    @property
+    def weight(self) -> int:
+        """What it is to read, in bytes, for the progress bar."""
+        return self.rows * 32 if self.groups else self.member.size
+
+
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """What is worked on at a time.
+
+    Attributes
+    ----------
+    pieces : tuple of Piece
+    only : tuple of str, optional
+        Units that are taken; None for all but `without`.
+    without : tuple of str
+        Units that another partition takes.
+    """
+
+    pieces: tuple[Piece, ...]
+    only: tuple[str, ...] | None = None
+    without: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Rows of all its pieces."""
+        return sum(piece.rows for piece in self.pieces)
+
+    @property
+    def weight(self) -> int:
+        """What it is to read, for the progress bar."""
+        return sum(piece.weight for piece in self.pieces) + 1
+
+    def split(self) -> list[Partition]:
+        """A partition for each piece, to find the one that kills its worker; none where they belong together."""
+        if self.only is not None or len(self.pieces) == 1:
+            return []
+        return [dataclasses.replace(self, pieces=(piece,)) for piece in self.pieces]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """All that is to be done.
+
+    Attributes
+    ----------
+    partitions : tuple of Partition
+    files : int
+        Those that are read.
+    left_out : dict
+        How many files of other kinds there are, by their endings.
+    fingerprint : str
+        Of files, options and release: parts of a run with another one do not belong to this.
+    """
+
+    partitions: tuple[Partition, ...]
+    files: int
+    left_out: dict[str, int]
+    fingerprint: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Surveyed:
+    """A piece of a file of rows with the units between which its own lie."""
+
+    piece: Piece
+    least: str
+    greatest: str
+    keys: Keys
+
+
+def plan_of(where: str, asked: Asked) -> Plan:
+    """Look at what is there, and cut it into partitions.
+
+    Raises
+    ------
+    UnreadableInput
+        Where there is nothing that can be read.
+    UsageError
+        Where no file has the columns that were asked for.
+    """
+    members = listed(where)
+    taken = [member for member in members if MAGIC.search(where) or _is_readable(member.name)]
+    left_out = Counter(PurePosixPath(member.name).suffix or "none" for member in set(members) - set(taken))
+    if not taken:
+        raise UnreadableInput(
+            f"{where}: none of {len(members)} files is a recording: they end in {', '.join(left_out)}"
+        )
+    tables, logs = _sorted_out(taken, asked)
+    by_recording = defaultdict(list)
+    for table in tables:
+        by_recording[table.keys.recording_value].append(table)
+    alike = [_tables(tables, asked) for _, tables in sorted(by_recording.items())]
+    partitions = (*chain.from_iterable(alike), *_logs(logs))
+    return Plan(partitions, len(taken), dict(sorted(left_out.items())), _fingerprint(taken, asked))
+
+
+def _sorted_out(members: Sequence[Member], asked: Asked) -> tuple[list[_Surveyed], list[Piece]]:
+    """Files of rows, and logs: among these also what cannot be opened, which its row will say.
+
+    Raises
+    ------
+    UsageError
+        Where no file has the columns that were asked for.
+    """
+    tables: list[_Surveyed] = []
+    logs: list[Piece] = []
+    refused: list[UsageError] = []
+    for member in members:
+        found: list[_Surveyed] = []
+        try:
+            found = _surveyed(member, asked)
+        except UsageError as error:
+            refused.append(error)
+        except FlindersError:  # said by the worker that fails to read it
+            pass
+        tables += found
+        logs += [] if found else [Piece(member)]
+    if refused and not tables:
+        raise refused[0]
+    return tables, logs
+
+
+def key_of(name: str) -> tuple[str, str]:
+    """Unit and recording of a log file, by where it lies: the first folder is the unit, else the file itself.
+
+    >>> key_of("A17/2026/monday.bin"), key_of("unit=A17/monday.csv"), key_of("A17.csv.gz")
+    (('A17', '2026/monday.bin'), ('A17', 'monday.csv'), ('A17', 'A17.csv.gz'))
+    """
+    parts = PurePosixPath(name).parts
+    if len(parts) == 1:
+        return parts[0].removesuffix(".gz").rpartition(".")[0] or parts[0], parts[0]
+    return parts[0].rpartition("=")[2], "/".join(parts[1:])
+
+
+def _is_readable(name: str) -> bool:
+    return name.lower().endswith(READABLE)
+
+
+def _surveyed(member: Member, asked: Asked) -> list[_Surveyed]:
+    """The pieces of a file of rows; none for a log.
+
+    Raises
+    ------
+    FlindersError
+        Where it cannot be opened, or a column is not there.
+    """
+    if not member.name.lower().endswith(TABLES):
+        return []
+    found = []
+    with opened(member, asked) as file:
+        keys = Keys.of(member.name, file.schema.names, asked)
+        if keys is None:
+            return []
+        extents = extents_of(file, keys)
+        for groups in _ranges(file.groups):
+            piece = Piece(member, groups, sum(file.groups[group] for group in groups))
+            ends = [extents[group] for group in groups]
+            known = [end for end in ends if end is not None]
+            if len(known) < len(ends):
+                units = units_of(file, keys, groups)
+                known = [(min(units, default=""), max(units, default=""))]
+            found.append(_Surveyed(piece, min(known)[0], max(greatest for _, greatest in known), keys))
+    return found
+
+
+def _ranges(rows: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Cut row groups into ranges of up to `LARGEST` rows.
+
+    >>> list(_ranges([600_000, 300_000, 300_000, 2_000_000, 5]))
+    [(0, 1), (2,), (3,), (4,)]
+    """
+    held: list[int] = []
+    for group, count in enumerate(rows):
+        if held and sum(rows[each] for each in held) + count > LARGEST:
+            yield tuple(held)
+            held = []
+        held.append(group)
+    if held:
+        yield tuple(held)
+
+
+def _tables(tables: Sequence[_Surveyed], asked: Asked) -> Iterator[Partition]:
+    """Partitions of files of rows: first what lies in one piece, then the units that lie in several."""
+    across = _across(tables, asked)
+    shared = defaultdict(list)
+    for unit, places in across.items():
+        for place in places:
+            shared[place].append(unit)
+    alone = [
+        (table.piece, tuple(sorted(shared[place])))
+        for place, table in enumerate(tables)
+        if table.keys.unit or not shared[place]
+    ]
+    for pieces in _packed([piece for piece, _ in alone]):
+        first = next(place for place, (piece, _) in enumerate(alone) if piece is pieces[0])
+        without = {unit for _, units in alone[first : first + len(pieces)] for unit in units}
+        yield Partition(tuple(pieces), without=tuple(sorted(without)))
+    together = defaultdict(list)
+    for unit, places in sorted(across.items()):
+        together[places].append(unit)
+    yield from _gathered(together, tables)
+
+
+def _packed(pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
+    """Put small pieces together, in order."""
+    held: list[Piece] = []
+    enough = min(SMALLEST, sum(piece.rows for piece in pieces) // LEAST_PARTITIONS)
+    for piece in pieces:
+        rows = sum(each.rows for each in held)
+        if held and (len(held) >= MOST_PIECES or rows >= enough or rows + piece.rows > LARGEST):
+            yield held
+            held = []
+        held.append(piece)
+    if held:
+        yield held
+
+
+def _gathered(together: dict[tuple[int, ...], list[str]], tables: Sequence[_Surveyed]) -> Iterator[Partition]:
+    """Partitions of units that lie in several pieces: each as many units as are likely to fit into memory."""
+    held: list[str] = []
+    places: set[int] = set()
+    for own, units in together.items():
+        rows = sum(tables[place].piece.rows for place in own)
+        stacks = -(-rows // LARGEST) if len(units) > 1 else 1
+        for stack in range(stacks):
+            some = units[stack::stacks]
+            if held and sum(tables[place].piece.rows for place in places | set(own)) > SMALLEST:
+                yield Partition(tuple(tables[place].piece for place in sorted(places)), only=tuple(sorted(held)))
+                held, places = [], set()
+            held += some
+            places |= set(own)
+    if held:
+        yield Partition(tuple(tables[place].piece for place in sorted(places)), only=tuple(sorted(held)))
+
+
+def _across(tables: Sequence[_Surveyed], asked: Asked) -> dict[str, tuple[int, ...]]:
+    """Units that have rows in several pieces, and in which."""
+    found: dict[str, tuple[int, ...]] = {}
+    for cluster in _overlapping(tables):
+        row = [tables[place] for place in cluster]
+        follow = all(one.greatest <= two.least for one, two in pairwise(row))
+        if follow:  # only the last of one can be the first of the next
+            held = {place: {tables[place].least, tables[place].greatest} for place in cluster}
+        else:
+            held = {place: _units(tables[place], asked) for place in cluster}
+        places = defaultdict(list)
+        for place in sorted(cluster):
+            for unit in held[place]:
+                places[unit].append(place)
+        found |= {unit: tuple(each) for unit, each in places.items() if len(each) > 1}
+    return found
+
+
+def _overlapping(tables: Sequence[_Surveyed]) -> Iterator[list[int]]:
+    """Pieces whose ranges of units have something in common, from the least unit on."""
+    cluster: list[int] = []
+    greatest = ""
+    for place in sorted(range(len(tables)), key=lambda place: (tables[place].least, tables[place].greatest)):
+        if cluster and tables[place].least > greatest:
+            yield cluster
+            cluster = []
+        greatest = max(greatest, tables[place].greatest) if cluster else tables[place].greatest
+        cluster.append(place)
+    yield from [cluster] if cluster else []
+
+
+def _units(table: _Surveyed, asked: Asked) -> set[str]:
+    with opened(table.piece.member, asked) as file:
+        return units_of(file, table.keys, table.piece.groups)
+
+
+def _logs(pieces: Sequence[Piece]) -> Iterator[Partition]:
+    """Partitions of log files, in order."""
+    held: list[Piece] = []
+    most = min(MOST_PIECES, max(len(pieces) // LEAST_PARTITIONS, 1))
+    for piece in pieces:
+        if held and (len(held) >= most or sum(each.weight for each in held) + piece.weight > LOG_BYTES):
+            yield Partition(tuple(held))
+            held = []
+        held.append(piece)
+    if held:
+        yield Partition(tuple(held))
+
+
+def _fingerprint(members: Sequence[Member], asked: Asked) -> str:
+    """A hash of all that a result follows from."""
+    told = {
+        "members": [dataclasses.astuple(member) for member in members],
+        "asked": dataclasses.asdict(asked),
+        "versions": (version("flinders"), VERSION),
+    }
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,380 @@
+r"""A whole run: planned, worked on partition by partition, each committed as it is done, and put together at the end.
+
+Beside the table that is asked for, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds what is
+done: a file for each partition, which appears under its name when it is complete, and the plan that they belong to.
+Whoever starts again with `resume` does what is missing; the table is the same to the last byte, also for another number
+of workers. The folder goes when the table is there.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from flinders.fleet.tables import Asked
+>>> folder = Path(tempfile.mkdtemp())
+>>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n")
+>>> told = run(str(folder), folder / "calibrations.parquet", Asked(), workers=0)
+>>> told.rows, told.verdicts, told.codes
+(1, {'refused': 1}, {'too-few-samples': 1})
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import secrets
+import shutil
+import time
+from collections import Counter
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.errors import OutputError, UsageError
+from flinders.files import reason, refuse_existing, write_bytes, write_text
+from flinders.fleet import work
+from flinders.fleet.engine import Lost, map_units
+from flinders.fleet.log import Log
+from flinders.fleet.plan import Partition, Plan, plan_of
+from flinders.fleet.table import GROUP, KEY, TEXTS, VERDICTS, Rows, needs_arrow, schema
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from flinders.fleet.tables import Asked
+
+PLAN: Final = "plan.json"
+LEVEL: Final = 3
+"""Of compression: the settings of the writer are fixed, so that the same rows are the same bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What came of a run, as it stands in the table, and how it went.
+
+    Attributes
+    ----------
+    output : str
+    files, partitions : int
+    units, rows, readings : int
+        Units, their recordings, which are the rows of the table, and readings.
+    verdicts, codes, findings, units_of_field : dict
+        How many rows there are of each verdict, error code, finding and unit of field.
+    worst_deg : dict
+        ``median``, ``p95`` and ``largest`` of the worst heading error of those that are good or limited.
+    left_out : dict
+        Files of other kinds, by their endings.
+    resumed : int
+        Partitions that an earlier run had done.
+    retried : int
+        Partitions that were taken apart because their workers died.
+    seconds : float
+    """
+
+    output: str
+    files: int
+    partitions: int
+    units: int
+    rows: int
+    readings: int
+    verdicts: dict[str, int]
+    codes: dict[str, int]
+    findings: dict[str, int]
+    units_of_field: dict[str, int]
+    worst_deg: dict[str, float]
+    left_out: dict[str, int]
+    polish: bool
+    resumed: int
+    retried: int
+    seconds: float
+
+    @property
+    def is_whole(self) -> bool:
+        """Every recording has a calibration."""
+        return not self.codes
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready fields."""
+        fields = {name: getattr(self, name) for name in self.__slots__}
+        return {**fields, "units_per_s": self.units / self.seconds if self.seconds else None}
+
+
+def run(
+    where: str,
+    out: str | os.PathLike[str],
+    asked: Asked,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    force: bool = False,
+    log: Log | None = None,
+    watch: Callable[[int, int, int], None] | None = None,
+) -> Told:
+    """Calibrate a fleet.
+
+    Parameters
+    ----------
+    where : str
+        A folder, a pattern, a file or a URL, as `flinders.fleet.store.listed`.
+    out : str or path
+        The Parquet file to write.
+    asked : Asked
+        How recordings are read, and what fits are held against.
+    workers, scheduler
+        As `flinders.fleet.engine.map_units`.
+    resume : bool
+        Go on with what an earlier run, which did not come to its end, has left.
+    force : bool
+        Write over `out`, and over what an earlier run has left.
+    log : Log, optional
+    watch : callable, optional
+        Called with the work done so far, all there is, and the rows so far.
+
+    Raises
+    ------
+    UnreadableInput
+        Where there is nothing to read.
+    UsageError
+        Where what an earlier run has left is in the way, or is of another run.
+    OutputError
+        Where results cannot be written; what is done by then stays done.
+    LinkError
+        For a scheduler that is not there.
+    """
+    begun = time.monotonic()
+    log = log or Log()
+    needs_arrow()
+    refuse_existing(out, force=force)
+    plan = plan_of(where, asked)
+    parts = Parts.of(out, plan, resume=resume, force=force)
+    missing = [place for place in range(len(plan.partitions)) if not parts.path(place).exists()]
+    resumed = len(plan.partitions) - len(missing)
+    log.event("planned", input=where, files=plan.files, partitions=len(plan.partitions), resumed=resumed)
+    retried = 0
+    with _kept(parts):
+        weights = [partition.weight for partition in plan.partitions]
+        finished, rows = sum(weights) - sum(weights[place] for place in missing), 0
+        for place, content, was_lost in _results(plan, missing, asked, workers, scheduler):
+            parts.commit(place, content)
+            count = len(Rows.from_bytes(content))
+            finished, rows, retried = finished + weights[place], rows + count, retried + was_lost
+            log.event("partition", place=place, rows=count, lost=was_lost)
+            if watch is not None:
+                watch(finished, sum(weights), rows)
+        merge([parts.path(place) for place in range(len(plan.partitions))], out)
+    parts.remove()
+    told = _told(out, plan, asked, resumed=resumed, retried=retried, seconds=time.monotonic() - begun)
+    log.event("done", rows=told.rows, verdicts=told.verdicts, codes=told.codes, seconds=round(told.seconds, 3))
+    return told
+
+
+@contextlib.contextmanager
+def _kept(parts: Parts) -> Iterator[None]:
+    """Say of a result that cannot be written what is left of the work.
+
+    Raises
+    ------
+    OutputError
+    """
+    try:
+        yield
+    except OutputError as error:
+        done = sum(1 for _ in parts.folder.glob("part-*.arrow"))
+        raise OutputError(f"{error}. {done} partitions are done, and kept: go on with --resume") from None
+
+
+def _results(
+    plan: Plan, missing: Sequence[int], asked: Asked, workers: int | None, scheduler: str | None
+) -> Iterator[tuple[int, bytes, bool]]:
+    """Each missing partition with its rows, and whether its workers died: such a one is taken apart at the end."""
+    do = partial(work.done, asked=asked)
+    partitions = [plan.partitions[place] for place in missing]
+    lost = []
+    for place, result in map_units(do, partitions, workers=workers, scheduler=scheduler):
+        if isinstance(result, Lost):
+            lost.append((missing[place], result))
+        else:
+            yield missing[place], result, False
+    for place, loss in sorted(lost, key=lambda each: each[0]):
+        yield place, _apart(plan.partitions[place], loss, do, workers, scheduler), True
+
+
+def _apart(
+    partition: Partition,
+    loss: Lost,
+    do: Callable[[Partition], bytes],
+    workers: int | None,
+    scheduler: str | None,
+) -> bytes:
+    """The rows of a partition that cost its workers, file by file: only those of the guilty file are lost."""
+    smaller = partition.split()
+    rows = [] if smaller else [Rows.of(work.lost(partition, loss.attempts))]
+    for place, result in map_units(do, smaller, workers=workers, scheduler=scheduler):
+        own = work.lost(smaller[place], result.attempts) if isinstance(result, Lost) else None
+        rows.append(Rows.of(own) if own is not None else Rows.from_bytes(result))  # type: ignore[arg-type]
+    return Rows.joined(rows).sorted().to_bytes()
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The folder of what is done.
+
+    Attributes
+    ----------
+    folder : Path
+    """
+
+    folder: Path
+
+    @classmethod
+    def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Parts:
+        """Make it, or find it again.
+
+        Raises
+        ------
+        UsageError
+            Where it is there and nobody said what to do about it, or belongs to another plan.
+        OutputError
+            Where it cannot be made.
+        """
+        parts = cls(Path(f"{os.fspath(out)}.parts"))
+        if parts.folder.exists() and not resume and not force:
+            raise UsageError(
+                f"{parts.folder} holds what an earlier run has done: go on with --resume, or begin again with --force"
+            )
+        try:
+            if parts.folder.exists() and not resume:
+                shutil.rmtree(parts.folder)
+            parts.folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{parts.folder}: cannot be written: {reason(error)}") from None
+        parts._agree(plan)
+        return parts
+
+    def _agree(self, plan: Plan) -> None:
+        """Keep the plan, or see that it is the one that is kept.
+
+        Raises
+        ------
+        UsageError
+            Where it is another.
+        """
+        path = self.folder / PLAN
+        with contextlib.suppress(OSError, ValueError):
+            if json.loads(path.read_text(encoding="utf-8"))["fingerprint"] == plan.fingerprint:
+                return
+        if any(self.folder.glob("part-*.arrow")):
+            raise UsageError(
+                f"{self.folder} is of a run with other files, options or another release: name those again, or begin "
+                "again with --force and without --resume"
+            )
+        held = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
+        write_text(json.dumps(held) + "\n", path, force=True)
+
+    def path(self, place: int) -> Path:
+        """Where the rows of a partition are, once they are there."""
+        return self.folder / f"part-{place:07d}.arrow"
+
+    def commit(self, place: int, content: bytes) -> None:
+        """Write the rows of a partition, all of them or none.
+
+        Raises
+        ------
+        OutputError
+            Where they cannot be written.
+        """
+        write_bytes(content, self.path(place), force=True)
+
+    def remove(self) -> None:
+        """Take it away; what cannot be taken away does no harm."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
+    """Put files of rows together, in the order of `KEY`, into one of Parquet that appears when it is complete.
+
+    Rows are taken from the mapped files a row group at a time: what is in memory is their keys.
+
+    Raises
+    ------
+    OutputError
+        Where it cannot be written.
+    """
+    arrow = needs_arrow()
+    from pyarrow import compute
+
+    tables = [arrow.ipc.open_file(arrow.memory_map(str(part))).read_all() for part in parts]
+    whole = arrow.concat_tables([schema().empty_table(), *tables])
+    order = compute.sort_indices(whole.select(KEY), sort_keys=[(name, "ascending") for name in KEY])
+    target = Path(os.path.realpath(out))
+    temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            _write(whole, order, file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {reason(error)}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+
+
+def _write(whole: Any, order: Any, file: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
+    """Write rows in an order, a row group at a time."""
+    from pyarrow import parquet
+
+    options: dict[str, Any] = {
+        "compression": "zstd",
+        "compression_level": LEVEL,
+        "version": "2.6",
+        "use_dictionary": [*TEXTS, "findings.list.element"],
+    }
+    with parquet.ParquetWriter(file, schema(), **options) as writer:
+        for start in range(0, len(order), GROUP):
+            writer.write_table(whole.take(order.slice(start, GROUP)).combine_chunks(), row_group_size=GROUP)
+
+
+def _told(out: str | os.PathLike[str], plan: Plan, asked: Asked, *, resumed: int, retried: int, seconds: float) -> Told:
+    """Read back what was written, without the long columns, and count."""
+    from pyarrow import parquet
+
+    names = ["unit", "readings", "verdict", "code", "worst_deg", "findings", "unit_of_field"]
+    table = parquet.read_table(out, columns=names)
+    verdict = np.array(table.column("verdict").to_pylist(), dtype=object)
+    counts = Counter(verdict.tolist())
+    worst = np.array(table.column("worst_deg").to_numpy(), dtype=float)[np.isin(verdict, VERDICTS[:2])]
+    worst = worst[np.isfinite(worst)]
+    places = zip(("median", "p95", "largest"), np.percentile(worst, [50, 95, 100]) if len(worst) else (), strict=False)
+    codes = Counter(table.column("code").to_pylist())
+    del codes[""]
+    found: Counter[str] = Counter()
+    for batch in table.column("findings").chunks:
+        found.update(batch.flatten().to_pylist())
+    kinds = Counter(table.column("unit_of_field").to_pylist())
+    del kinds[""]
+    return Told(
+        output=os.fspath(out),
+        files=plan.files,
+        partitions=len(plan.partitions),
+        units=len(set(table.column("unit").to_pylist())),
+        rows=table.num_rows,
+        readings=int(np.sum(table.column("readings").to_numpy())),
+        verdicts={name: counts[name] for name in VERDICTS if counts[name]},
+        codes=dict(sorted(codes.items(), key=_most_first)),
+        findings=dict(sorted(found.items(), key=_most_first)),
+        units_of_field=dict(sorted(kinds.items(), key=_most_first)),
+        worst_deg={name: float(value) for name, value in places},
+        left_out=plan.left_out,
+        polish=asked.polish,
+        resumed=resumed,
+        retried=retried,
+        seconds=seconds,
+    )
+
+
+def _most_first(counted: tuple[str, int]) -> tuple[int, str]:
+    return -counted[1], counted[0]

@@ -1,0 +1,440 @@
+"""The table of a fleet: a row for each recording of each unit, with its calibration or the reason why there is none.
+
+>>> from flinders import fitting, simulate
+>>> tumble = simulate.tumble(seed=1).samples
+>>> row = Row.of_fit(fitting.fit(tumble), "A17", start_s=0.0, end_s=60.0, readings=len(tumble))
+>>> row.verdict, row.code, len(row.covariance)
+('good', '', 45)
+>>> rows = Rows.of([Row(unit="B02", verdict="failed", code="unreadable"), row]).sorted()
+>>> rows.unit.tolist(), rows.verdict.tolist(), rows.offset.shape
+(['A17', 'B02'], ['good', 'failed'], (2, 3))
+>>> back = Rows.from_arrow(rows.to_arrow())
+>>> back.code.tolist(), bool(np.array_equal(back.covariance, rows.covariance, equal_nan=True))
+(['', 'unreadable'], True)
+
+What is not known is NaN here and null in Arrow and Parquet.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.errors import DocumentError, FlindersError, MissingExtra
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+    from flinders.result import Fit
+
+TEXTS: Final = ("unit", "recording", "verdict", "code", "message", "method", "unit_of_field")
+"""Columns of text."""
+COUNTS: Final = ("readings", "used")
+"""Columns of whole numbers."""
+NUMBERS: Final = ("start_s", "end_s", "worst_deg", "rms_deg", "dip_deg", "noise", "radius", "coverage")
+"""Columns of a number that may be missing."""
+LISTS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
+"""Columns of so many numbers, which are missing together."""
+UPPER: Final = np.triu_indices(9)
+"""Where the 45 numbers of a covariance stand in its nine rows."""
+KEY: Final = ("unit", "recording", "start_s")
+"""What the table is sorted by."""
+VERSION: Final = "1"
+"""Of the columns, in the metadata of a file."""
+GROUP: Final = 65_536
+"""Rows in a row group of a file."""
+LONGEST: Final = 500
+"""Characters of a message that are kept."""
+
+
+def _missing(length: int) -> tuple[float, ...]:
+    return (math.nan,) * length
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What came of one recording of one unit.
+
+    Attributes
+    ----------
+    unit : str
+        Which sensor or vehicle.
+    recording : str
+        Which of its recordings; empty where it has one that has no name.
+    start_s, end_s : float, s
+        Times of its first and last reading, since 1970 where the recording has such times; NaN without.
+    readings, used : int
+        Those there are, and those that the fit used.
+    verdict : str
+        ``good``, ``limited``, ``refused``, or ``failed`` where it could not be read or calculated at all.
+    code, message : str
+        Of the error of a refused or failed one, else empty.
+    method : str
+        What was run in the end.
+    worst_deg, rms_deg : float
+        Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
+    dip_deg : float
+    offset : 3 float, in `unit_of_field`
+    matrix : 9 float
+        Row by row.
+    covariance : 45 float
+        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.covariance`: its upper triangle, row by row.
+    noise, radius : float, in `unit_of_field`
+        Of the readings about the ellipsoid; strength of the corrected field.
+    coverage : float
+        Share of the sphere that was seen.
+    findings : tuple of str
+        Their codes, the gravest first.
+    unit_of_field : str
+        ``uT`` or ``counts``.
+    """
+
+    unit: str
+    recording: str = ""
+    start_s: float = math.nan
+    end_s: float = math.nan
+    readings: int = 0
+    used: int = 0
+    verdict: str = "failed"
+    code: str = ""
+    message: str = ""
+    method: str = ""
+    worst_deg: float = math.nan
+    rms_deg: float = math.nan
+    dip_deg: float = math.nan
+    offset: tuple[float, ...] = _missing(3)
+    matrix: tuple[float, ...] = _missing(9)
+    covariance: tuple[float, ...] = _missing(45)
+    noise: float = math.nan
+    radius: float = math.nan
+    coverage: float = math.nan
+    findings: tuple[str, ...] = ()
+    unit_of_field: str = ""
+
+    @classmethod
+    def of_fit(
+        cls,
+        fit: Fit,
+        unit: str,
+        *,
+        recording: str = "",
+        start_s: float = math.nan,
+        end_s: float = math.nan,
+        readings: int = 0,
+    ) -> Self:
+        """What is known of a fit; one that is refused gives no calibration.
+
+        Parameters
+        ----------
+        fit : Fit
+        unit, recording, start_s, end_s, readings
+            As the attributes.
+        """
+        given = fit.verdict != "refused"
+        error = fit.heading_error_deg
+        gravest = fit.findings[0] if fit.findings and not given else None
+        return cls(
+            unit=unit,
+            recording=recording,
+            start_s=start_s,
+            end_s=end_s,
+            readings=readings,
+            used=int(fit.samples),
+            verdict=fit.verdict,
+            code="" if given else "refused",
+            message="" if gravest is None else gravest.advice[:LONGEST],
+            method=fit.method,
+            worst_deg=float(error.worst),
+            rms_deg=float(error.rms),
+            dip_deg=float(error.dip_deg),
+            offset=tuple(fit.calibration.offset.tolist()) if given else _missing(3),
+            matrix=tuple(fit.calibration.matrix.ravel().tolist()) if given else _missing(9),
+            covariance=tuple(fit.covariance[UPPER].tolist()) if given else _missing(45),
+            noise=float(fit.noise),
+            radius=float(fit.calibration.field_strength) if given else math.nan,
+            coverage=float(fit.coverage.fraction),
+            findings=tuple(finding.code for finding in fit.findings),
+            unit_of_field=fit.calibration.unit,
+        )
+
+    @classmethod
+    def of_error(
+        cls,
+        error: Exception,
+        unit: str,
+        *,
+        recording: str = "",
+        start_s: float = math.nan,
+        end_s: float = math.nan,
+        readings: int = 0,
+        unit_of_field: str = "",
+    ) -> Self:
+        """What an error says: a fit that was refused, readings without one, or a file that could not be read.
+
+        >>> from flinders.errors import TooFewSamples
+        >>> row = Row.of_error(TooFewSamples(found=5, needed=10, method="likelihood"), "A17", readings=5)
+        >>> row.verdict, row.code, row.message[:18]
+        ('refused', 'too-few-samples', '5 usable readings,')
+        """
+        fit = getattr(error, "fit", None)
+        if fit is not None:
+            return cls.of_fit(fit, unit, recording=recording, start_s=start_s, end_s=end_s, readings=readings)
+        code, message = "internal", f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
+        if isinstance(error, FlindersError):
+            code, message = error.code, str(error)
+        return cls(
+            unit=unit,
+            recording=recording,
+            start_s=start_s,
+            end_s=end_s,
+            readings=readings,
+            verdict="refused" if isinstance(error, FlindersError) and error.exit_code == 4 else "failed",
+            code=code,
+            message=" ".join(message.split())[:LONGEST],
+            unit_of_field=unit_of_field,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Many rows, column by column: (R,) arrays by the names of `Row`, and (R, K) ones for its lists."""
+
+    unit: NDArray[np.object_]
+    recording: NDArray[np.object_]
+    start_s: Floats
+    end_s: Floats
+    readings: NDArray[np.int64]
+    used: NDArray[np.int64]
+    verdict: NDArray[np.object_]
+    code: NDArray[np.object_]
+    message: NDArray[np.object_]
+    method: NDArray[np.object_]
+    worst_deg: Floats
+    rms_deg: Floats
+    dip_deg: Floats
+    offset: Floats
+    matrix: Floats
+    covariance: Floats
+    noise: Floats
+    radius: Floats
+    coverage: Floats
+    findings: NDArray[np.object_]
+    unit_of_field: NDArray[np.object_]
+
+    @classmethod
+    def of(cls, rows: Sequence[Row]) -> Self:
+        """Lay rows out in columns."""
+        return cls(**{name: _column(name, [getattr(row, name) for row in rows]) for name in NAMES})
+
+    @classmethod
+    def joined(cls, parts: Iterable[Rows]) -> Self:
+        """Put tables below each other."""
+        tables = list(parts)
+        if not tables:
+            return cls.of(())
+        return cls(**{name: np.concatenate([getattr(part, name) for part in tables]) for name in NAMES})
+
+    def __len__(self) -> int:
+        return len(self.unit)
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{count:,} {verdict}" for verdict, count in self.verdicts().items())
+        return f"Rows({told or 'empty'})"
+
+    def __getitem__(self, rows: slice | NDArray[Any] | Sequence[int]) -> Self:
+        """Take some rows."""
+        return type(self)(**{name: getattr(self, name)[rows] for name in NAMES})
+
+    def row(self, place: int) -> Row:
+        """One of them."""
+        return Row(**{name: _cell(getattr(self, name)[place]) for name in NAMES})
+
+    def verdicts(self) -> dict[str, int]:
+        """How many there are of each verdict, the best first; none of those that there are none of."""
+        return {name: count for name in VERDICTS if (count := int(np.count_nonzero(self.verdict == name)))}
+
+    def sorted(self) -> Self:
+        """In the order of `KEY`, those without a time last."""
+        start = np.where(np.isnan(self.start_s), np.inf, self.start_s).tolist()
+        keys = list(zip(self.unit.tolist(), self.recording.tolist(), start, strict=True))
+        return self[np.array(sorted(range(len(keys)), key=keys.__getitem__), dtype=np.intp)]
+
+    def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
+        """As a table of Arrow.
+
+        Raises
+        ------
+        MissingExtra
+            Where pyarrow is not installed.
+        """
+        arrow = needs_arrow()
+        arrays = [_array(arrow, name, getattr(self, name)) for name in NAMES]
+        return arrow.Table.from_arrays(arrays, schema=schema())
+
+    @classmethod
+    def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
+        """From a table of Arrow that has the columns of `schema`.
+
+        Raises
+        ------
+        DocumentError
+            Where columns are missing.
+        """
+        missing = [name for name in NAMES if name not in table.column_names]
+        if missing:
+            raise DocumentError(
+                f"this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
+            )
+        return cls(**{name: _from_arrow(name, table.column(name)) for name in NAMES})
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a Parquet file of `flinders fleet`.
+
+        Raises
+        ------
+        DocumentError
+            For what is none.
+        """
+        needs_arrow()
+        from pyarrow import parquet
+        from pyarrow.lib import ArrowException
+
+        try:
+            table = parquet.read_table(path)
+        except (OSError, ArrowException) as error:
+            raise DocumentError(f"{path}: cannot be read as a table of a fleet ({error})") from None
+        return cls.from_arrow(table)
+
+    def to_bytes(self) -> bytes:
+        """As an Arrow file: what a worker hands back."""
+        arrow = needs_arrow()
+        table = self.to_arrow()
+        sink = arrow.BufferOutputStream()
+        with arrow.ipc.new_file(sink, table.schema) as writer:
+            writer.write_table(table)
+        return bytes(sink.getvalue().to_pybytes())
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Self:
+        """From `to_bytes`."""
+        return cls.from_arrow(needs_arrow().ipc.open_file(content).read_all())
+
+
+NAMES: Final = tuple(field.name for field in dataclasses.fields(Rows))
+"""The columns, in order."""
+VERDICTS: Final = ("good", "limited", "refused", "failed")
+"""From the best to the worst."""
+
+
+def needs_arrow() -> Any:  # noqa: ANN401
+    """Import pyarrow, which the table of a fleet is written with.
+
+    Raises
+    ------
+    MissingExtra
+        Where it is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.ipc
+    except ImportError:
+        raise MissingExtra("pyarrow", "fleet", "the table of a fleet") from None
+    return pyarrow
+
+
+def schema() -> Any:  # noqa: ANN401
+    """Columns and types of the table in Arrow and Parquet."""
+    arrow = needs_arrow()
+    kinds = {
+        **dict.fromkeys(TEXTS, arrow.string()),
+        **dict.fromkeys(COUNTS, arrow.int64()),
+        **dict.fromkeys(NUMBERS, arrow.float64()),
+        **{name: arrow.list_(arrow.float64(), length) for name, length in LISTS.items()},
+        "findings": arrow.list_(arrow.string()),
+    }
+    return arrow.schema([(name, kinds[name]) for name in NAMES], metadata={"flinders.fleet": VERSION})
+
+
+def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:
+    """One column of rows."""
+    if name in LISTS:
+        return np.array(cells, dtype=float).reshape(len(cells), LISTS[name])
+    if name in NUMBERS:
+        return np.array(cells, dtype=float)
+    if name in COUNTS:
+        return np.array(cells, dtype=np.int64)
+    return objects(cells)
+
+
+def objects(cells: Sequence[Any]) -> NDArray[np.object_]:
+    """(R,) array of texts, or of tuples of them."""
+    column = np.empty(len(cells), dtype=object)
+    for place, cell in enumerate(cells):  # a slice would take tuples of one length for rows of a matrix
+        column[place] = cell
+    return column
+
+
+def _cell(cell: Any) -> Any:  # noqa: ANN401
+    if isinstance(cell, np.ndarray):
+        return tuple(cell.tolist())
+    return cell.item() if isinstance(cell, np.generic) else cell
+
+
+def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
+    """One column as Arrow, null for what is not known."""
+    if name in NUMBERS:
+        return arrow.array(column, mask=np.isnan(column))
+    if name in LISTS:
+        flat = arrow.array(np.ascontiguousarray(column, dtype=float).ravel())
+        missing = arrow.array(np.isnan(column).all(axis=1))
+        return arrow.FixedSizeListArray.from_arrays(flat, LISTS[name], mask=missing)
+    if name in COUNTS:
+        return arrow.array(column)
+    cells = [list(cell) for cell in column] if name == "findings" else column.tolist()
+    return arrow.array(cells, type=schema().field(name).type)
+
+
+def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
+    """One column from Arrow, NaN for null."""
+    column = column.combine_chunks()
+    if name in LISTS:
+        return _list(column, LISTS[name])
+    if name in NUMBERS:
+        return np.array(column.to_numpy(zero_copy_only=False), dtype=float)
+    if name in COUNTS:
+        return np.array(column.to_numpy(zero_copy_only=False), dtype=np.int64)
+    cells = column.to_pylist()
+    return objects([tuple(cell or ()) for cell in cells] if name == "findings" else [cell or "" for cell in cells])
+
+
+def _list(column: Any, length: int) -> Floats:  # noqa: ANN401
+    """(R, length) from a column of lists."""
+    found = np.full((len(column), length), np.nan)
+    known = np.asarray(column.is_valid())
+    found[known] = np.asarray(column.drop_null().flatten(), dtype=float).reshape(-1, length)
+    return found
+
+
+def told(rows: ArrayLike) -> str:
+    """Median, 95th percentile and largest of numbers, for a line; what is not known is left out.
+
+    >>> told([0.1, 0.2, 0.9, np.nan])
+    'median 0.20, 95 % below 0.83, largest 0.90'
+    """
+    from flinders.errors import figures
+
+    known = np.asarray(rows, dtype=float)
+    known = known[np.isfinite(known)]
+    if not len(known):
+        return "none"
+    middle, most, largest = (figures(float(value)) for value in np.percentile(known, [50, 95, 100]))
+    return f"median {middle}, 95 % below {most}, largest {largest}"

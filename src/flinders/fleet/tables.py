@@ -1,0 +1,407 @@
+r"""Parquet and Arrow files whose rows are readings of many units: how they are opened, and which rows are whose.
+
+>>> import tempfile
+>>> import pyarrow
+>>> from pyarrow import parquet
+>>> columns = {"unit": ["A17", "A17", "B02"], "x_uT": [1.0, 2.0, 3.0], "y_uT": [4.0, 5.0, 6.0], "z_uT": [7.0, 8.0, 9.0]}
+>>> path = tempfile.mkdtemp() + "/fleet.parquet"
+>>> parquet.write_table(pyarrow.table(columns), path)
+>>> with opened(store.Member("fleet.parquet", path, 0), Asked()) as file:
+...     table = KeyedTable.of(file, Asked())
+...     [(numbers, values)] = table.batches((0,), names := Names())
+...     file.groups, extents_of(file, table.keys), [names.pair(number) for number in numbers.tolist()], values.shape
+((3,), [('A17', 'B02')], [('A17', ''), ('A17', ''), ('B02', '')], (3, 3))
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.axes import Axes
+from flinders.errors import UsageError
+from flinders.fleet import store
+from flinders.fleet.table import needs_arrow
+from flinders.readers._extras import reading
+from flinders.readers._names import STRENGTH, TIME
+from flinders.readers._source import File
+from flinders.readers._table import open_table
+from flinders.readers.parquet import table_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.fleet.store import Member
+    from flinders.readers import TableRecording
+    from flinders.samples import Samples
+
+PARQUET: Final = (".parquet", ".pq")
+ARROW: Final = (".arrow", ".feather")
+TABLES: Final = PARQUET + ARROW
+UNIT_COLUMNS: Final = (
+    "unit", "unit_id", "device", "device_id", "serial", "serial_number", "vehicle", "vehicle_id", "sensor_id",
+)  # fmt: skip
+"""What a column is called that says which unit a row is of, where nobody says."""
+RECORDING_COLUMNS: Final = ("recording", "recording_id", "session", "session_id", "log", "log_id", "date")
+"""The same for which recording of it."""
+HALF: Final = 32
+"""Bits of the number of a recording, below those of its unit."""
+BUFFER: Final = 1 << 20
+"""Bytes of a column that are read at a time: a row group may hold any number of rows."""
+BATCH: Final = 65_536
+"""Rows that are converted at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """How recordings are to be read, and what their fits are held against; as the options of `flinders fleet`.
+
+    Attributes
+    ----------
+    columns, unit, scale, axes, sensor, as_logged
+        As `flinders.open_recording`.
+    unit_column, recording_column : str, optional
+        Of a table: which column, or part ``name=value`` of its path, says whose reading a row is.
+    target_deg, dip_deg : float
+        As `flinders.fit`.
+    polish : bool
+        Go through the readings again; without, sums are all that is used.
+    """
+
+    columns: str | None = None
+    unit: str | None = None
+    scale: float | None = None
+    axes: str = "x,y,z"
+    sensor: str | None = None
+    as_logged: bool = False
+    unit_column: str | None = None
+    recording_column: str | None = None
+    target_deg: float = 1.0
+    dip_deg: float = 60.0
+    polish: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Tabular:
+    """An open file of rows.
+
+    Attributes
+    ----------
+    name, kind : str
+        For messages.
+    schema : pyarrow.Schema
+    groups : tuple of int
+        Rows of each row group or record batch.
+    batches : callable
+        Yields record batches of some groups and columns.
+    extents : callable
+        Least and greatest value of a column in each group, None where the file does not say.
+    """
+
+    name: str
+    kind: str
+    schema: Any
+    groups: tuple[int, ...]
+    batches: Callable[[Sequence[int], list[str]], Iterator[Any]]
+    extents: Callable[[str], list[tuple[str, str] | None]]
+
+
+@contextlib.contextmanager
+def opened(member: Member, asked: Asked) -> Iterator[Tabular]:
+    """Open a Parquet or Arrow file, here or in a store.
+
+    Raises
+    ------
+    UnreadableInput
+        For a file that is gone, broken or cut short.
+    """
+    needs_arrow()
+    with store.opened(member) as where:
+        if member.name.lower().endswith(PARQUET):
+            yield _parquet(member.name, where, asked)
+        else:
+            yield _arrow(member.name, where)
+
+
+def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
+    """Open Parquet; keys are kept as the dictionaries that they were written as."""
+    from pyarrow import parquet
+
+    bounded = {"buffer_size": BUFFER, "pre_buffer": False}
+    with reading(name, "a Parquet table"):
+        file = parquet.ParquetFile(where, **bounded)
+        keys = Keys.of(name, file.schema_arrow.names, asked)
+        texts = [column for column in (keys.unit, keys.recording) if column] if keys else []
+        if texts:
+            file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
+        metadata = file.metadata
+        groups = tuple(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
+
+    def batches(wanted: Sequence[int], columns: list[str]) -> Iterator[Any]:
+        with reading(name, "a Parquet table"):
+            yield from file.iter_batches(BATCH, row_groups=list(wanted), columns=columns)
+
+    def extents(column: str) -> list[tuple[str, str] | None]:
+        place = metadata.schema.to_arrow_schema().get_field_index(column)
+        return [_extent(metadata.row_group(group).column(place).statistics) for group in range(len(groups))]
+
+    return Tabular(name, "Parquet", file.schema_arrow, groups, batches, extents)
+
+
+def _extent(statistics: Any) -> tuple[str, str] | None:  # noqa: ANN401
+    """Least and greatest text of a row group; None where it is not known, or numbers would be in another order."""
+    if statistics is None or not statistics.has_min_max or statistics.null_count:
+        return None
+    if not isinstance(statistics.min, str):
+        return (str(statistics.min),) * 2 if statistics.min == statistics.max else None
+    return statistics.min, statistics.max
+
+
+def _arrow(name: str, where: Any) -> Tabular:  # noqa: ANN401
+    import pyarrow
+    from pyarrow import ipc
+
+    with reading(name, "an Arrow file"):
+        file = ipc.open_file(pyarrow.memory_map(where) if isinstance(where, str) else where)
+        groups = tuple(file.get_batch(number).num_rows for number in range(file.num_record_batches))
+
+    def batches(wanted: Sequence[int], columns: list[str]) -> Iterator[Any]:
+        with reading(name, "an Arrow file"):
+            for number in wanted:
+                batch = file.get_batch(number).select(columns)
+                batch.validate(full=True)
+                yield from (batch.slice(start, BATCH) for start in range(0, batch.num_rows, BATCH))
+
+    return Tabular(name, "Arrow", file.schema, groups, batches, lambda _: [None] * len(groups))
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """Where a table says whose reading a row is.
+
+    Attributes
+    ----------
+    unit, recording : str
+        The columns; empty where the path says it, or nothing does.
+    unit_value, recording_value : str
+        What the path says.
+    """
+
+    unit: str = ""
+    recording: str = ""
+    unit_value: str = ""
+    recording_value: str = ""
+
+    @classmethod
+    def of(cls, name: str, columns: Sequence[str], asked: Asked) -> Self | None:
+        """Find them in the names of columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
+
+        >>> Keys.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Asked())
+        Keys(unit='', recording='', unit_value='7', recording_value='2026-11-21')
+        """
+        in_path = dict(part.split("=", 1) for part in Path(name).parts[:-1] if "=" in part)
+        unit, unit_value = _key(in_path, columns, asked.unit_column, UNIT_COLUMNS, name)
+        recording, recording_value = _key(in_path, columns, asked.recording_column, RECORDING_COLUMNS, name)
+        return cls(unit, recording, unit_value, recording_value) if unit or unit_value else None
+
+
+def _key(
+    in_path: dict[str, str], columns: Sequence[str], asked: str | None, usual: Sequence[str], name: str
+) -> tuple[str, str]:
+    """The column that holds a key, or its value in the path.
+
+    Raises
+    ------
+    UsageError
+        Where the one that was asked for is in neither.
+    """
+    lowered = {column.casefold(): column for column in reversed(columns)}
+    for wanted in usual if asked is None else (asked,):
+        if wanted in in_path:
+            return "", in_path[wanted]
+        if wanted.casefold() in lowered:
+            return lowered[wanted.casefold()], ""
+    if asked is not None:
+        raise UsageError(f"{name} has no column {asked}: there are {', '.join(columns[:24])}")
+    return "", ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyedTable:
+    """A table of readings of units.
+
+    Attributes
+    ----------
+    file : Tabular
+    keys : Keys
+    recording : TableRecording
+        Knows which columns are what, the unit and the axes.
+    """
+
+    file: Tabular
+    keys: Keys
+    recording: TableRecording
+
+    @classmethod
+    def of(cls, file: Tabular, asked: Asked) -> Self:
+        """Recognise the columns.
+
+        Raises
+        ------
+        NoMagnetometer
+            Where none, or not clearly three, are the magnetometer.
+        UsageError
+            Where no column says which unit a row is of, and for columns and units that cannot be.
+        """
+        names = list(file.schema.names)
+        keys = Keys.of(file.name, names, asked)
+        if keys is None:
+            raise UsageError(
+                f"{file.name} does not say which unit a row is of: need a column such as unit or serial, or name it "
+                f"with --unit-column; there are {', '.join(names[:24])}"
+            )
+        every = range(len(file.groups))
+        table = table_of(
+            file.kind,
+            _without(file.schema, keys),
+            sum(file.groups),
+            lambda names: file.batches(every, names),
+            file.name,
+        )
+        recording = open_table(
+            File(file.name, Path(file.name), 0),
+            table,
+            columns=asked.columns,
+            unit=asked.unit,
+            scale=asked.scale,
+            axes=Axes.of(asked.axes),
+        )
+        recording.columns = recording.columns.only(TIME, STRENGTH)
+        return cls(file, keys, recording)
+
+    @property
+    def start_s(self) -> float:
+        """What is taken off the times of this file, s."""
+        time = self.recording.columns.time
+        return 0.0 if time is None else time.start * time.factor
+
+    def batches(self, groups: Sequence[int], names: Names) -> Iterator[tuple[NDArray[np.int64], Floats]]:
+        """Yield whose rows they are (B,), numbered by `names`, and values (B, K), of some groups in order."""
+        latest = np.empty(0, dtype=np.int64)
+
+        def through(columns: list[str]) -> Iterator[Any]:
+            nonlocal latest
+            keys = filter(None, (self.keys.unit, self.keys.recording))
+            for batch in self.file.batches(groups, sorted({*columns, *keys})):
+                latest = self._numbers(batch, names)
+                yield batch
+
+        table = table_of(self.file.kind, self.schema, 0, through, self.file.name)
+        for values in table.rows(self.recording.columns.cells):
+            yield latest, values
+
+    def counts(self, groups: Sequence[int], names: Names) -> Counter[tuple[str, str]]:
+        """How many rows each recording of each unit has in some groups, from the columns of keys alone."""
+        found: Counter[tuple[str, str]] = Counter()
+        columns = [*filter(None, (self.keys.unit, self.keys.recording))]
+        if not columns:
+            pair = self.keys.unit_value, self.keys.recording_value
+            return Counter({pair: sum(self.file.groups[group] for group in groups)})
+        for batch in self.file.batches(groups, columns):
+            numbers, rows = np.unique(self._numbers(batch, names), return_counts=True)
+            found.update(dict(zip(map(names.pair, numbers.tolist()), rows.tolist(), strict=True)))
+        return found
+
+    def samples(self, values: Floats, source: str) -> Samples:
+        """Readings of values (N, K)."""
+        known = self.recording
+        return known.columns.samples(values, unit=known.unit, axes=known.axes, source=source)
+
+    @property
+    def schema(self) -> Any:  # noqa: ANN401
+        """The columns that are no keys."""
+        return _without(self.file.schema, self.keys)
+
+    def _numbers(self, batch: Any, names: Names) -> NDArray[np.int64]:  # noqa: ANN401
+        """(B,) numbers of the pairs of unit and recording of each row."""
+        units = _numbered(batch, self.keys.unit, self.keys.unit_value, names)
+        return units << HALF | _numbered(batch, self.keys.recording, self.keys.recording_value, names)
+
+
+class Names:
+    """Texts and their numbers, in the order in which they were met; a pair of them is one number.
+
+    >>> names = Names()
+    >>> pair = names.number("A17") << HALF | names.number("monday")
+    >>> names.pair(pair)
+    ('A17', 'monday')
+    """
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, int] = {}
+        self._texts: list[str] = []
+
+    def number(self, text: str) -> int:
+        """The number of a text, a new one for a new text."""
+        number = self._numbers.setdefault(text, len(self._texts))
+        if number == len(self._texts):
+            self._texts.append(text)
+        return number
+
+    def pair(self, number: int) -> tuple[str, str]:
+        """Unit and recording of a number."""
+        return self._texts[number >> HALF], self._texts[number & (1 << HALF) - 1]
+
+
+def extents_of(file: Tabular, keys: Keys) -> list[tuple[str, str] | None]:
+    """Least and greatest unit in each group, where the file or its path says so."""
+    if not keys.unit:
+        return [(keys.unit_value, keys.unit_value)] * len(file.groups)
+    return file.extents(keys.unit)
+
+
+def units_of(file: Tabular, keys: Keys, groups: Sequence[int]) -> set[str]:
+    """The units of some groups, from their column alone."""
+    if not keys.unit:
+        return {keys.unit_value}
+    found: set[str] = set()
+    for batch in file.batches(groups, [keys.unit]):
+        texts, places = _dictionary(batch, keys.unit)
+        found.update(texts[place] for place in np.unique(places).tolist())
+    return found
+
+
+def _without(schema: Any, keys: Keys) -> Any:  # noqa: ANN401
+    """The columns of a schema that are no keys."""
+    return needs_arrow().schema([field for field in schema if field.name not in {keys.unit, keys.recording}])
+
+
+def _numbered(batch: Any, column: str, value: str, names: Names) -> NDArray[np.int64]:  # noqa: ANN401
+    """(B,) numbers of a column of texts, or of the one text that the path says."""
+    if not column:
+        return np.full(batch.num_rows, names.number(value), dtype=np.int64)
+    texts, places = _dictionary(batch, column)
+    numbers: NDArray[np.int64] = np.array([names.number(text) for text in texts], dtype=np.int64)
+    return numbers[places]
+
+
+def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:  # noqa: ANN401
+    """The texts of a column, each once, and (B,) which of them each row has; a null is the empty text."""
+    arrow = needs_arrow()
+    array = batch.column(batch.schema.get_field_index(column))
+    if not arrow.types.is_dictionary(array.type):
+        array = array.cast(arrow.string()).dictionary_encode()
+    held = array.dictionary.to_pylist()
+    texts = ["" if text is None else str(text) for text in held]
+    places = array.indices
+    if places.null_count:
+        places, texts = places.fill_null(len(texts)), [*texts, ""]
+    return texts, places.to_numpy(zero_copy_only=False)

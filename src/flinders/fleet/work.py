@@ -1,0 +1,466 @@
+r"""One partition: its readings in, its rows out. Nothing that is wrong with a unit or a file ends the job.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from flinders.fleet.plan import plan_of
+>>> folder = Path(tempfile.mkdtemp())
+>>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n"), (folder / "B02.csv").write_text("nothing\n")
+>>> asked = Asked()
+>>> rows = Rows.joined(Rows.from_bytes(done(each, asked=asked)) for each in plan_of(str(folder), asked).partitions)
+>>> list(zip(rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()))
+[('A17', 'refused', 'too-few-samples'), ('B02', 'failed', 'unreadable')]
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from flinders import fitting
+from flinders.errors import FlindersError, InputError, UnitError
+from flinders.estimators.kept import concatenated
+from flinders.fleet import store
+from flinders.fleet.plan import LARGEST, Partition, Piece, key_of
+from flinders.fleet.table import LONGEST, NAMES, Row, Rows, objects
+from flinders.fleet.tables import Asked, KeyedTable, Names, opened
+from flinders.readers import open_log
+from flinders.samples import Joined, Samples, frame_of
+from flinders.stacked import fit_stack
+from flinders.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.axes import Axes
+    from flinders.readers import Instrument, Log
+    from flinders.samples import Recording
+    from flinders.units import Unit
+
+Pair = tuple[str, str]
+
+
+class LostWorker(InputError):
+    """A file whose reading or fitting ends the worker that does it, time and again (`attempts`)."""
+
+    code = "lost-worker"
+
+    def __init__(self, name: str, attempts: int) -> None:
+        self.attempts = attempts
+        super().__init__(
+            f"{name}: {attempts} workers died of it, one after the other: left out. Fit it by itself with flinders "
+            "calibrate, and look at the memory of the machine"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """One recording of one unit, ready to be fitted.
+
+    Attributes
+    ----------
+    unit, recording : str
+    source : Recording
+    readings : int
+        Rows that there are of it, those that cannot be used too.
+    start_s : float, s
+        What the times of `source` count from; NaN where that is not known.
+    """
+
+    unit: str
+    recording: str
+    source: Recording
+    readings: int
+    start_s: float = 0.0
+
+
+def done(partition: Partition, *, asked: Asked) -> bytes:
+    """Work on a partition, and give its rows, sorted, as the bytes of an Arrow file.
+
+    Parameters
+    ----------
+    partition : Partition
+    asked : Asked
+    """
+    rows = _of_tables(partition, asked) if partition.pieces[0].groups else _of_logs(partition, asked)
+    return rows.sorted().to_bytes()
+
+
+def lost(partition: Partition, attempts: int) -> list[Row]:
+    """The rows of a partition that no worker survives: those of its units where they are known, else of its files."""
+    error = LostWorker(", ".join(piece.member.name for piece in partition.pieces), attempts)
+    if partition.only is not None:
+        return [Row.of_error(error, unit) for unit in partition.only]
+    return [_failed(piece, LostWorker(piece.member.name, attempts)) for piece in partition.pieces]
+
+
+def fitted(jobs: Sequence[Job], asked: Asked) -> Rows:
+    """Fit recordings: those in memory together, each with the numbers that `flinders.fit` gives it by itself.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    asked : Asked
+        Of which the target, the dip and whether to polish count.
+    """
+    held = [job for job in jobs if isinstance(job.source, Samples)]
+    others = [_row(job, asked) for job in jobs if not isinstance(job.source, Samples)]
+    return Rows.joined([_together(held, asked), Rows.of(others)])
+
+
+def _together(jobs: Sequence[Job], asked: Asked) -> Rows:
+    """Fit recordings in memory as stacks; one by one, should that fail for any reason."""
+    if not jobs:
+        return Rows.of(())
+    sources = [job.source for job in jobs]
+    try:
+        columns = fit_stack(
+            cast("list[Samples]", sources), target_deg=asked.target_deg, dip_deg=asked.dip_deg, polish=asked.polish
+        )
+    except Exception:  # noqa: BLE001 - the others are not to go without for one of them
+        return Rows.of([_row(job, asked) for job in jobs])
+    spans = [_span(job) for job in jobs]
+    own = {
+        "unit": objects([job.unit for job in jobs]),
+        "recording": objects([job.recording for job in jobs]),
+        "start_s": np.array([start for start, _ in spans]),
+        "end_s": np.array([end for _, end in spans]),
+        "readings": np.array([job.readings or len(job.source) for job in jobs], dtype=np.int64),  # type: ignore[arg-type]
+        "message": objects([" ".join(message.split())[:LONGEST] for message in columns.message]),
+    }
+    return Rows(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
+
+
+def _span(job: Job) -> tuple[float, float]:
+    """Times of the first and the last reading of what is in memory."""
+    time = getattr(job.source, "time", None)
+    if time is None or not len(time):
+        return math.nan, math.nan
+    return job.start_s + float(time[0]), job.start_s + float(time[-1])
+
+
+def _row(job: Job, asked: Asked) -> Row:
+    """Fit one, whatever comes of it."""
+    watched = Watched(job.source)
+    source: Recording | Summary = watched
+    options: dict[str, Any] = {"target_deg": asked.target_deg, "dip_deg": asked.dip_deg}
+    told: dict[str, Any] = {"recording": job.recording}
+    try:
+        if isinstance(job.source, Samples):
+            source = job.source
+            watched.see(job.source)
+        if not asked.polish:
+            source = Summary.of(source) if isinstance(source, Samples) else Summary.through(watched)
+            options |= {"method": "consistent", "unit": job.source.unit, "axes": job.source.axes}
+        fit = fitting.fit(source, **options)
+    except Exception as error:  # noqa: BLE001 - whatever one recording of a million does, the others are fitted
+        told |= {**watched.span(job.start_s), "readings": job.readings or watched.rows}
+        return Row.of_error(error, job.unit, unit_of_field=job.source.unit.inside, **told)
+    told |= {**watched.span(job.start_s), "readings": job.readings or watched.rows}
+    return Row.of_fit(fit, job.unit, **told)
+
+
+class Watched:
+    """A recording, and how many readings it had from when to when, once it was gone through.
+
+    Attributes
+    ----------
+    recording : Recording
+    rows : int
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self.source = recording, recording.source
+        self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.rows, self._first, self._last = 0, math.nan, math.nan
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through it."""
+        self._begin()
+        for block in self.recording.blocks():
+            self.see(block)
+            yield block
+
+    def see(self, block: Samples) -> None:
+        """Take note of a block."""
+        self.rows += len(block)
+        if block.time is not None and len(block):
+            self._first = float(block.time[0]) if math.isnan(self._first) else self._first
+            self._last = float(block.time[-1])
+
+    def span(self, start_s: float) -> dict[str, float]:
+        """Times of the first and the last reading."""
+        return {"start_s": start_s + self._first, "end_s": start_s + self._last}
+
+
+def _failed(piece: Piece, error: Exception) -> Row:
+    """The row of a file that cannot be read."""
+    if piece.groups:
+        return Row.of_error(error, "", recording=piece.member.name)
+    unit, recording = key_of(piece.member.name)
+    return Row.of_error(error, unit, recording=recording)
+
+
+def _of_logs(partition: Partition, asked: Asked) -> Rows:
+    """The rows of log files."""
+    with contextlib.ExitStack() as copies:
+        found = [_log(piece, asked, copies) for piece in partition.pieces]
+        failed = Rows.of([row for row in found if isinstance(row, Row)])
+        return Rows.joined([failed, fitted([job for job in found if isinstance(job, Job)], asked)])
+
+
+def _log(piece: Piece, asked: Asked, copies: contextlib.ExitStack) -> Job | Row:
+    """Open a log file; a copy of one from a store stays until the fits are done."""
+    unit, recording = key_of(piece.member.name)
+    try:
+        log = open_log(
+            copies.enter_context(store.fetched(piece.member)),
+            columns=asked.columns,
+            unit=asked.unit,
+            scale=asked.scale,
+            axes=asked.axes,
+            as_logged=asked.as_logged,
+        )
+        begun = 0.0 if log.begun is None else log.begun.timestamp()
+        return Job(unit, recording, _short(_instrument(log, asked)), 0, begun)
+    except Exception as error:  # noqa: BLE001 - as in `_row`: one file of a million
+        return _failed(piece, error)
+
+
+def _instrument(log: Log, asked: Asked) -> Instrument:
+    """The magnetometer that is meant, by default the first."""
+    return log.instruments[0] if asked.sensor is None else log.sensor(asked.sensor)
+
+
+def _short(source: Recording) -> Recording:
+    """A recording of one block as what is in it; a longer one as it is."""
+    blocks = source.blocks()
+    first = next(blocks, None)
+    return source if first is None or next(blocks, None) is not None else first
+
+
+def _of_tables(partition: Partition, asked: Asked) -> Rows:
+    """The rows of files of rows; those with more than `LARGEST` rows are gone through several times."""
+    if partition.rows <= LARGEST:
+        return _taken(partition, asked)
+    counts: Counter[Pair] = Counter()
+    for piece in partition.pieces:
+        try:
+            with opened(piece.member, asked) as file:
+                counts += KeyedTable.of(file, asked).counts(piece.groups, Names())
+        except FlindersError:  # its row comes with the first of what fits into memory
+            continue
+    wanted = {pair: rows for pair, rows in sorted(counts.items()) if _is_wanted(partition, pair[0])}
+    stacks = _stacks({pair: rows for pair, rows in wanted.items() if rows <= LARGEST}) or [set()]
+    found = [_taken(partition, asked, some.__contains__, is_first=some is stacks[0]) for some in stacks]
+    streamed = [_streamed(partition, pair, rows, asked) for pair, rows in wanted.items() if rows > LARGEST]
+    return Rows.joined([*found, Rows.of(streamed)])
+
+
+def of_table(table: KeyedTable, partition: Partition, asked: Asked) -> Rows:
+    """The rows of one table that is in memory, of which a partition says what is taken."""
+    parts = _parts(table, partition.pieces[0], Wanted(partition))
+    return fitted([Job(*pair, part.samples, part.rows, part.start_s) for pair, part in parts], asked)
+
+
+def _is_wanted(partition: Partition, unit: str) -> bool:
+    return unit not in partition.without if partition.only is None else unit in partition.only
+
+
+def _stacks(counts: dict[Pair, int]) -> list[set[Pair]]:
+    """Recordings in sets that fit into memory.
+
+    >>> [len(some) for some in _stacks({("A", ""): 600_000, ("B", ""): 300_000, ("C", ""): 300_000})]
+    [2, 1]
+    """
+    stacks: list[set[Pair]] = []
+    room = 0
+    for pair, rows in counts.items():
+        if rows > room:
+            stacks.append(set())
+            room = LARGEST
+        stacks[-1].add(pair)
+        room -= rows
+    return stacks
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """The readings that one piece has of a recording."""
+
+    samples: Samples
+    rows: int
+    start_s: float
+
+
+def _taken(
+    partition: Partition, asked: Asked, is_taken: Callable[[Pair], bool] | None = None, *, is_first: bool = True
+) -> Rows:
+    """Read what is taken of a partition into memory, and fit it."""
+    wanted = Wanted(partition, is_taken)
+    parts: dict[Pair, list[_Part]] = defaultdict(list)
+    failed: list[Row] = []
+    for piece in partition.pieces:
+        try:
+            with opened(piece.member, asked) as file:
+                for pair, part in _parts(KeyedTable.of(file, asked), piece, wanted):
+                    parts[pair].append(part)
+        except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
+            failed += [_failed(piece, error)] if is_first else []
+    jobs = [_gathered(pair, each) for pair, each in sorted(parts.items())]
+    rows = [job for job in jobs if isinstance(job, Row)]
+    return Rows.joined([Rows.of(failed + rows), fitted([job for job in jobs if isinstance(job, Job)], asked)])
+
+
+class Wanted:
+    """Which rows are taken, by the number of their unit and recording.
+
+    Parameters
+    ----------
+    partition : Partition
+        Says which units.
+    is_taken : callable, optional
+        Says which of these, by unit and recording; by default all.
+    """
+
+    def __init__(self, partition: Partition, is_taken: Callable[[Pair], bool] | None = None) -> None:
+        self.names = Names()
+        self._partition, self._is_taken = partition, is_taken
+        self._known: dict[int, bool] = {}
+
+    def mask(self, numbers: Any) -> Any:  # noqa: ANN401 - arrays
+        """(B,) which of these rows are taken."""
+        distinct, places = np.unique(numbers, return_inverse=True)
+        return np.array([self._one(number) for number in distinct.tolist()], dtype=bool)[places]
+
+    def _one(self, number: int) -> bool:
+        if number not in self._known:
+            pair = self.names.pair(number)
+            self._known[number] = _is_wanted(self._partition, pair[0]) and (
+                self._is_taken is None or self._is_taken(pair)
+            )
+        return self._known[number]
+
+
+def _parts(table: KeyedTable, piece: Piece, wanted: Wanted) -> Iterator[tuple[Pair, _Part]]:
+    """What a piece has of each recording, in the order of its rows."""
+    columns = table.recording.columns
+    field = [columns.cells.index(cell) for cell in columns.field.cells]
+    numbers: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
+    values: list[Floats] = [np.empty((0, len(columns.cells)))]
+    for own, block in table.batches(piece.groups, wanted.names):
+        mask = wanted.mask(own)
+        whole = mask.all()
+        numbers.append(own if whole else own[mask])
+        values.append(block if whole else block[mask])
+    every, read = np.concatenate(numbers), np.concatenate(values)
+    del numbers, values
+    order = None if _is_grouped(every) else np.argsort(every, kind="stable")
+    if order is not None:
+        every, read = every[order], read[order]
+    usable = np.isfinite(read[:, field]).all(axis=1)
+    samples = table.samples(read if usable.all() else read[usable], piece.member.name)
+    ends = np.append(np.flatnonzero(np.diff(every)) + 1, len(every))
+    before = np.concatenate([[0], np.cumsum(usable)])
+    start = 0
+    for end in ends.tolist() if len(every) else ():
+        pair = wanted.names.pair(int(every[start]))
+        own_samples = samples[before[start] : before[end]]
+        yield pair, _Part(replace(own_samples, source=" ".join(filter(None, pair))), end - start, table.start_s)
+        start = end
+
+
+def _is_grouped(numbers: Any) -> bool:  # noqa: ANN401
+    """Whether the rows of each recording lie together."""
+    firsts = numbers[np.concatenate([[True], np.diff(numbers) != 0])] if len(numbers) else numbers
+    return len(np.unique(firsts)) == len(firsts)
+
+
+def _gathered(pair: Pair, parts: Sequence[_Part]) -> Job | Row:
+    """One recording from what several pieces have of it, in the order of time where they have times."""
+    rows = sum(part.rows for part in parts)
+    if len(parts) == 1:
+        return Job(*pair, parts[0].samples, rows, parts[0].start_s)
+    try:
+        Joined(tuple(part.samples for part in parts))
+    except UnitError as error:
+        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
+    start = min(part.start_s for part in parts)
+    later = [_moved(part.samples, part.start_s - start) for part in parts]
+    whole = concatenated(later, later[0])
+    if whole.time is not None and np.isfinite(whole.time).all() and (np.diff(whole.time) < 0.0).any():
+        whole = whole[np.argsort(whole.time, kind="stable").tolist()]
+    return Job(*pair, whole, rows, start)
+
+
+def _moved(samples: Samples, seconds: float) -> Samples:
+    """Samples on another clock."""
+    return samples if samples.time is None or not seconds else replace(samples, time=samples.time + seconds)
+
+
+def _streamed(partition: Partition, pair: Pair, rows: int, asked: Asked) -> Row:
+    """Fit a recording of more rows than are held in memory, going through its files as often as that takes."""
+    try:
+        source = Streamed.of(partition, pair, asked)
+    except Exception as error:  # noqa: BLE001 - as in `_row`
+        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
+    return _row(Job(*pair, source, rows, source.start_s), asked)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Streamed:
+    """A recording that is read from files of rows each time it is gone through.
+
+    Attributes
+    ----------
+    partition : Partition
+        The files.
+    pair : (str, str)
+        Unit and recording.
+    asked : Asked
+    unit : Unit
+    axes : Axes
+    start_s : float, s
+        What its times count from.
+    """
+
+    partition: Partition
+    pair: Pair
+    asked: Asked
+    unit: Unit
+    axes: Axes
+    start_s: float
+
+    @classmethod
+    def of(cls, partition: Partition, pair: Pair, asked: Asked) -> Streamed:
+        """Look at the first file."""
+        with opened(partition.pieces[0].member, asked) as file:
+            table = KeyedTable.of(file, asked)
+            return cls(partition, pair, asked, table.recording.unit, table.recording.axes, table.start_s)
+
+    @property
+    def source(self) -> str:
+        """Unit and recording."""
+        return " ".join(filter(None, self.pair))
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through its readings."""
+        for piece in self.partition.pieces:
+            wanted = Wanted(self.partition, self.pair.__eq__)
+            with opened(piece.member, self.asked) as file:
+                table = KeyedTable.of(file, self.asked)
+                for numbers, values in table.batches(piece.groups, wanted.names):
+                    mask = wanted.mask(numbers)
+                    if mask.any():
+                        samples = table.samples(values[mask], self.source)
+                        yield _moved(samples, table.start_s - self.start_s)

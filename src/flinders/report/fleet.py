@@ -1,0 +1,294 @@
+"""A fleet as one HTML file: what to do first, then how good its compasses are, and what was refused and why.
+
+The file needs nothing else: no server, no network, and no script but that of the button for light and dark. Tables are
+sorted by choosing one of several orders, which a browser does without a script. What comes from files is escaped, and a
+Content-Security-Policy lets nothing run but the page's own script. Its size does not grow with the fleet.
+
+>>> advice("saturated")
+'choose a larger range of the sensor, or move it away from magnets'
+>>> when(1.7e9), when(float("nan"))
+('2023-11-14', '–')
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.errors import counted, figures
+from flinders.report import fleet_figures as drawing
+from flinders.report.colours import variables
+from flinders.report.fleet_view import STATES
+from flinders.report.script import asset, joined
+from flinders.report.text import degrees
+from flinders.units import label
+from flinders.verdict import CODES
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from jinja2 import Template
+
+    from flinders.report.fleet_view import Drift, Overview, UnitDrift
+
+START: Final = "m0.theming(() => {});"
+VERDICTS: Final = {
+    "good": "good",
+    "limited": "good with limits",
+    "refused": "refused: no calibration",
+    "failed": "failed: could not be read",
+}
+FAIR: Final = 0.02
+"""Share of recordings without a calibration up to which a fleet is called good."""
+
+ADVICE: Final = {
+    "one-plane": "turn the sensor about its other axes too, onto its side and upside down",
+    "level-plane": "keep the vehicle level, or turn the sensor onto its sides and upside down too",
+    "heading-error": "turn the sensor through all directions and record for longer, or ask for less",
+    "coverage": "turn the sensor so that the unseen directions are seen too",
+    "noise": "record away from iron and currents, with nothing magnetic moving near; check the columns",
+    "rings": "turn the sensor about one more axis",
+    "prior": "turn the sensor through more directions, or trust that soft iron is mild",
+    "bias": "nothing, unless many units have it: then the sensor is not linear",
+    "inflation": "turn the sensor further: the readings lie on a small patch",
+    "field-changed": "keep currents and everything magnetic as they will be, let the sensor warm up, record again",
+    "structure": "nothing: the heading error allows for it",
+    "few-samples": "record for longer, turning all the time",
+    "correlated": "nothing: the heading error allows for it",
+    "alternating": "record one sensor alone: readings of two take turns",
+    "strays": "look for what passed by, a cable that moved, or bits lost on the way",
+    "saturated": "choose a larger range of the sensor, or move it away from magnets",
+    "stale-repeats": "nothing: log no faster than the sensor measures",
+    "time-back": "check the clock and the order of the recordings",
+    "time-gap": "nothing, unless the sensor was turned meanwhile",
+    "skipped-rows": "check the sensor, its cable and what was saved",
+    "axis-ratio": "check the unit and scale of each axis, and iron close to the sensor",
+    "field-strength": "check the unit; or record away from iron",
+    "unit-unknown": "give the unit or the scale of the readings",
+    "scale-unknown": "nothing: headings do not depend on it",
+    "rotation-unknown": "nothing, if the sensor is mounted square to the vehicle",
+    "mirrored-axes": "check the mapping of the axes",
+    "unreadable": "check whether the file is whole, and of a kind that is read",
+    "no-magnetometer": "name the columns of the magnetometer",
+    "too-few-samples": "record for longer, turning all the time",
+    "stuck-axis": "check the sensor and its wiring: an axis never changes",
+    "unmoved": "turn the sensor while recording",
+    "not-an-ellipsoid": "turn the sensor upside down and onto each of its sides",
+    "undetermined": "turn the sensor about more of its axes",
+    "out-of-scale": "check the unit and the columns",
+    "internal": "report it: this is a fault in Flinders",
+}
+"""What to do about findings and errors that a fleet has many of; docs/findings.md has all of them."""
+
+
+def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str] = ()) -> str:
+    """Write a fleet as one HTML file.
+
+    Parameters
+    ----------
+    overview : Overview
+        Of the table.
+    drift : Drift, optional
+        How its units changed.
+    notes : sequence of str
+        What else to know, in sentences.
+    """
+    style, script = _style(), f"\n{joined('plain.js')}\n{START}\n"
+    made = datetime.now(UTC)
+    return _template().render(
+        overview=overview,
+        drift=drift,
+        notes=list(notes),
+        outcome=_outcome(overview, drift),
+        numbers=_numbers(overview, drift),
+        units=None if drift is None else _orders(drift),
+        steps=() if drift is None else drift.steps,
+        states=[] if drift is None else [(name, drift.states[name], words) for name, words in STATES.items()],
+        figures=_figures(overview, drift),
+        verdicts=[(name, overview.verdicts.get(name, 0), words) for name, words in VERDICTS.items()],
+        worst=[(rank, units) for rank, units in overview.worst.items() if units],
+        findings=[(code, count, _meaning(code), advice(code)) for code, count in overview.findings.items()],
+        codes=[(code, *told, advice(code)) for code, told in overview.codes.items()],
+        shown_batches=len(drawing.shown_batches(overview.batches)),
+        odd_batches=sorted(drawing.standing_out(overview.batches)),
+        date=f"{made.day} {made:%B %Y, %H:%M %Z}",
+        release=version("flinders"),
+        style=style,
+        script=script,
+        style_hash=_hash(style),
+        script_hash=_hash(script),
+    ) + "\n"  # fmt: skip
+
+
+def advice(code: str) -> str:
+    """Say what to do about a finding or an error; empty where that is said elsewhere."""
+    return ADVICE.get(code, "")
+
+
+def when(seconds: float) -> str:
+    """Write the day of a time since 1970; what began at zero is no date."""
+    if not math.isfinite(seconds):
+        return "–"
+    if not 1e8 < seconds < 2e10:
+        return f"{figures(seconds, 4)} s"
+    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d}"
+
+
+def chance(p_value: float) -> str:
+    """How often chance makes as much.
+
+    >>> chance(3e-20), chance(0.0312), chance(2.5e-6)
+    ('< 1e-12', '0.031', '2.5e-06')
+    """
+    return "< 1e-12" if p_value < 1e-12 else f"{p_value:.2g}"
+
+
+# ------------------------------------------------------------------------------------------------------------- words
+
+
+def _outcome(overview: Overview, drift: Drift | None) -> dict[str, str]:
+    """What matters most, in a title and a sentence."""
+    lost = overview.verdicts.get("refused", 0) + overview.verdicts.get("failed", 0)
+    share = lost / overview.rows if overview.rows else 1.0
+    calibrated = f"{counted(overview.rows - lost, 'recording')} of {overview.rows:,} gave a calibration"
+    median = overview.heading_deg.quantile(0.5)
+    typical = f"; half of them are good to {degrees(median)} of heading or better" if math.isfinite(median) else ""
+    if drift is None:
+        verdict = "good" if share <= FAIR else "limited"
+        return {
+            "verdict": verdict, "what": "Compasses of a fleet", "title": f"{1.0 - share:.1%} calibrated",
+            "sentence": f"{calibrated}{typical}.",
+        }  # fmt: skip
+    urgent = drift.states["recalibrate"]
+    moved = f" {counted(drift.step_units, 'unit')} had something moved near the sensor." if drift.step_units else ""
+    title = f"{counted(urgent, 'unit')} to recalibrate" if urgent else "None to recalibrate"
+    return {
+        "verdict": "limited" if urgent else "good",
+        "what": f"Compass drift of {counted(drift.units, 'unit')}",
+        "title": title,
+        "sentence": f"Of these the heading changed by more than {drift.target_deg:g}°, which chance does not explain."
+        f"{moved}"
+        if urgent
+        else f"No heading is known to have changed by more than {drift.target_deg:g}°.{moved}",
+    }
+
+
+def _numbers(overview: Overview, drift: Drift | None) -> list[tuple[str, str, str]]:
+    """What stands in large figures: name, number, what it is."""
+    good = overview.verdicts.get("good", 0)
+    above = overview.heading_deg.share_above(overview.target_deg)
+    errors = overview.heading_deg
+    found = [
+        ("Units", f"{overview.units:,}", counted(overview.rows, "recording")),
+        ("Good", f"{good / max(overview.rows, 1):.1%}", f"{good:,} recordings"),
+        (
+            "Worst heading off by",
+            degrees(errors.quantile(0.5)) if errors.total else "?",
+            f"half of the calibrations are better; {above:.1%} are above {overview.target_deg:g}°",
+        ),
+    ]
+    if drift is None:
+        return found
+    changed = drift.change_deg
+    return [
+        *found,
+        ("To recalibrate", f"{drift.states['recalibrate']:,}", f"changed by more than {drift.target_deg:g}°"),
+        ("Moved in a step", f"{drift.step_units:,}", f"{counted(drift.step_count, 'step')} in {drift.gaps:,} gaps"),
+        (
+            "Heading changed by",
+            degrees(changed.quantile(0.5)) if changed.total else "?",
+            "median, at the worst heading; the uncertainty of both recordings is in it",
+        ),
+    ]
+
+
+def _orders(drift: Drift) -> list[tuple[str, list[UnitDrift]]]:
+    """The listed units in each order that they can be seen in."""
+    listed = list(drift.listed)
+    return [
+        ("urgency", listed),
+        ("change", sorted(listed, key=lambda one: -one.worst_deg)),
+        ("sureness", sorted(listed, key=lambda one: -one.worst_deg / max(one.sigma_deg, 1e-12))),
+        ("name", sorted(listed, key=lambda one: one.unit)),
+    ]
+
+
+def _meaning(code: str) -> str:
+    """What a finding says, without its number."""
+    words = CODES.get(code, "").replace("`number` of the ", "some of the ")
+    return words.replace("`number`", "…").replace("`limit`", "…")
+
+
+def _figures(overview: Overview, drift: Drift | None) -> dict[str, Any]:
+    """Figures by name."""
+    from markupsafe import Markup  # what is marked as safe is numbers and words of our own, and names escaped
+
+    shown: dict[str, Any] = {
+        "verdicts": Markup(drawing.verdict_bar(overview.verdicts)),
+        "batches": Markup(drawing.batch_map(overview.batches)) if overview.batches else None,
+        "change": None,
+    }
+    histograms = [
+        ("Worst heading error", overview.heading_deg, "degrees, 1 σ", "°", overview.target_deg),
+        ("Offset", overview.offset, "length, in field strengths", "", None),
+        ("Noise", overview.noise, "% of the field", "%", None),
+        *(
+            ("Field strength", histogram, label(unit), f" {label(unit)}", None)
+            for unit, histogram in overview.field.items()
+        ),
+    ]
+    shown["distributions"] = [
+        (
+            title,
+            drawing.told(histogram, unit),
+            Markup(drawing.distribution(histogram, words, target=target, factor=100.0 if unit == "%" else 1.0)),
+        )
+        for title, histogram, words, unit, target in histograms
+        if histogram.total
+    ]
+    if drift is not None and drift.change_deg.total:
+        shown["change"] = Markup(drawing.distribution(drift.change_deg, "degrees", target=drift.target_deg))
+    return shown
+
+
+# ------------------------------------------------------------------------------------------------------------- parts
+
+
+def _style() -> str:
+    """The style sheet of a report, with what a fleet has besides; paper is always light."""
+    light, dark = variables("light"), variables("dark")
+    return (
+        f"\n:root {{ {light} }}\n"
+        f'@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
+        f'@media screen {{ :root[data-theme="dark"] {{ {dark} }} }}\n'
+        f"{asset('report.css')}\n{asset('fleet.css')}"
+    )
+
+
+def _hash(text: str) -> str:
+    """As a Content-Security-Policy names what may run."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def _share(value: float) -> str:
+    return "–" if not math.isfinite(value) else f"{value:.1%}" if value < 1.0 else f"{value:.1f} ×"
+
+
+def _template() -> Template:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("flinders.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(
+        counted=counted, figures=figures, degrees=degrees, day=when, share=_share, label=label, chance=chance
+    )
+    return environment.get_template("fleet.html.j2")

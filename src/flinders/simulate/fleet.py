@@ -1,0 +1,458 @@
+"""A fleet on the line: units that are as they should be, and a few per cent that are not, each with a label.
+
+A unit follows from the seed and its number alone, so any of a million can be made again without the others.
+
+>>> found = unit(7, seed=1)
+>>> again = next(fleet(1, seed=1, first=7))
+>>> found.name, found.fault, bool(np.all(found.samples.field == again.samples.field))
+('0000007', '', True)
+
+A fault can be asked for by name, the larger of its two severities or the smaller:
+
+>>> unit(7, seed=1, fault="spikes").amount, unit(7, seed=1, fault="spikes", severity=1).amount
+(0.2, 0.05)
+
+What a good unit is, is one decision, made here: hard iron up to 60 µT in any direction, soft iron that stretches by
+up to 15 % along three axes in any direction, noise of 0.1 to 1 µT, a field of 25 to 65 µT that dips by 60°,
+steps of 0.1 µT, and ten seconds of turning at 50 Hz, by a jig or by a hand, that sees nearly all directions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import UsageError
+from flinders.samples import Samples
+from flinders.simulate._checks import count, share
+from flinders.simulate.directions import uniform
+from flinders.simulate.rotations import north_and_down, random_attitude, turns
+from flinders.simulate.sensor import Sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.random import Generator
+
+    from flinders.arrays import Floats
+
+RATE_HZ: Final = 50.0
+READINGS: Final = 500
+BAD: Final = 0.03
+"""Share of units that something is wrong with."""
+
+HARD_UT: Final = 60.0
+SOFT: Final = 0.15
+NOISE_UT: Final = (0.1, 1.0)
+FIELD_UT: Final = (25.0, 65.0)
+STEP_UT: Final = 0.1
+DIP_DEG: Final = 60.0
+BY_JIG: Final = 0.5
+"""Share of units that a jig turns; a hand turns the others."""
+
+CLOSEST_M, PAST_M_S, ARM_M = 0.2, 0.1, 0.04
+"""How a magnet passes: how near, how fast, and how far from the middle of the turning the sensor sits."""
+
+UNITS: Final = (0.01, 0.1, 10.0, 1000.0)
+"""Factors between units that are taken for each other: µT, mG, G, nT."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unit:
+    """A recording of one unit, and what is wrong with it.
+
+    Attributes
+    ----------
+    number : int
+        From 0.
+    samples : Samples
+        In µT, with time.
+    sensor : Sensor
+        The truth, as it is where nothing is wrong.
+    field_strength : float, µT
+    fault : str
+        One of `FAULTS`; nothing for a good unit.
+    severity : int
+        1 for the smaller one, 2 for the larger; 0 for a good unit.
+    amount : float
+        How much of the fault, as `FAULTS` tells.
+    lasting : (3, 3) float
+        What the fault does to every reading, in use as well; nothing but for a lasting one.
+    """
+
+    number: int
+    samples: Samples
+    sensor: Sensor
+    field_strength: float
+    fault: str = ""
+    severity: int = 0
+    amount: float = 0.0
+    lasting: Floats = field(default_factory=lambda: np.eye(3))
+
+    @property
+    def name(self) -> str:
+        """Its number, so that names sort as numbers do."""
+        return f"{self.number:07d}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turned:
+    """A sensor that is turned, before anything goes wrong.
+
+    Attributes
+    ----------
+    sensor : Sensor
+    field_strength : float, µT
+    time : (N,) float, s
+    angles : (3, N) float, rad
+        Heading, pitch and roll.
+    noise : (N, 3) float, µT
+    """
+
+    sensor: Sensor
+    field_strength: float
+    time: Floats
+    angles: Floats
+    noise: Floats
+
+    def read(self, *, room: Floats | None = None, shift: Floats | None = None) -> Floats:
+        """(N, 3) readings, in µT.
+
+        Parameters
+        ----------
+        room : (N, 3) float, µT, optional
+            What stands in the room adds to the earth's field: north, east, down.
+        shift : (N, 3) float, µT, optional
+            What moves with the sensor adds to its readings.
+        """
+        world = self.field_strength * north_and_down(DIP_DEG)[:, np.newaxis]
+        body = in_body(world if room is None else world + room.T, self.angles)
+        raw = (self.sensor.matrix @ body).T + self.sensor.offset + self.noise
+        readings: Floats = np.round((raw if shift is None else raw + shift) / STEP_UT) * STEP_UT
+        return readings
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that can be wrong with a unit.
+
+    Attributes
+    ----------
+    words : str
+        What it is, and what its amount means.
+    smaller, larger : float
+        Amounts of the two severities.
+    strike : function, optional
+        Of what was turned, an amount and a generator; gives (N, 3) readings in µT. It ends with the recording.
+    lasting : function, optional
+        Of an amount and a generator; gives the (3, 3) matrix that every reading is multiplied by, then and in use.
+    can_be_told : bool
+        False where readings of a magnetometer are those of another good one.
+    """
+
+    words: str
+    smaller: float
+    larger: float
+    strike: Callable[[Turned, float, Generator], Floats] | None = None
+    lasting: Callable[[float, Generator], Floats] | None = None
+    can_be_told: bool = True
+
+    def amount(self, severity: int) -> float:
+        """How much of it: the smaller amount for 1, the larger for 2."""
+        return self.larger if severity == 2 else self.smaller
+
+
+def unit(
+    number: int,
+    *,
+    seed: int = 0,
+    bad: float = BAD,
+    readings: int = READINGS,
+    fault: str | None = None,
+    severity: int = 2,
+) -> Unit:
+    """Make one unit of a fleet.
+
+    Parameters
+    ----------
+    number : int
+        From 0; with the seed it says all.
+    seed : int
+        Of the fleet.
+    bad : float
+        Share of units that something is wrong with; which fault, and which severity, is drawn evenly.
+    readings : int
+    fault : str, optional
+        One of `FAULTS`, or nothing for a good unit, instead of what would be drawn: the same sensor, turned alike.
+    severity : int
+        Of that fault: 1 or 2.
+
+    Raises
+    ------
+    UsageError
+        For a fault or severity that does not exist, or numbers out of range.
+
+    Examples
+    --------
+    >>> good, flipped = (unit(3, fault=fault) for fault in ("", "flipped-throughout"))
+    >>> moved = np.abs(np.abs(good.samples.field) - np.abs(flipped.samples.field)).max(axis=0)
+    >>> bool(moved.max() == 0.0)
+    True
+    """
+    if number < 0 or seed < 0:
+        raise UsageError(f"unit {number} of seed {seed}: need numbers from 0 on")
+    rng = np.random.default_rng([seed, number])
+    drawn, which, how = rng.random(3)
+    if fault is None:
+        fault = list(FAULTS)[int(which * len(FAULTS))] if drawn < share(bad, "bad", "the units") else ""
+        severity = 1 + int(how * 2.0)
+    if fault not in {"", *FAULTS} or severity not in {1, 2}:
+        raise UsageError(f"fault {fault!r} of severity {severity} is not known: use 1 or 2 of {', '.join(FAULTS)}")
+    turned = _turned(rng, count(readings, 12))
+    if not fault:
+        return _recorded(number, turned, turned.read())
+    kind = FAULTS[fault]
+    amount = kind.amount(severity)
+    readings_ut = turned.read() if kind.strike is None else kind.strike(turned, amount, rng)
+    lasting = np.eye(3) if kind.lasting is None else kind.lasting(amount, rng)
+    made = _recorded(number, turned, readings_ut @ lasting.T)
+    return replace(made, fault=fault, severity=severity, amount=amount, lasting=lasting)
+
+
+def _recorded(number: int, turned: Turned, readings: Floats) -> Unit:
+    """A unit with nothing wrong, or that is labelled next."""
+    samples = Samples.of(readings, unit="uT", time=turned.time, source=f"unit {number:07d}")
+    return Unit(number, samples, turned.sensor, turned.field_strength)
+
+
+def fleet(
+    n: int, seed: int = 0, bad: float = BAD, *, readings: int = READINGS, first: int = 0
+) -> Iterator[Unit]:  # fmt: skip
+    """Make units one after the other: those numbered from `first` on, `n` of them.
+
+    Parameters
+    ----------
+    n : int
+    seed : int
+    bad : float
+        Share of units that something is wrong with.
+    readings : int
+        Of each unit.
+    first : int
+        Number of the first.
+
+    Raises
+    ------
+    UsageError
+        As `unit`.
+
+    Examples
+    --------
+    >>> sorted({unit.fault for unit in fleet(200, seed=3, readings=20) if unit.fault})[:2]
+    ['flipped-throughout', 'level-turn']
+    """
+    return (unit(number, seed=seed, bad=bad, readings=readings) for number in range(first, first + n))
+
+
+def in_body(world: Floats, angles: Floats) -> Floats:
+    """(3, N) vectors in the axes of a body at (3, N) heading, pitch and roll, of (3, 1) or (3, N) north, east, down.
+
+    >>> in_body(np.array([[1.0], [0.0], [0.0]]), np.array([[np.pi / 2], [0.0], [0.0]])).T.round(3) + 0.0
+    array([[ 0., -1.,  0.]])
+    """
+    (sine, sine_pitch, sine_roll), (cosine, cosine_pitch, cosine_roll) = np.sin(angles), np.cos(angles)
+    north, east, down = world
+    ahead, right = cosine * north + sine * east, cosine * east - sine * north
+    below = sine_pitch * ahead + cosine_pitch * down
+    return np.stack(
+        [
+            cosine_pitch * ahead - sine_pitch * down,
+            cosine_roll * right + sine_roll * below,
+            cosine_roll * below - sine_roll * right,
+        ]
+    )
+
+
+def in_room(body: Floats, angles: Floats) -> Floats:
+    """(3, N) north, east, down of (3, 1) or (3, N) vectors in the axes of a body at (3, N) angles: undoes `in_body`.
+
+    >>> quarter = np.array([[np.pi / 2], [0.0], [0.0]])
+    >>> in_room(np.array([[0.0], [-1.0], [0.0]]), quarter).T.round(3) + 0.0
+    array([[1., 0., 0.]])
+    """
+    (sine, sine_pitch, sine_roll), (cosine, cosine_pitch, cosine_roll) = np.sin(angles), np.cos(angles)
+    ahead, right, below = body
+    across, under = cosine_roll * right - sine_roll * below, sine_roll * right + cosine_roll * below
+    level = cosine_pitch * ahead + sine_pitch * under
+    return np.stack(
+        [
+            cosine * level - sine * across,
+            sine * level + cosine * across,
+            cosine_pitch * under - sine_pitch * ahead,
+        ]
+    )
+
+
+def _turned(rng: Generator, n: int) -> Turned:
+    """Draw a sensor and how it is turned."""
+    axes = turns(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
+    matrix = axes @ np.diag(1.0 + rng.uniform(-SOFT, SOFT, 3)) @ axes.T
+    offset = uniform(rng, 1)[0] * rng.uniform(0.0, HARD_UT)
+    noise = math.exp(rng.uniform(*np.log(NOISE_UT)))
+    strength = rng.uniform(*FIELD_UT)
+    time = np.arange(n) / RATE_HZ
+    angles = (_by_jig if rng.random() < BY_JIG else _by_hand)(rng, np.linspace(0.0, READINGS / RATE_HZ, n))
+    return Turned(
+        Sensor(matrix, offset, noise, STEP_UT), strength, time, angles, noise * rng.standard_normal((n, 3))
+    )  # fmt: skip
+
+
+def _by_jig(rng: Generator, time: Floats) -> Floats:
+    """(3, N) angles: rolled about once a second while the pitch goes round slowly, at one heading."""
+    fast, slow = rng.uniform(0.8, 1.2), rng.uniform(0.07, 0.13)
+    start, pitch, heading = rng.uniform(0.0, 2.0 * math.pi, 3)
+    roll = start + 2.0 * math.pi * fast * time
+    return np.stack([np.full(len(time), heading), pitch + 2.0 * math.pi * slow * time, roll])
+
+
+def _by_hand(rng: Generator, time: Floats) -> Floats:
+    """(3, N) angles: rolled over and over, pitched up and down, turned around, none of it evenly."""
+    rates = rng.uniform([0.12, 0.25, 0.5], [0.2, 0.4, 0.9])[:, np.newaxis]
+    phases = rng.uniform(0.0, 2.0 * math.pi, (2, 3, 1))
+    heading, pitch, roll = 2.0 * math.pi * rates * time + phases[0]
+    uneven = rng.uniform(0.2, 0.6, (3, 1)) * np.sin(2.0 * math.pi * rng.uniform(0.3, 0.7, (3, 1)) * time + phases[1])
+    angles: Floats = np.stack([heading, rng.uniform(1.0, 1.5) * np.sin(pitch), roll]) + uneven
+    return angles
+
+
+def _last(n: int, amount: float) -> slice:
+    """The last readings, of which `amount` is the share."""
+    return slice(n - round(amount * n), n)
+
+
+def _swapped(turned: Turned, amount: float, rng: Generator) -> Floats:
+    readings = turned.read()
+    first, second, _ = rng.permutation(3)
+    part = _last(len(readings), amount)
+    readings[part, [first, second]] = readings[part, [second, first]]
+    return readings
+
+
+def _flipped(turned: Turned, amount: float, rng: Generator) -> Floats:
+    readings = turned.read()
+    readings[_last(len(readings), amount), rng.integers(3)] *= -1.0
+    return readings
+
+
+def _stuck(turned: Turned, amount: float, rng: Generator) -> Floats:
+    readings = turned.read()
+    axis, part = rng.integers(3), _last(len(readings), amount)
+    readings[part, axis] = readings[part.start, axis]
+    return readings
+
+
+def _saturated(turned: Turned, amount: float, rng: Generator) -> Floats:
+    readings = turned.read()
+    axis, sign = rng.integers(3), rng.choice([-1.0, 1.0])
+    most = np.quantile(sign * readings[:, axis], 1.0 - amount, method="lower")
+    readings[:, axis] = sign * np.minimum(sign * readings[:, axis], most)
+    return readings
+
+
+def _jumped(turned: Turned, amount: float, rng: Generator) -> Floats:
+    share_before, direction = rng.uniform(0.2, 0.8), uniform(rng, 1)
+    after = np.arange(len(turned.time)) >= share_before * len(turned.time)
+    return turned.read(shift=amount * after[:, np.newaxis] * direction)
+
+
+def _magnet(turned: Turned, amount: float, rng: Generator) -> Floats:
+    across, along, _ = random_attitude(rng)
+    pole = uniform(rng, 1)[0]
+    passed = PAST_M_S * (turned.time - rng.uniform(0.3, 0.7) * turned.time[-1])
+    arm = in_room(ARM_M * uniform(rng, 1).T, turned.angles)
+    away = arm - CLOSEST_M * across[:, np.newaxis] - passed * along[:, np.newaxis]
+    distance = np.linalg.norm(away, axis=0)
+    towards = away / distance
+    dipole = 3.0 * (pole @ towards) * towards - pole[:, np.newaxis]
+    return turned.read(room=(amount * (CLOSEST_M / distance) ** 3 * dipole).T)
+
+
+def _level(turned: Turned, amount: float, rng: Generator) -> Floats:
+    around = turned.angles[2] + rng.uniform(0.0, 2.0 * math.pi)
+    lean = math.radians(amount) * np.sin(turned.angles[:2] * 1.7)
+    return replace(turned, angles=np.stack([around, *lean])).read()
+
+
+def _unturned(turned: Turned, amount: float, rng: Generator) -> Floats:
+    rest = rng.uniform(0.0, 2.0 * math.pi, (3, 1))
+    lean = math.radians(amount) * np.sin(turned.angles * 1.7)
+    return replace(turned, angles=rest + lean).read()
+
+
+def _stale(turned: Turned, amount: float, rng: Generator) -> Floats:
+    readings = turned.read()
+    fresh = rng.random(len(readings)) >= amount
+    fresh[0] = True
+    return readings[np.maximum.accumulate(np.where(fresh, np.arange(len(readings)), 0))]
+
+
+def _spikes(turned: Turned, amount: float, rng: Generator) -> Floats:
+    readings = turned.read()
+    struck = rng.choice(len(readings), round(amount * len(readings)), replace=False)
+    lengths = turned.field_strength * rng.uniform(0.5, 3.0, (len(struck), 1))
+    readings[struck] += lengths * uniform(rng, len(struck))
+    return readings
+
+
+def _warmed(turned: Turned, amount: float, rng: Generator) -> Floats:
+    progress = np.arange(len(turned.time)) / len(turned.time)
+    warmer = np.expm1(-progress / 0.5) / math.expm1(-2.0)
+    return turned.read(shift=amount * warmer[:, np.newaxis] * uniform(rng, 1))
+
+
+def _other_unit(amount: float, rng: Generator) -> Floats:
+    factor: Floats = np.eye(3) * (amount if amount > 0.0 else rng.choice(UNITS))
+    return factor
+
+
+def _gain(amount: float, rng: Generator) -> Floats:
+    return np.diag(np.where(np.arange(3) == rng.integers(3), amount, 1.0))
+
+
+def _swap(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is no half of it
+    first, second, _ = rng.permutation(3)
+    order = np.arange(3)
+    order[[first, second]] = second, first
+    exchanged: Floats = np.eye(3)[order]
+    return exchanged
+
+
+def _flip(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is no half of it
+    return _gain(-1.0, rng)
+
+
+FAULTS: Final[Mapping[str, Fault]] = {
+    "swapped-axes": Fault("two axes exchanged for the last part of the recording, as a share", 0.1, 0.5, _swapped),
+    "flipped-sign": Fault("one axis with the other sign for the last part, as a share", 0.1, 0.5, _flipped),
+    "stuck-axis": Fault("one axis that holds its value for the last part, as a share", 0.2, 1.0, _stuck),
+    "saturated-axis": Fault("one end of an axis cut off, share of the readings", 0.03, 0.15, _saturated),
+    "wrong-unit": Fault("all readings times a factor; 0 for one of 0.01, 0.1, 10, 1000", 2.0, 0.0, lasting=_other_unit),
+    "hard-iron-jump": Fault("an offset that changes at once and stays, µT", 2.0, 15.0, _jumped),
+    "nearby-magnet": Fault(
+        "a magnet carried past at 20 cm in ten seconds; its field there, across its axis, in µT", 3.0, 30.0, _magnet
+    ),
+    "level-turn": Fault("turned about the vertical only, leaning by so many degrees", 5.0, 0.0, _level),
+    "no-rotation": Fault("at rest but for so many degrees either way", 20.0, 0.0, _unturned),
+    "stale-repeats": Fault("readings that repeat the one before, as a share", 0.2, 0.6, _stale),
+    "spikes": Fault("single readings off by 0.5 to 3 field strengths, as a share", 0.05, 0.2, _spikes),
+    "thermal-drift": Fault("an offset that warms up and settles, µT from beginning to end", 1.5, 10.0, _warmed),
+    "one-gain": Fault("one axis reads so many times as much", 2.0, 4.0, lasting=_gain),
+    "swapped-throughout": Fault("two axes exchanged all the time", 1.0, 1.0, lasting=_swap, can_be_told=False),
+    "flipped-throughout": Fault(
+        "one axis with the other sign all the time", 1.0, 1.0, lasting=_flip, can_be_told=False
+    ),
+}
+"""What can be wrong with a unit, by name."""

@@ -1,0 +1,237 @@
+"""What is said of many units: health, heading errors and findings, as `flinders.verdict` and `flinders.heading` say it.
+
+Only findings that are numbers held against a limit are made here. A unit with any other, or one that refuses the
+calibration, leaves the stack.
+
+>>> from flinders.stacked.solve import Ellipsoids
+>>> spheres = Ellipsoids(np.zeros((1, 3)), 50.0 * np.eye(3)[None])
+>>> offset_only = np.diag([0.25, 0.25, 0.25, 0, 0, 0, 0, 0, 0])[None]
+>>> rms, worst = level_errors(spheres, offset_only, np.array([60.0]))
+>>> round(float(rms[0]), 2), round(float(worst[0]), 2)
+(1.15, 1.15)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
+from flinders.heading import HEADINGS, level_turn
+from flinders.health import RAIL_COUNT, RAIL_SHARE
+from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, signs
+from flinders.units import MICROTESLA
+from flinders.verdict import (
+    ALTERNATING,
+    AXIS_RATIO,
+    CORRELATED,
+    EARTH_UT,
+    FEW,
+    INFLATED,
+    LONG_STEP,
+    NOISE_LIMITS,
+    NOISE_REFUSES,
+    OTHER_UNIT,
+    PRIOR_SHARE,
+    REFUSED_AT,
+    REPEATS,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from flinders.result import Severity
+    from flinders.stacked.solve import Ellipsoids
+
+FOUND: Final[tuple[tuple[str, Severity], ...]] = (
+    *((code, "limits") for code in ("heading-error", "coverage", "noise", "prior", "few-samples", "inflation")),
+    *((code, "limits") for code in ("axis-ratio", "field-strength")),
+    *((code, "note") for code in ("correlated", "field-strength", "unit-unknown", "scale-unknown", "rotation-unknown")),
+    *((code, "note") for code in ("stale-repeats", "time-back", "time-gap")),
+)
+"""Code and severity of the findings that are made here, those of one severity in the order of `verdict.judge`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Health:
+    """Counts over the readings of U units, see `flinders.health.Health`.
+
+    Attributes
+    ----------
+    extent : (U, 3)
+        Range of each axis.
+    repeats : (U,)
+        Readings equal to the one before.
+    are_sound : (U,) bool
+        No axis is stuck, and too few readings share its end for a rail.
+    """
+
+    extent: Array
+    repeats: Array
+    are_sound: Array
+
+    @classmethod
+    def of(cls, readings: Array, inside: Array | None, count: Array) -> Self:
+        """Look at (U, 3, N) readings."""
+        return cls(*in_stretches(_health, readings, inside, count))
+
+    def only(self, which: Array) -> Self:
+        """Those that (K,) integers name."""
+        xp = namespace(which)
+        return type(self)(*(xp.take(part, which, axis=0) for part in (self.extent, self.repeats, self.are_sound)))
+
+
+def _health(readings: Array, inside: Array | None, count: Array) -> tuple[Array, Array, Array]:
+    """Extent, repeats and soundness of one stretch of units; rows are filled up with their first reading."""
+    xp = namespace(readings)
+    low, high = xp.min(readings, axis=2), xp.max(readings, axis=2)
+    there = None if inside is None else inside > 0.0
+    railed = xp.zeros(count.shape, dtype=xp.bool)
+    for end in (low, high):
+        same = readings == end[:, :, None]
+        same = same if there is None else same & there[:, None, :]
+        most = xp.max(xp.count_nonzero(same, axis=2), axis=1)
+        railed = railed | (
+            (most >= RAIL_COUNT) & (xp.astype(most, readings.dtype) > RAIL_SHARE * xp.astype(count, readings.dtype))
+        )
+    repeated = xp.all(readings[:, :, 1:] == readings[:, :, :-1], axis=1)
+    if there is not None:
+        repeated = repeated & there[:, 1:]
+    extent = high - low
+    repeats = xp.astype(xp.count_nonzero(repeated, axis=1), readings.dtype)
+    return extent, repeats, xp.all(extent > 0.0, axis=1) & ~railed
+
+
+def facings(counts: Array, dip_deg: float) -> tuple[Array, Array]:
+    """(U,) dip with the sign that (U, 100) readings by direction show, and (U,) whether they leave the other one open.
+
+    As `flinders.coverage.Coverage.facings`.
+    """
+    xp = namespace(counts)
+    readings = xp.maximum(xp.sum(counts, axis=1), 1.0)
+    upright = (counts @ like(CELLS[:, 2], counts)) / readings
+    seen = xp.astype(xp.sum(xp.astype(counts > 0.0, xp.int64), axis=1), counts.dtype)
+    limit = xp.maximum(LEANING / xp.sqrt(xp.maximum(seen, 1.0)), LEANING_LEAST)
+    along = -upright if dip_deg < 0.0 else upright
+    leans = xp.abs(along) > limit
+    clear = xp.abs(upright) >= UPRIGHT * abs(math.sin(math.radians(dip_deg)))
+    facing = dip_deg * signs(xp.where(clear, along + limit, limit))
+    return facing, leans & ~clear
+
+
+def level_errors(ellipsoids: Ellipsoids, covariance: Array, dip_deg: Array) -> tuple[Array, Array]:
+    """(U,) rms and worst heading error of a level vehicle in degrees, as `flinders.heading.level_error`.
+
+    Parameters
+    ----------
+    ellipsoids : Ellipsoids
+    covariance : (U, 9, 9)
+    dip_deg : (U,)
+        All of one size, of either sign.
+    """
+    xp = namespace(covariance)
+    _, fields = level_turn(abs(float(dip_deg[0])), None)
+    heading = np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS)
+    across = np.stack([np.sin(heading), np.cos(heading), np.zeros(HEADINGS)]) / math.cos(
+        math.radians(abs(float(dip_deg[0])))
+    )
+    sign = signs(dip_deg)
+    upside = xp.stack([xp.ones_like(sign), xp.ones_like(sign), sign], axis=1)
+    directions = like(fields, covariance)[None, :, :] * upside[:, :, None]
+    gradient = gathered(ellipsoids.inverse @ like(across, covariance), directions)
+    gradient -= xp.mean(gradient, axis=2, keepdims=True)
+    variance = xp.clip(xp.sum((covariance @ gradient) * gradient, axis=1), 0.0, xp.inf)
+    degrees = 180.0 / math.pi
+    return xp.sqrt(xp.mean(variance, axis=1)) * degrees, xp.sqrt(xp.max(variance, axis=1)) * degrees
+
+
+def errors_facing(
+    ellipsoids: Ellipsoids, covariance: Array, counts: Array, dip_deg: float
+) -> tuple[Array, Array, Array]:
+    """Heading errors (U,), rms and worst, and their dip: of both signs of the dip the worse, where both are open."""
+    xp = namespace(covariance)
+    facing, either = facings(counts, dip_deg)
+    rms, worst = level_errors(ellipsoids, covariance, facing)
+    if bool(xp.any(either)):
+        other_rms, other_worst = level_errors(ellipsoids, covariance, -facing)
+        swap = either & (other_worst > worst)
+        rms, worst = xp.where(swap, other_rms, rms), xp.where(swap, other_worst, worst)
+        facing = xp.where(swap, -facing, facing)
+    return rms, worst, facing
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What findings are made of, for U units; each attribute (U,) unless said otherwise.
+
+    Attributes
+    ----------
+    ellipsoids : Ellipsoids
+    worst_deg, noise, held, independent, lag_one, count
+        As the attributes of `flinders.result.Fit`; `held` is zero and `lag_one` too where nobody looked.
+    has_hole : bool
+    extent : (U, 3)
+    repeats
+    steps : (U, 3) or None
+        Steps back in time, longest and usual step; None without time.
+    """
+
+    ellipsoids: Ellipsoids
+    worst_deg: Array
+    noise: Array
+    held: Array
+    independent: Array
+    lag_one: Array
+    count: Array
+    has_hole: Array
+    extent: Array
+    repeats: Array
+    steps: Array | None = None
+
+
+def found_in(evidence: Evidence, inside: str, target_deg: float) -> tuple[Mapping[tuple[str, Severity], Array], Array]:
+    """Which findings of `FOUND` there are, each (U,) bool; and (U,) whether there may be none beside them.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    inside : str
+        Unit of the readings: ``uT`` or ``counts``.
+    target_deg : float
+    """
+    xp = namespace(evidence.noise)
+    axes, count = evidence.ellipsoids.semi_axes, evidence.count
+    radius = xp.exp(xp.mean(xp.log(axes), axis=1))
+    share = evidence.noise / radius
+    independent = xp.minimum(evidence.independent, count)
+    none = xp.zeros(count.shape, dtype=xp.bool)
+    back, gap = none, none
+    if evidence.steps is not None:
+        back = evidence.steps[:, 0] > 0.0
+        usual = LONG_STEP * evidence.steps[:, 2]
+        gap = ~back & (usual > 0.0) & (evidence.steps[:, 1] > usual)
+    outside = xp.maximum(EARTH_UT[0] / radius, radius / EARTH_UT[1]) if inside == MICROTESLA else xp.zeros_like(radius)
+    told = (
+        evidence.worst_deg > target_deg,
+        evidence.has_hole,
+        share > NOISE_LIMITS,
+        evidence.held > PRIOR_SHARE,
+        independent < FEW,
+        2.0 * axes[:, 2] > INFLATED * xp.max(evidence.extent, axis=1),
+        axes[:, 2] > AXIS_RATIO * axes[:, 0],
+        outside > OTHER_UNIT,
+        (independent >= FEW) & (independent < CORRELATED * count),
+        (outside > 1.0) & (outside <= OTHER_UNIT),
+        none if inside == MICROTESLA else ~none,
+        ~none,
+        ~none,
+        evidence.repeats > REPEATS * count,
+        back,
+        gap,
+    )
+    alternates = evidence.lag_one < xp.minimum(-4.0 / xp.sqrt(count), ALTERNATING)
+    refused = (evidence.worst_deg > REFUSED_AT * target_deg) | (share > NOISE_REFUSES)
+    return dict(zip(FOUND, told, strict=True)), ~(alternates | refused | xp.isnan(evidence.worst_deg))

@@ -1,0 +1,116 @@
+"""Moments of many units at once: the 35 sums of `flinders.moments`, unit by unit.
+
+>>> import numpy as np
+>>> from flinders.moments import Moments
+>>> field = np.random.default_rng(1).normal(size=(2, 50, 3)) + 3.0
+>>> sums = Sums.of(np.swapaxes(field, 1, 2))
+>>> alone = Moments.of(field[1])
+>>> np.allclose(sums.values[1], alone.sums), float(sums.unit[1]) == alone.unit, np.allclose(sums.mean[1], alone.mean)
+(True, True, True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Self
+
+from flinders.moments import FORMS, packing
+from flinders.stacked.algebra import Array, in_stretches, like, namespace
+
+PACKING: Final = packing()
+_DEGREES: Final = FORMS.sum(axis=1).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Moments about zero of U units.
+
+    Attributes
+    ----------
+    values : (U, 35)
+        In the order of `flinders.moments.EXPONENTS`.
+    unit : (U,)
+        Powers of two that readings were divided by.
+    """
+
+    values: Array
+    unit: Array
+
+    @classmethod
+    def of(cls, readings: Array, inside: Array | None = None) -> Self:
+        """Add up (U, 3, N) finite readings; `inside` (U, N) is 1 for readings and 0 for what fills the rows up."""
+        values, unit = in_stretches(_summed, readings, inside)
+        return cls(values, unit)
+
+    def only(self, which: Array) -> Self:
+        """Those units that (K,) integers name."""
+        xp = namespace(which)
+        return type(self)(xp.take(self.values, which, axis=0), xp.take(self.unit, which))
+
+    @property
+    def count(self) -> Array:
+        """(U,) readings."""
+        return self.values[:, 0]
+
+    @cached_property
+    def mean(self) -> Array:
+        """(U, 3) in the unit of the readings."""
+        return self.values[:, 1:4] / self.values[:, :1] * self.unit[:, None]
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(U, 3, 3) about the mean, in the square of the readings' unit."""
+        xp = namespace(self.values)
+        centred = self.about(self.mean, self.unit)
+        covariance = centred[:, 6:9, 6:9] / self.count[:, None, None] * (self.unit**2)[:, None, None]
+        return xp.asarray(covariance)
+
+    @cached_property
+    def spread(self) -> Array:
+        """(U,) root mean square distance of the readings from their mean."""
+        xp = namespace(self.values)
+        return xp.sqrt(xp.maximum(xp.linalg.trace(self.covariance), 0.0))
+
+    def about(self, origin: Array, scale: Array) -> Array:
+        """(U, 10, 10) scatter matrices seen from (U, 3) origins in (U,) scales, as `Moments.about`."""
+        xp = namespace(self.values)
+        shift = _shifts(origin / self.unit[:, None], scale / self.unit)
+        products = xp.take(self.values, like(PACKING.product.ravel(), self.values), axis=1)
+        scatter = shift @ xp.reshape(products, (-1, 10, 10)) @ xp.matrix_transpose(shift)
+        return scatter * like(PACKING.doubled, self.values)
+
+
+def _summed(readings: Array, inside: Array | None) -> tuple[Array, Array]:
+    """(u, 35) sums and (u,) units of one stretch."""
+    xp = namespace(readings)
+    top = xp.maximum(xp.max(xp.abs(readings), axis=(1, 2)), 2.0**-1000)
+    unit = 2.0 ** xp.ceil(xp.log2(top))
+    scaled = readings * (1.0 / unit)[:, None, None]
+    units, _, count = readings.shape
+    rows = xp.empty((units, 10, count), dtype=readings.dtype, device=readings.device)
+    rows[:, 0, :] = 1.0
+    rows[:, 1:4, :] = scaled
+    rows[:, 4:7, :] = scaled * scaled
+    rows[:, 7:9, :] = scaled[:, :1, :] * scaled[:, 1:, :]
+    rows[:, 9, :] = scaled[:, 1, :] * scaled[:, 2, :]
+    weighted = rows if inside is None else rows * inside[:, None, :]
+    products = xp.reshape(weighted @ xp.matrix_transpose(rows[:, 4:, :]), (units, 60))
+    high = xp.take(products, like(PACKING.from_block, readings), axis=1)
+    return xp.concat([xp.sum(weighted[:, :4, :], axis=2), high], axis=1), unit
+
+
+def _shifts(origin: Array, scale: Array) -> Array:
+    """(U, 10, 10) matrices that turn the monomials of x into those of (x − origin)/scale."""
+    xp = namespace(origin)
+    x, y, z = origin[:, 0], origin[:, 1], origin[:, 2]
+    shift = xp.zeros((origin.shape[0], 10, 10), dtype=origin.dtype, device=origin.device)
+    for place in range(10):
+        shift[:, place, place] = 1.0
+    for row, entry in enumerate((x * x, y * y, z * z, x * y, x * z, y * z, -x, -y, -z)):
+        shift[:, row, 9] = entry
+    for row, axis, entry in (
+        (0, 6, 2 * x), (1, 7, 2 * y), (2, 8, 2 * z), (3, 6, y), (3, 7, x), (4, 6, z), (4, 8, x), (5, 7, z), (5, 8, y),
+    ):  # fmt: skip
+        shift[:, row, axis] = -entry
+    return shift * (scale[:, None] ** -like(_DEGREES, origin)[None, :])[:, :, None]

@@ -1,0 +1,239 @@
+"""A stack of units gives each of them what `flinders.fit` gives it alone: numbers to a billionth, verdicts and codes.
+
+Those that left the fast lane went through `flinders.fit` itself, so only those that came through are fitted again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from flinders import fitting
+from flinders.errors import FitError
+from flinders.result import Refused
+from flinders.samples import Samples
+from flinders.stacked import Stack, columns, fit_stack
+from flinders.stacked.algebra import symmetric
+from flinders.stacked.lane import UPPER, through
+from flinders.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+    from flinders.result import Fit
+    from flinders.stacked import Columns
+
+AGREED = 1e-9
+
+
+def spheres(rng: np.random.Generator, units: int, many: int) -> Floats:
+    directions = rng.normal(size=(units, many, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    return directions
+
+
+def walks(rng: np.random.Generator, units: int, many: int, pace: float = 0.15) -> Floats:
+    """Directions that follow each other, as by hand."""
+    steps = rng.normal(size=(units, many, 4)) * pace
+    q = np.cumsum(steps, axis=1) + rng.normal(size=(units, 1, 4))
+    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=2, keepdims=True), 2, 0)
+    return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=2)
+
+
+def measured(rng: np.random.Generator, directions: Floats, *, noise: float = 0.4, offset: float = 40.0) -> Floats:
+    units = len(directions)
+    shape: Floats = 50.0 * symmetric(np.array([1.0, 1, 1, 0, 0, 0]) + rng.normal(scale=0.08, size=(units, 6)))
+    centre = offset * rng.uniform(-1.0, 1.0, size=(units, 1, 3))
+    return directions @ shape + centre + noise * rng.normal(size=directions.shape)
+
+
+def clean(rng: np.random.Generator, units: int) -> list[Floats]:
+    return list(measured(rng, spheres(rng, units, 160)))
+
+
+def by_hand(rng: np.random.Generator, units: int) -> list[Floats]:
+    return list(measured(rng, walks(rng, units, 240)))
+
+
+def partial(rng: np.random.Generator, units: int) -> list[Floats]:
+    directions = spheres(rng, units, 160)
+    heights = np.linspace(-0.6, 0.6, units)[:, np.newaxis]
+    directions[..., 2] = np.maximum(directions[..., 2], heights)
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    return list(measured(rng, directions, noise=0.1))
+
+
+def level(rng: np.random.Generator, units: int) -> list[Floats]:
+    heading = np.linspace(0.0, 12.0, 120)
+    tilt = np.linspace(0.0, 0.8, units)[:, np.newaxis] * np.sin(3.0 * heading)
+    directions = np.stack([np.cos(heading) + 0 * tilt, np.sin(heading) + 0 * tilt, 1.2 + tilt], axis=2)
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    return list(measured(rng, directions, noise=0.2))
+
+
+def spiky(rng: np.random.Generator, units: int) -> list[Floats]:
+    readings = measured(rng, spheres(rng, units, 200))
+    strays = rng.random(readings.shape[:2]) < rng.uniform(0.0, 0.03, size=(units, 1))
+    readings[strays] += 40.0 * rng.normal(size=(int(strays.sum()), 3))
+    return list(readings)
+
+
+def coloured(rng: np.random.Generator, units: int) -> list[Floats]:
+    readings = measured(rng, walks(rng, units, 300), noise=0.1)
+    creeping = np.cumsum(rng.normal(size=readings.shape), axis=1) * np.linspace(0.0, 0.05, units)[:, None, None]
+    return list(readings + creeping + 0.2 * np.roll(rng.normal(size=readings.shape), 1, axis=1))
+
+
+def broken(rng: np.random.Generator, units: int) -> list[Floats]:
+    readings = measured(rng, spheres(rng, units, 150))
+    for unit, kind in enumerate(np.arange(units) % 6):
+        if kind == 0:
+            readings[unit, :, unit % 3] = 12.0  # a stuck axis
+        elif kind == 1:
+            readings[unit] = np.round(readings[unit] / 4.0) * 4.0  # coarse steps
+        elif kind == 2:
+            readings[unit] = np.minimum(readings[unit], 0.7 * readings[unit].max())  # a rail
+        elif kind == 3:
+            readings[unit] = np.repeat(readings[unit, ::3], 3, axis=0)  # stale repeats
+        elif kind == 4:
+            readings[unit] *= 10.0 ** rng.uniform(-9, 9)  # any unit there is
+        else:
+            readings[unit, unit % 150] = np.nan
+    return list(readings)
+
+
+def unlike(rng: np.random.Generator, units: int) -> list[Floats]:
+    counts = rng.integers(5, 420, size=units)
+    return [measured(rng, walks(rng, 1, count, 0.4))[0] for count in counts.tolist()]
+
+
+def far_off(rng: np.random.Generator, units: int) -> list[Floats]:
+    offsets = np.geomspace(1.0, 1e5, units)
+    return [measured(rng, spheres(rng, 1, 120), offset=offset)[0] for offset in offsets.tolist()]
+
+
+def ill_conditioned(rng: np.random.Generator, units: int) -> list[Floats]:
+    widths = np.geomspace(0.15, 2.0, units)[:, np.newaxis]
+    directions = spheres(rng, units, 200)
+    directions[..., 0] = 1.0 / widths + np.abs(directions[..., 0])
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    return list(measured(rng, directions, noise=0.01))
+
+
+KINDS: dict[Callable[[np.random.Generator, int], list[Floats]], tuple[int, float]] = {
+    clean: (200, 0.95), by_hand: (150, 0.5), partial: (150, 0.3), level: (250, 0.05), spiky: (250, 0.02),
+    coloured: (150, 0.05), broken: (300, 0.05), unlike: (150, 0.2), far_off: (250, 0.2), ill_conditioned: (250, 0.05),
+}  # fmt: skip
+"""Kinds of units, how many, and the share that comes through at the least: what never did would prove nothing."""
+
+
+def test_kinds_are_enough() -> None:
+    assert sum(many for many, _ in KINDS.values()) >= 2000
+
+
+def alone(one: Samples, target_deg: float, *, polish: bool = True) -> Fit:
+    source = one if polish else Summary.of(one)
+    try:
+        return fitting.fit(source, target_deg=target_deg, unit=one.unit)
+    except Refused as error:
+        return error.fit
+
+
+def rounding(one: Samples, fit: Fit) -> float:
+    """What rounding of sums about zero leaves unknown of the noise variance, alone as in a stack: 10⁻¹⁴ of spread²."""
+    spread = float(np.sqrt(np.var(one.field, axis=0).sum()))
+    return 2e-14 * (1.0 + (float(np.linalg.norm(one.field.mean(axis=0))) / spread) ** 4) * (spread / fit.noise) ** 2
+
+
+def assert_alike(found: Columns, place: int, fit: Fit, agreed: float = AGREED) -> None:
+    calibration = fit.calibration
+    told = (found.verdict[place], found.method[place], found.used[place], found.findings[place])
+    assert told == (fit.verdict, fit.method, fit.samples, tuple(finding.code for finding in fit.findings)), place
+    radius = calibration.field_strength
+    assert np.abs(found.offset[place] - calibration.offset).max() < agreed * radius
+    for name, expected in (
+        ("matrix", calibration.matrix.ravel()), ("covariance", fit.covariance.ravel()[UPPER]), ("noise", fit.noise),
+        ("radius", radius), ("coverage", fit.coverage.fraction), ("worst_deg", fit.heading_error_deg.worst),
+        ("rms_deg", fit.heading_error_deg.rms), ("dip_deg", fit.heading_error_deg.dip_deg),
+    ):  # fmt: skip
+        numbers = getattr(found, name)[place]
+        assert np.abs(numbers - expected).max() <= agreed * np.abs(expected).max(), (place, name)
+
+
+@pytest.mark.parametrize("polish", [True, False])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_stack_gives_what_each_gives_alone(
+    kind: Callable[[np.random.Generator, int], list[Floats]], monkeypatch: pytest.MonkeyPatch, *, polish: bool
+) -> None:
+    units, share = KINDS[kind]
+    rng = np.random.default_rng(7)
+    samples = [Samples.of(field, unit="uT") for field in kind(rng, units)]
+    monkeypatch.setattr(columns, "_alone", lambda *_, **__: ValueError("left the lane"))
+    found = fit_stack(samples, target_deg=5.0, polish=polish)
+    came_through = np.flatnonzero(found.through)
+    assert len(came_through) >= share * units
+    for place in came_through[:: 1 if polish else 5].tolist():
+        fit = alone(samples[place], 5.0, polish=polish)
+        assert_alike(found, place, fit, AGREED if polish else AGREED + rounding(samples[place], fit))
+
+
+def test_those_that_left_the_lane_are_fitted_alone() -> None:
+    rng = np.random.default_rng(3)
+    samples = [Samples.of(field, unit="uT") for field in [*clean(rng, 3), *broken(rng, 6), *level(rng, 2)]]
+    found = fit_stack([*samples, samples[0][:5], samples[0][:0]], target_deg=5.0)
+    assert found.through[:3].all()
+    assert not found.through[-2:].any()
+    assert found.code.tolist()[-2:] == ["too-few-samples"] * 2
+    for place, one in enumerate(samples):
+        fit = refusal = None
+        try:
+            fit = fitting.fit(one, target_deg=5.0)
+            assert_alike(found, place, fit)
+        except FitError as error:
+            refusal = error
+        expected = (fit.verdict, "") if fit else ("refused", refusal.code if refusal else "")
+        assert (found.verdict[place], found.code[place]) == expected
+
+
+def timed(rng: np.random.Generator) -> Samples:
+    """With a step back, a gap, or neither; in counts or in µT; of this length or that."""
+    many = int(rng.integers(90, 130))
+    steps = np.full(many, 0.02)
+    steps[40] = rng.choice([0.02, -1.0, 9.0])
+    field = measured(rng, spheres(rng, 1, many))[0]
+    return Samples.of(field, unit=str(rng.choice(["uT", "counts"])), time=np.cumsum(steps))
+
+
+def test_times_units_and_lengths_may_be_mixed() -> None:
+    rng = np.random.default_rng(5)
+    samples = [timed(rng) for _ in range(40)]
+    found = fit_stack(samples, target_deg=5.0)
+    assert found.through.sum() > 30
+    told = {code for codes in found.findings for code in codes}
+    assert {"time-back", "time-gap", "unit-unknown"} <= told
+    for place, one in enumerate(samples):
+        assert_alike(found, place, alone(one, 5.0))
+    assert found.unit_of_field.tolist() == [one.unit.inside for one in samples]
+
+
+@pytest.mark.parametrize("polish", [True, False])
+def test_any_array_library_gives_the_same(*, polish: bool) -> None:
+    strict = pytest.importorskip("array_api_strict")
+    rng = np.random.default_rng(11)
+    fields = [*clean(rng, 12), *by_hand(rng, 6), *coloured(rng, 8), *partial(rng, 8)]
+    stack = Stack.of([Samples.of(field, unit="uT") for field in fields])
+    expected = through(stack, target_deg=5.0, dip_deg=60.0, polish=polish)
+    other = replace(stack, readings=strict.asarray(stack.readings))
+    found = through(other, target_deg=5.0, dip_deg=60.0, polish=polish)
+    assert np.asarray(found.at).tolist() == expected.at.tolist()
+    assert len(expected.at) > 12
+    for name, numbers in expected.numbers.items():
+        assert np.allclose(np.asarray(found.numbers[name]), numbers, rtol=1e-9, atol=1e-12 * np.abs(numbers).max()), (
+            name
+        )
+    for finding, there in expected.findings.items():
+        assert np.asarray(found.findings[finding]).tolist() == there.tolist()

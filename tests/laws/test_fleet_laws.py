@@ -1,0 +1,177 @@
+"""However a fleet is cut into files, its table is the same."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import flinders
+from flinders import simulate
+from flinders.fleet import Row, Rows, fit_many, work
+from flinders.fleet.plan import plan_of
+from flinders.fleet.run import run
+from flinders.fleet.tables import Asked
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+pyarrow = pytest.importorskip("pyarrow")
+from pyarrow import feather, parquet  # noqa: E402 - after it is known to be there
+
+UNITS = 5
+SAMPLES = {f"U{seed}": simulate.tumble(seed=seed, n=120 + 10 * seed, motion="uniform").samples for seed in range(UNITS)}
+NUMBERS = ("start_s", "end_s", "worst_deg", "rms_deg", "offset", "matrix", "covariance", "noise", "radius", "coverage")
+
+
+def columns(unit: str) -> dict[str, Any]:
+    samples = SAMPLES[unit]
+    assert samples.time is not None
+    names = {f"mag_{axis}_uT": samples.field[:, place] for place, axis in enumerate("xyz")}
+    return {"serial": [unit] * len(samples), "time_s": samples.time, **names}
+
+
+WHOLE = pyarrow.concat_tables([pyarrow.table(columns(unit)) for unit in SAMPLES])
+
+
+def as_one_file(folder: Path) -> None:
+    parquet.write_table(WHOLE, folder / "all.parquet")
+
+
+def as_small_row_groups(folder: Path) -> None:
+    parquet.write_table(WHOLE, folder / "all.parquet", row_group_size=77)
+
+
+def as_a_file_each(folder: Path) -> None:
+    for unit in SAMPLES:
+        parquet.write_table(pyarrow.table(columns(unit)), folder / f"{unit}.parquet")
+
+
+def as_folders_by_unit(folder: Path) -> None:
+    for unit in SAMPLES:
+        (folder / f"serial={unit}").mkdir()
+        table = pyarrow.table(columns(unit)).drop_columns(["serial"])
+        parquet.write_table(table.slice(0, 50), folder / f"serial={unit}" / "part-0.parquet")
+        parquet.write_table(table.slice(50), folder / f"serial={unit}" / "part-1.parquet")
+
+
+def as_stretches_of_time(folder: Path) -> None:
+    """Each file has readings of each unit, the later ones in the file that comes first."""
+    for place, (begin, end) in enumerate([(100, 10_000), (0, 60), (60, 100)]):
+        parts = [pyarrow.table(columns(unit)).slice(begin, end - begin) for unit in SAMPLES]
+        parquet.write_table(pyarrow.concat_tables(parts), folder / f"{place}.parquet")
+
+
+def as_readings_that_take_turns(folder: Path) -> None:
+    order = np.argsort(np.concatenate([columns(unit)["time_s"] for unit in SAMPLES]), kind="stable")
+    parquet.write_table(WHOLE.take(order), folder / "all.parquet", row_group_size=200)
+
+
+def as_arrow(folder: Path) -> None:
+    feather.write_feather(WHOLE, folder / "all.feather", compression="uncompressed", chunksize=100)
+
+
+WAYS = [
+    as_one_file, as_small_row_groups, as_a_file_each, as_folders_by_unit, as_stretches_of_time,
+    as_readings_that_take_turns, as_arrow,
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def alone() -> Rows:
+    """Each unit by itself, as `flinders.fit` has it."""
+    rows = []
+    for unit, samples in SAMPLES.items():
+        assert samples.time is not None
+        start, end = float(samples.time[0]), float(samples.time[-1])
+        rows.append(Row.of_fit(flinders.fit(samples), unit, start_s=start, end_s=end, readings=len(samples)))
+    return Rows.of(rows)
+
+
+@pytest.mark.parametrize("written", WAYS)
+def test_any_way_to_write_it_gives_the_table_of_single_fits(
+    written: Callable[[Path], None], tmp_path: Path, alone: Rows
+) -> None:
+    (tmp_path / "in").mkdir()
+    written(tmp_path / "in")
+    run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    rows = Rows.read(tmp_path / "out.parquet")
+    for name in ("unit", "recording", "readings", "used", "verdict", "code", "findings", "unit_of_field", "method"):
+        assert getattr(rows, name).tolist() == getattr(alone, name).tolist(), name
+    for name in NUMBERS:
+        expected = getattr(alone, name)
+        scale = 1e-9 * np.abs(expected).max()
+        np.testing.assert_allclose(getattr(rows, name), expected, rtol=1e-9, atol=scale, err_msg=name)
+
+
+def test_any_way_to_give_it_in_memory_does_too(alone: Rows) -> None:
+    for source in (SAMPLES, WHOLE):
+        rows = fit_many(source)
+        assert rows.unit.tolist() == alone.unit.tolist()
+        np.testing.assert_allclose(rows.offset, alone.offset, rtol=1e-9)
+
+
+@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.integers(1, 400), min_size=1, max_size=4), st.integers(50, 400), st.integers(10, 100))
+def test_each_reading_is_in_one_partition(
+    tmp_path_factory: pytest.TempPathFactory, cuts: list[int], largest: int, group: int
+) -> None:
+    """For files cut anywhere, and any bound on what fits into memory."""
+    from flinders.fleet import plan
+
+    folder = tmp_path_factory.mktemp("cut")
+    ends = sorted({min(cut, WHOLE.num_rows) for cut in np.cumsum(cuts)} | {WHOLE.num_rows})
+    for place, (begin, end) in enumerate(zip([0, *ends], ends, strict=False)):
+        parquet.write_table(WHOLE.slice(begin, end - begin), folder / f"{place}.parquet", row_group_size=group)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "LARGEST", largest)
+        patch.setattr(work, "LARGEST", largest)
+        patch.setattr(work, "fitted", counted)
+        patch.setattr(work, "_row", counted_one)
+        rows = [Rows.from_bytes(work.done(each, asked=Asked())) for each in plan_of(str(folder), Asked()).partitions]
+    found = Rows.joined(rows)
+    assert dict(zip(found.unit.tolist(), found.readings.tolist(), strict=True)) == {
+        unit: len(samples) for unit, samples in SAMPLES.items()
+    }
+    assert len(found) == UNITS
+
+
+def counted(jobs: list[work.Job], asked: Asked) -> Rows:
+    """What would be fitted."""
+    return Rows.of([counted_one(job, asked) for job in jobs])
+
+
+def counted_one(job: work.Job, asked: Asked) -> Row:
+    """Its readings, as they come when it is gone through."""
+    rows = sum(len(block) for block in job.source.blocks())
+    assert rows == job.readings
+    return Row(unit=job.unit, recording=job.recording, readings=rows)
+
+
+texts = st.text(st.characters(codec="utf-8"), max_size=5)
+rows_of = st.builds(
+    Row, unit=texts, recording=texts, start_s=st.floats(allow_infinity=False), readings=st.integers(0, 2**60),
+    worst_deg=st.floats(allow_infinity=False), offset=st.tuples(*[st.floats(-1e9, 1e9)] * 3),
+    findings=st.lists(texts, max_size=3).map(tuple),
+)  # fmt: skip
+
+
+@given(st.lists(rows_of, max_size=5))
+def test_rows_come_back_from_arrow_as_they_were(rows: list[Row]) -> None:
+    table = Rows.of(rows)
+    back = Rows.from_bytes(table.to_bytes())
+    assert len(back) == len(rows)
+    assert all(repr(back.row(place)) == repr(table.row(place)) for place in range(len(rows)))
+
+
+@given(st.lists(rows_of, max_size=6), st.integers(0, 6))
+def test_sorting_does_not_depend_on_where_a_table_was_cut(rows: list[Row], cut: int) -> None:
+    whole = Rows.of(rows).sorted()
+    joined = Rows.joined([Rows.of(rows[:cut]).sorted(), Rows.of(rows[cut:]).sorted()]).sorted()
+    assert [repr(whole.row(place)) for place in range(len(rows))] == [
+        repr(joined.row(place)) for place in range(len(rows))
+    ]

@@ -1,0 +1,57 @@
+"""Laws of axes that slip: for any motion, any sensor, any unit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flinders.estimators import slip_of
+from flinders.estimators.slips import SLIPS, moments_of
+from flinders.simulate import MOTIONS, tumble
+
+seeds = st.integers(0, 2**32 - 1)
+slips = st.sampled_from(sorted(SLIPS))
+
+
+@given(seeds, st.sampled_from(sorted(MOTIONS)))
+@settings(max_examples=15, deadline=None)
+def test_what_did_not_slip_is_not_told_to_have(seed: int, motion: str) -> None:
+    assert slip_of(tumble(seed, motion=motion, n=600).samples.field) is None
+
+
+@given(seeds, st.integers(150, 450), st.integers(20, 120))
+@settings(max_examples=15, deadline=None)
+def test_a_gap_is_no_slip(seed: int, at: int, long: int) -> None:
+    """Readings that were lost leave a break that mends nothing, or hardly ever, and then no ellipsoid gets better."""
+    field = tumble(seed, n=600).samples.field
+    assert slip_of(np.concatenate([field[:at], field[at + long :]])) is None
+
+
+@given(seeds, st.integers(150, 450), st.integers(-10, 10))
+@settings(max_examples=6, deadline=None)
+def test_the_unit_does_not_matter(seed: int, at: int, power: int) -> None:
+    field = tumble(seed, n=600).samples.field.copy()
+    field[at:, 0] *= -1.0
+    one, other = slip_of(field), slip_of(2.0**power * field)
+    assert (one is None) == (other is None)
+    if one is not None and other is not None:
+        assert (one.axes, one.rows) == (other.axes, other.rows)
+        assert one.gain == pytest.approx(other.gain, rel=1e-6)
+
+
+@given(seeds, slips, st.integers(150, 450))
+@settings(max_examples=15, deadline=None)
+def test_backwards_it_is_the_same_slip(seed: int, axes: str, at: int) -> None:
+    field = tumble(seed, n=600).samples.field.copy()
+    field[at:] = field[at:] @ SLIPS[axes]
+    forwards, backwards = moments_of(field), moments_of(field[::-1])
+    assert {name: (len(field) - rows[::-1]).tolist() for name, rows in backwards.items()} == {
+        name: rows.tolist() for name, rows in forwards.items()
+    }
+
+
+@pytest.mark.parametrize("axes", SLIPS)
+def test_each_slip_undoes_itself(axes: str) -> None:
+    np.testing.assert_array_equal(SLIPS[axes] @ SLIPS[axes], np.eye(3))

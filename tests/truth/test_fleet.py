@@ -1,0 +1,354 @@
+"""A fleet calibrated as its user does it: folders, tables, what is broken, what is killed, and the same bytes."""
+
+from __future__ import annotations
+
+import errno
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import flinders
+from flinders import simulate
+from flinders.cli import main
+from flinders.errors import FlindersError, OutputError, UsageError
+from flinders.fleet import Rows, engine, work
+from flinders.fleet import run as running
+from flinders.fleet.plan import plan_of
+from flinders.fleet.run import run
+from flinders.fleet.tables import Asked
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from flinders.arrays import Floats
+    from flinders.fleet.plan import Partition
+
+pyarrow = pytest.importorskip("pyarrow")
+from pyarrow import parquet  # noqa: E402 - after it is known to be there
+
+FIELDS = [simulate.tumble(seed=seed, n=150, motion="uniform").samples.field for seed in range(6)]
+
+
+def write_csv(path: Path, field: Floats, unit: str = "uT") -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [f"{place * 0.02:.2f}," + ",".join(f"{value:.4f}" for value in row) for place, row in enumerate(field)]
+    names = ",".join(["t_s", *(f"mag_{axis}" + f"_{unit}" * bool(unit) for axis in "xyz")])
+    path.write_text("\n".join([names, *rows, ""]), encoding="utf-8")
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    """Six units with a recording each, in a folder."""
+    for place, field in enumerate(FIELDS):
+        write_csv(tmp_path / "logs" / f"U{place}" / "monday.csv", field)
+    return tmp_path / "logs"
+
+
+DONE = work.done
+
+
+def deadly(partition: Partition, *, asked: Asked) -> bytes:
+    """Dies of one file, each time."""
+    if any("poison" in piece.member.name for piece in partition.pieces):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return DONE(partition, asked=asked)
+
+
+def test_a_row_has_the_numbers_of_the_single_command(logs: Path, tmp_path: Path) -> None:
+    assert run(str(logs), tmp_path / "out.parquet", Asked(), workers=0).verdicts == {"good": 6}
+    rows = Rows.read(tmp_path / "out.parquet")
+    assert rows.unit.tolist() == [f"U{place}" for place in range(6)]
+    for place in range(6):
+        fit = flinders.fit(flinders.open_recording(logs / f"U{place}" / "monday.csv"))
+        row = rows.row(place)
+        assert (row.verdict, row.readings, row.used, row.recording) == ("good", 150, fit.samples, "monday.csv")
+        np.testing.assert_allclose(row.offset, fit.calibration.offset, rtol=1e-9)
+        np.testing.assert_allclose(row.matrix, fit.calibration.matrix.ravel(), rtol=1e-9)
+        np.testing.assert_allclose(row.covariance, fit.covariance[np.triu_indices(9)], rtol=1e-9)
+        np.testing.assert_allclose(row.worst_deg, fit.heading_error_deg.worst, rtol=1e-9)
+        np.testing.assert_allclose(row.rms_deg, fit.heading_error_deg.rms, rtol=1e-9)
+        assert (row.start_s, round(row.end_s, 6)) == (0.0, 2.98)
+        assert row.findings == tuple(finding.code for finding in fit.findings)
+
+
+def test_what_is_wrong_with_a_file_is_a_row(logs: Path, tmp_path: Path) -> None:
+    """Broken, empty and foreign files, missing columns, too few readings, other units of field: the job goes on."""
+    write_csv(logs / "U6" / "short.csv", FIELDS[0][:5])
+    write_csv(logs / "U7" / "counts.csv", FIELDS[1] * 10, unit="")
+    (logs / "U8.csv").write_bytes(b"")
+    (logs / "U9.parquet").write_bytes(b"PAR1 and then nothing")
+    (logs / "UA.csv").write_text("t_s,pressure\n" + "0.1,1013\n" * 30)
+    (logs / "notes.md").write_text("not a recording")
+    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
+    rows = Rows.read(tmp_path / "out.parquet")
+    assert told.verdicts == {"good": 7, "refused": 1, "failed": 3}
+    codes = dict(zip(rows.unit.tolist(), rows.code.tolist(), strict=True))
+    assert {unit: code for unit, code in codes.items() if code} == {
+        "U6": "too-few-samples", "U8": "unreadable", "U9": "unreadable", "UA": "no-magnetometer",
+    }  # fmt: skip
+    assert told.units_of_field == {"uT": 7, "counts": 1}
+    assert told.left_out == {".md": 1}
+    assert not told.is_whole
+    failed = rows[rows.verdict == "failed"]
+    assert np.isnan(failed.offset).all()
+    assert all(failed.message)
+
+
+@pytest.mark.skipif(os.name != "posix" or os.getuid() == 0, reason="root may read everything")
+def test_a_file_that_may_not_be_read_is_a_row(logs: Path, tmp_path: Path) -> None:
+    (logs / "U0" / "monday.csv").chmod(0)
+    assert run(str(logs), tmp_path / "out.parquet", Asked(), workers=0).codes == {"unreadable": 1}
+
+
+def test_any_number_of_workers_writes_the_same_bytes(logs: Path, tmp_path: Path) -> None:
+    written = []
+    for workers in (0, 1, 3):
+        run(str(logs), tmp_path / f"{workers}.parquet", Asked(), workers=workers)
+        written.append((tmp_path / f"{workers}.parquet").read_bytes())
+        assert not (tmp_path / f"{workers}.parquet.parts").exists()
+    assert written[0] == written[1] == written[2]
+
+
+def test_a_worker_that_is_killed_changes_nothing(logs: Path, tmp_path: Path) -> None:
+    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    killed: list[int | None] = []
+
+    def kill(done: int, total: int, rows: int) -> None:
+        for child in multiprocessing.active_children()[: 1 - len(killed)]:
+            os.kill(child.pid or 0, signal.SIGKILL)
+            killed.append(child.pid)
+
+    run(str(logs), tmp_path / "killed.parquet", Asked(), workers=2, watch=kill)
+    assert len(killed) == 1
+    assert (tmp_path / "killed.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+def test_a_file_that_kills_its_workers_is_left_out(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_csv(logs / "U3" / "poison.csv", FIELDS[0])
+    monkeypatch.setattr(work, "done", deadly)
+    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=2)
+    assert (told.verdicts, told.codes, told.retried) == ({"good": 6, "failed": 1}, {"lost-worker": 1}, 1)
+    rows = Rows.read(tmp_path / "out.parquet")
+    assert rows.recording[rows.code == "lost-worker"].tolist() == ["poison.csv"]
+
+
+def test_only_the_guilty_file_of_a_partition_is_lost(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flinders.fleet import plan
+
+    write_csv(logs / "U3" / "poison.csv", FIELDS[0])
+    monkeypatch.setattr(plan, "LEAST_PARTITIONS", 1)
+    monkeypatch.setattr(work, "done", deadly)
+    assert len(plan_of(str(logs), Asked()).partitions) == 1
+    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=2)
+    assert told.verdicts == {"good": 6, "failed": 1}
+
+
+def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    synced = []
+
+    def full(descriptor: int) -> None:
+        synced.append(descriptor)
+        if len(synced) > 3:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OutputError, match=r"no space left.* 2 partitions are done, and kept: go on with --resume"):
+            run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
+    assert not (tmp_path / "out.parquet").exists()
+    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
+    assert told.resumed == 2
+    assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path) -> None:
+    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]
+    driver = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.PIPE)
+    while not list((tmp_path / "out.parquet.parts").glob("part-*.arrow")) and driver.poll() is None:
+        time.sleep(0.002)
+    driver.kill()
+    driver.communicate()
+    with pytest.raises(UsageError, match="go on with --resume"):
+        run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
+    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
+    assert told.resumed > 0
+    assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> None:
+    plan = plan_of(str(logs), Asked())
+    running.Parts.of(tmp_path / "out.parquet", plan, resume=False, force=False).commit(0, b"rows")
+    with pytest.raises(UsageError, match="other files, options or another release"):
+        run(str(logs), tmp_path / "out.parquet", Asked(target_deg=2.0), workers=0, resume=True)
+
+
+def test_the_program_says_what_came_of_it(logs: Path, tmp_path: Path) -> None:
+    write_csv(logs / "U6" / "short.csv", FIELDS[0][:5])
+    command = [
+        sys.executable,
+        "-m",
+        "flinders",
+        "fleet",
+        "logs",
+        "--out",
+        "out.parquet",
+        "--log",
+        "log.jsonl",
+        "--json",
+    ]
+    ended = subprocess.run([*command, "--workers", "1"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 3, ended.stderr
+    assert ended.stderr == "written to out.parquet\n"
+    told = json.loads(ended.stdout)
+    assert (told["units"], told["verdicts"], told["codes"]) == (7, {"good": 6, "refused": 1}, {"too-few-samples": 1})
+    events = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert [event["event"] for event in events] == ["planned", *["partition"] * 7, "done"]
+
+
+def test_misuse_is_said_in_a_line(logs: Path, tmp_path: Path) -> None:
+    out = str(tmp_path / "out.parquet")
+    for words, code, said in (
+        ([str(tmp_path / "nothing")], 5, "cannot be listed"),
+        ([str(logs), "--workers", "1", "--scheduler", "tcp://127.0.0.1:1"], 2, "leave one of them out"),
+        ([str(logs), "--unit", "furlong"], 3, ""),
+    ):
+        ended = CliRunner().invoke(main, ["fleet", *words, "--out", out, "--force"], prog_name="flinders")
+        assert ended.exit_code == code, ended.output
+        assert said in ended.output
+
+
+def table(place: int) -> Any:  # noqa: ANN401 - pyarrow ships no types
+    """Readings of one unit as a table of Arrow."""
+    field = FIELDS[place]
+    times = {"time_s": np.arange(len(field)) * 0.02}
+    names = {f"mag_{axis}_uT": field[:, column] for column, axis in enumerate("xyz")}
+    return pyarrow.table({"unit": [f"U{place}"] * len(field), **times, **names})
+
+
+def test_a_unit_with_many_readings_beside_small_ones_is_streamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A unit beyond what is held in memory is gone through again and again, and gives what it gives in memory."""
+    from flinders.fleet import plan
+
+    long = simulate.tumble(seed=9, n=3000, motion="uniform").samples.field
+    names = {f"mag_{axis}_uT": long[:, column] for column, axis in enumerate("xyz")}
+    big = pyarrow.table({"unit": ["U0big"] * 3000, "time_s": np.arange(3000) * 0.02, **names})
+    both = pyarrow.concat_tables([table(0), big, table(1)])
+    (tmp_path / "in").mkdir()
+    parquet.write_table(both, tmp_path / "in" / "all.parquet", row_group_size=500)
+    run(str(tmp_path / "in"), tmp_path / "held.parquet", Asked(), workers=0)
+    for module in (plan, work):
+        monkeypatch.setattr(module, "LARGEST", 1000)
+    told = run(str(tmp_path / "in"), tmp_path / "streamed.parquet", Asked(), workers=0)
+    held, streamed = Rows.read(tmp_path / "held.parquet"), Rows.read(tmp_path / "streamed.parquet")
+    assert told.partitions > 1
+    assert streamed.unit.tolist() == held.unit.tolist() == ["U0", "U0big", "U1"]
+    assert streamed.readings.tolist() == held.readings.tolist() == [150, 3000, 150]
+    for name in ("offset", "matrix", "covariance", "worst_deg", "start_s", "end_s"):
+        np.testing.assert_allclose(getattr(streamed, name), getattr(held, name), rtol=1e-6, err_msg=name)
+
+
+def test_a_unit_in_uT_here_and_counts_there_is_refused_by_name(tmp_path: Path) -> None:
+    counts = table(0).rename_columns(["unit", "time_s", "mx", "my", "mz"])
+    (tmp_path / "in").mkdir()
+    parquet.write_table(table(0), tmp_path / "in" / "a.parquet")
+    parquet.write_table(counts, tmp_path / "in" / "b.parquet")
+    told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    assert told.codes == {"unit": 1}
+    assert "counts" in Rows.read(tmp_path / "out.parquet").message[0]
+
+
+def test_a_table_without_units_or_field_is_said(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    parquet.write_table(table(0), tmp_path / "in" / "a.parquet")
+    parquet.write_table(table(1).drop_columns(["mag_z_uT"]), tmp_path / "in" / "b.parquet")
+    told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    assert (told.verdicts, told.codes) == ({"good": 1, "failed": 1}, {"no-magnetometer": 1})
+    with pytest.raises(UsageError, match="no column serial: there are unit, time_s"):
+        run(str(tmp_path / "in"), tmp_path / "no.parquet", Asked(unit_column="serial"), workers=0)
+
+
+def test_sums_alone_say_what_they_cost(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["fleet", str(logs), "--out", "out.parquet", "--workers", "0", "--moments-only"]
+    ended = CliRunner().invoke(main, words, prog_name="flinders")
+    assert ended.exit_code == 0, ended.output
+    assert "from sums alone" in ended.output
+    assert set(Rows.read("out.parquet").method.tolist()) == {"consistent"}
+
+
+def test_recordings_in_a_store_are_read_as_those_on_the_disk(logs: Path, tmp_path: Path) -> None:
+    pytest.importorskip("obstore")
+    (tmp_path / "tables").mkdir()
+    parquet.write_table(pyarrow.concat_tables([table(0), table(1)]), tmp_path / "tables" / "a.parquet")
+    for folder, units in ((logs, 6), (tmp_path / "tables", 2)):
+        run(str(folder), tmp_path / "here.parquet", Asked(), workers=0, force=True)
+        told = run(f"file://{folder}", tmp_path / "there.parquet", Asked(), workers=0, force=True)
+        assert told.units == units
+        assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
+
+
+def test_a_store_that_is_not_there_is_an_error_of_ours(tmp_path: Path) -> None:
+    pytest.importorskip("obstore")
+    with pytest.raises(FlindersError):
+        run("s3://", tmp_path / "out.parquet", Asked(), workers=0)
+
+
+def test_a_dask_cluster_gives_the_same_bytes(logs: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    run(str(logs), tmp_path / "here.parquet", Asked(), workers=0)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, protocol="tcp", dashboard_address=None
+    ) as cluster:
+        run(str(logs), tmp_path / "there.parquet", Asked(), scheduler=cluster.scheduler_address)
+    assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
+
+
+def test_a_scheduler_that_is_not_there_is_said(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(engine, "PATIENCE_S", 0.2)
+    with pytest.raises(FlindersError, match=r"no Dask scheduler answers at tcp://127.0.0.1:1 "):
+        run(str(logs), tmp_path / "out.parquet", Asked(), scheduler="tcp://127.0.0.1:1")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_bucket_gives_what_the_folder_gives(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over the protocol of S3, spoken by moto's server on this machine."""
+    obstore = pytest.importorskip("obstore")
+    server = pytest.importorskip("moto.server").ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+    server.start()
+    try:
+        address = "http://{}:{}".format(*server.get_host_and_port())
+        for name, value in {
+            "AWS_ENDPOINT": address, "AWS_ALLOW_HTTP": "true", "AWS_REGION": "us-east-1",
+            "AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b",
+        }.items():  # fmt: skip
+            monkeypatch.setenv(name, value)
+        urllib.request.urlopen(urllib.request.Request(f"{address}/fleet", method="PUT")).close()
+        store = obstore.store.from_url("s3://fleet")
+        parquet.write_table(pyarrow.concat_tables([table(4), table(5)]), logs / "all.parquet")
+        for path in sorted(logs.rglob("*.*")):
+            obstore.put(store, f"2026/{path.relative_to(logs).as_posix()}", path.read_bytes())
+        run(str(logs), tmp_path / "here.parquet", Asked(), workers=0)
+        told = run("s3://fleet/2026/", tmp_path / "there.parquet", Asked(), workers=0)
+    finally:
+        server.stop()
+    assert told.verdicts == {"good": 8}
+    assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()

@@ -1,0 +1,237 @@
+"""Fleets whose drift is known: what changed is found, what did not is left alone, by the numbers of `compare`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from benchmarks.drift import Fleet, simulated
+from click.testing import CliRunner
+
+import flinders
+from flinders import simulate
+from flinders.cli import main
+from flinders.comparison import compare
+from flinders.errors import DocumentError, UsageError
+from flinders.fleet.changes import Calibrations, between
+from flinders.fleet.drift import drift_of
+from flinders.fleet.history import histories
+from flinders.fleet.overview import overview_of
+from flinders.fleet.scatter import Scatter, scatter_of
+from flinders.fleet.steps import Lines, steps_of
+from flinders.fleet.table import Row, Rows
+from flinders.judged import Judged
+from flinders.report.fleet import page
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from benchmarks.drift import Truth
+
+    from flinders.report.fleet_view import UnitDrift
+
+parquet = pytest.importorskip("pyarrow.parquet")
+
+DAY = 86400.0
+
+
+@cache
+def fleet(step_deg: float = 0.0, claimed: float = 1.0, units: int = 300, seed: int = 4) -> tuple[Rows, Truth]:
+    walk = 2e-7 if step_deg else 0.0
+    made = Fleet(units=units, step_deg=step_deg, claimed=claimed, walk=walk)
+    return simulated(made, np.random.default_rng(seed))
+
+
+def written(folder: Path, rows: Rows, name: str = "fleet.parquet") -> Path:
+    parquet.write_table(rows.to_arrow(), folder / name, row_group_size=97)
+    return folder / name
+
+
+def named(places: np.ndarray) -> set[str]:
+    return {f"U{place:07d}" for place in np.flatnonzero(places).tolist()}
+
+
+def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
+    fits = []
+    for seed in range(4):
+        sensor = simulate.Sensor(noise=0.5, offset=np.array([20.0, -10.0, 5.0 + seed]))
+        fits.append(flinders.fit(simulate.tumble(seed=seed, n=300, motion="uniform", sensor=sensor).samples))
+    rows = Rows.of([Row.of_fit(fit, "A") for fit in fits])
+    all_of_them = Calibrations.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
+    found = between(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
+    for place, (one, two) in enumerate(pairwise(fits)):
+        alone = compare(Judged.from_fit(one), Judged.from_fit(two), dip_deg=-40.0)
+        assert alone.claimed_deg is not None
+        assert alone.chi_square is not None
+        expected = [
+            alone.heading_difference_deg.rms, alone.heading_difference_deg.worst, alone.heading_mean_deg,
+            alone.claimed_deg.rms, alone.claimed_deg.worst, alone.scale_difference, alone.chi_square, alone.freedom,
+        ]  # fmt: skip
+        names = ("rms_deg", "worst_deg", "mean_deg", "sigma_rms_deg", "sigma_deg", "scale", "chi_square", "freedom")
+        npt.assert_allclose([getattr(found, name)[place] for name in names], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_chance_of_a_chi_square_is_that_of_scipy() -> None:
+    from scipy import stats
+
+    from flinders.fleet.changes import chances
+
+    chi_square = np.geomspace(0.01, 300.0, 60)
+    for freedom in (1, 2, 3, 8, 9, 30):
+        expected = stats.chi2.sf(chi_square, freedom)
+        npt.assert_allclose(chances(chi_square, np.full(60, freedom)), expected, rtol=1e-9)
+
+
+def test_units_with_a_step_are_found_and_the_others_left_alone(tmp_path: Path) -> None:
+    rows, truth = fleet(step_deg=4.0)
+    units: list[UnitDrift] = []
+    drift = drift_of([written(tmp_path, rows)], each=units.extend)
+    stepped = named(truth.has_step)
+    reported = {step.unit for step in drift.steps}
+    assert reported <= stepped
+    assert len(reported) >= 0.7 * len(stepped) > 3
+    assert {unit.unit for unit in units if unit.state == "recalibrate"} == stepped
+    assert drift.states["recalibrate"] == len(stepped)
+    assert sum(drift.states.values()) == len(units) == 300
+
+
+def test_a_step_is_as_large_as_it_was_made(tmp_path: Path) -> None:
+    rows, truth = fleet(step_deg=4.0)
+    for step in drift_of([written(tmp_path, rows)]).steps:
+        assert step.worst_deg == pytest.approx(truth.change_deg[int(step.unit[1:])], abs=0.8)
+
+
+def test_nothing_is_reported_of_fleets_in_which_nothing_moved(tmp_path: Path) -> None:
+    for seed in range(2):
+        drift = drift_of([written(tmp_path, fleet(seed=seed)[0])])
+        assert drift.step_count == drift.states["recalibrate"] == drift.states["changed"] == 0
+
+
+def test_claims_that_are_too_small_are_widened_and_make_no_alarm(tmp_path: Path) -> None:
+    drift = drift_of([written(tmp_path, fleet(claimed=0.5)[0])])
+    assert drift.session == pytest.approx(4.0, rel=0.25)
+    assert drift.step_count == drift.states["recalibrate"] == 0
+
+
+def test_a_unit_that_drifts_steadily_has_no_step() -> None:
+    rng = np.random.default_rng(0)
+    time = np.arange(10) * 30.0 * DAY
+    offset = np.outer(np.linspace(0.0, 0.1, 10), [1.0, 0.0, 0.0]) + 0.001 * rng.normal(size=(10, 3))
+    covariance = np.tile(1e-6 * np.eye(3), (10, 1, 1))
+    assert steps_of(Lines(np.array([0, 10]), time, offset, covariance), Scatter(), chance=1e-4) == []
+    offset[6:] += [0.0, 0.05, 0.0]
+    assert [
+        step.after for step in steps_of(Lines(np.array([0, 10]), time, offset, covariance), Scatter(), chance=1e-4)
+    ] == [5]
+
+
+def test_two_steps_of_a_unit_are_both_found() -> None:
+    rng = np.random.default_rng(1)
+    offset = 0.001 * rng.normal(size=(12, 3))
+    offset[4:, 0] += 0.05
+    offset[9:, 1] -= 0.05
+    lines = Lines(np.array([0, 12]), np.arange(12) * DAY, offset, np.tile(1e-6 * np.eye(3), (12, 1, 1)))
+    assert [step.after for step in steps_of(lines, Scatter(), chance=1e-4)] == [3, 8]
+
+
+def test_few_pairs_say_nothing_of_how_a_fleet_scatters() -> None:
+    assert scatter_of(np.ones((10, 3)), np.tile(np.eye(3), (10, 1, 1)), np.ones(10)) == Scatter(pairs=10)
+
+
+def test_units_spread_over_tables_and_any_number_of_rows_at_once_give_the_same(tmp_path: Path) -> None:
+    rows, _ = fleet(step_deg=4.0)
+    whole = written(tmp_path, rows)
+    odd = np.arange(len(rows)) % 2 == 1
+    parts = [written(tmp_path, rows[np.flatnonzero(~odd)], "even"), written(tmp_path, rows[np.flatnonzero(odd)], "odd")]
+    assert drift_of([whole]).as_dict() == drift_of(parts).as_dict()
+    few, many = ([one for block in histories([whole], rows=size) for one in block.unit] for size in (101, 10_000))
+    assert few == many == sorted(set(rows.unit))
+
+
+def test_rows_without_a_calibration_or_a_time_are_no_reason_to_fail(tmp_path: Path) -> None:
+    rows, _ = fleet(step_deg=4.0)
+    start = rows.start_s.copy()
+    start[:5] = np.nan
+    lost = [Row(unit="Z1", verdict="failed", code="unreadable"), Row(unit="Z2", verdict="refused", code="one-plane")]
+    more = Rows.joined([replace(rows, start_s=start), Rows.of(lost)])
+    drift = drift_of([written(tmp_path, more)])
+    assert (drift.left_out, drift.states["none"], drift.units) == (2, 2, 302)
+
+
+def test_what_is_no_sorted_table_of_a_fleet_is_refused(tmp_path: Path) -> None:
+    rows, _ = fleet()
+    with pytest.raises(DocumentError, match=r"comes after .*sort the table by unit"):
+        drift_of([written(tmp_path, rows[np.arange(len(rows))[::-1]])])
+    parquet.write_table(rows.to_arrow().select(["unit", "verdict"]), tmp_path / "other")
+    with pytest.raises(DocumentError, match="it has no recording"):
+        drift_of([tmp_path / "other"])
+    (tmp_path / "text").write_text("no table")
+    with pytest.raises(DocumentError, match="cannot be read as a table of a fleet"):
+        drift_of([tmp_path / "text"])
+    with pytest.raises(DocumentError, match="no such file"):
+        drift_of([tmp_path / "nothing"])
+    with pytest.raises(UsageError, match="target"):
+        drift_of([tmp_path / "text"], target_deg=0.0)
+
+
+def test_the_report_says_what_is_to_be_done_and_runs_nothing_of_others(tmp_path: Path) -> None:
+    rows, _ = fleet(step_deg=4.0)
+    evil = Row(unit="<script>alert(1)</script>", verdict="failed", code="unreadable", message="<b>no</b>")
+    path = written(tmp_path, Rows.joined([Rows.of([evil]), rows]))
+    drift = drift_of([path])
+    text = page(overview_of([path]), drift)
+    assert f"{drift.states['recalibrate']} units to recalibrate" in text
+    assert drift.steps[0].unit in text
+    assert "<script>alert" not in text
+    assert "<b>no" not in text
+    assert "&lt;script&gt;alert" in text
+    assert "://" not in text
+    assert len(text) < 2_000_000
+
+
+def test_the_size_of_a_report_does_not_grow_with_the_fleet(tmp_path: Path) -> None:
+    small, large = (written(tmp_path, fleet(units=units)[0], f"{units}") for units in (300, 1200))
+    assert len(page(overview_of([large]))) < 1.1 * len(page(overview_of([small])))
+
+
+def test_batches_come_from_a_column_a_pattern_or_the_name(tmp_path: Path) -> None:
+    rows = [Row(unit=f"L{line}-{n:03d}", verdict="good") for line in (1, 2) for n in range(20)]
+    path = written(tmp_path, Rows.of(rows))
+    assert overview_of([path]).batches == {"L1": {"good": 20}, "L2": {"good": 20}}
+    assert set(overview_of([path], batch="[0-9]$").batches) == set("0123456789")
+    table = Rows.of(rows).to_arrow().append_column("batch", [[f"week {n % 4}" for n in range(40)]])
+    parquet.write_table(table, path)
+    assert set(overview_of([path]).batches) == {"week 0", "week 1", "week 2", "week 3"}
+    with pytest.raises(UsageError, match="neither a column"):
+        overview_of([path], batch="(")
+
+
+def test_the_command_ends_with_what_it_found(tmp_path: Path) -> None:
+    moved, still = written(tmp_path, fleet(step_deg=4.0)[0], "moved"), written(tmp_path, fleet()[0], "still")
+    out, report = tmp_path / "drift.parquet", tmp_path / "drift.html"
+    ended = CliRunner().invoke(main, ["drift", str(moved), "-o", str(out), "--report", str(report), "--json"])
+    assert ended.exit_code == 3
+    told = json.loads(ended.stdout)
+    table = parquet.read_table(out)
+    assert table.column("state").to_pylist().count("recalibrate") == told["states"]["recalibrate"] > 0
+    assert report.read_text(encoding="utf-8").startswith("<!doctype html>")
+    again = CliRunner().invoke(main, ["drift", str(moved), "-o", str(out)])
+    assert (again.exit_code, "exists" in again.stderr) == (6, True)
+    quiet = CliRunner().invoke(main, ["drift", str(still)])
+    assert quiet.exit_code == 0
+    assert "recalibrate" not in quiet.stdout
+
+
+def test_a_table_without_a_calibration_or_without_a_row_has_a_report(tmp_path: Path) -> None:
+    for rows in ([Row(unit="A", verdict="failed", code="unreadable", message="cut short")], []):
+        path = written(tmp_path, Rows.of(rows))
+        drift = drift_of([path])
+        assert (drift.units, drift.gaps, drift.step_count) == (len(rows), 0, 0)
+        assert "None to recalibrate" in page(overview_of([path]), drift)
+        assert "0.0% calibrated" in page(overview_of([path]))
