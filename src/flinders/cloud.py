@@ -224,7 +224,8 @@ def _gathered(keys: NDArray[np.int64], counts: Floats, sums: Floats, first: Floa
     earliest, latest = np.full((2, size), np.nan)
     np.fmin.at(earliest, place, first)
     np.fmax.at(latest, place, last)
-    return keys, np.bincount(place, weights=counts, minlength=size), added, earliest, latest
+    weights = np.asarray(np.bincount(place, weights=counts, minlength=size), float)
+    return keys, weights, added, earliest, latest
 
 
 def _pack(indices: NDArray[np.int64]) -> NDArray[np.int64]:

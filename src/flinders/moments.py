@@ -21,13 +21,12 @@ from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flinders.arrays import Floats, column, table
 from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
 EXPONENTS: Final = np.array(
     sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=lambda e: (sum(e), e[::-1]))

@@ -375,7 +375,7 @@ def test_what_refuses_is_raised_with_the_fit_and_its_numbers() -> None:
 
 
 def test_what_limits_or_refuses_says_what_to_do() -> None:
-    verbs = "turn|hold|keep|record|check|choose|use|see what|change the sign"
+    verbs = "turn|hold|keep|record|check|choose|use|see what|find out|change the sign"
     for code, severity, recording, _ in CASES:
         if severity != "note":
             advice = only(recording(), code).advice

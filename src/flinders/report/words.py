@@ -191,8 +191,8 @@ FINDINGS: Final = {
         "Check that the instrument is on the same body, is not at its limit, and is recorded as often as the compass.",
     ),
     "gyro-clipped": Words(
-        "The gyro was at its limit in {number:.0%} of the recording, so it does not tell how the compass was turned. It "
-        "was not used.",
+        "The gyro was at its limit in {number:.0%} of the recording, so it does not tell how the compass was turned. "
+        "It was not used.",
         "Set the gyro to a wider range, or turn more slowly.",
     ),
     "gyro-scales": Words(
