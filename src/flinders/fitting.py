@@ -26,6 +26,7 @@ from flinders.estimators import (
     at_one_strength,
     drift_of,
     slip_of,
+    unfollowed_of,
     with_bias,
     within_range,
 )
@@ -56,7 +57,7 @@ if TYPE_CHECKING:
     from flinders.estimators.driving import Driving
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats
-    from flinders.result import Drift, Slip
+    from flinders.result import Drift, Slip, Unfollowed
     from flinders.samples import Recording
     from flinders.summary import Summary
     from flinders.terms.site import Site
@@ -409,6 +410,15 @@ def _slip(estimate: Estimate, readings: Readings) -> Slip | None:
     return slip_of(readings.recording.field, estimate.noise)
 
 
+def _unfollowed(estimate: Estimate, readings: Readings, dip_deg: float, driving: Driving | None) -> Unfollowed | None:
+    """Whether a driver that was recorded moves the readings, of one recording held in memory, and none is followed."""
+    if driving is not None or estimate.unseen or not isinstance(readings.recording, Samples):
+        return None
+    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
+    time = 1.0 if estimate.correlation is None else estimate.correlation.time
+    return unfollowed_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
+
+
 def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
     """What independent residuals would allow to claim."""
     if estimate.textbook is None:
@@ -500,6 +510,7 @@ def _judged(
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, readings, dip),
         slip=_slip(estimate, readings),
+        unfollowed=_unfollowed(estimate, readings, dip, driving),
         repeats=repeats,
         plane=estimate.plane,
         aids=told_by,

@@ -172,6 +172,28 @@ class Slip:
 
 
 @dataclass(frozen=True, slots=True)
+class Unfollowed:
+    """Something that was recorded beside the readings and moves them, and that the calibration does not follow.
+
+    Attributes
+    ----------
+    name : str
+        ``current``, ``throttle`` or ``temperature``.
+    per_unit : tuple of float
+        By how much it moves the offset for each unit of it, roughly, in the unit of the readings.
+    heading_deg : float
+        What that makes of a level heading at the far end of its recorded range, at most.
+    chi_square : float
+        How much better residuals are explained with it, for independent readings.
+    """
+
+    name: str
+    per_unit: tuple[float, ...]
+    heading_deg: float
+    chi_square: float
+
+
+@dataclass(frozen=True, slots=True)
 class Driven:
     """What is known of something that the offset follows.
 
@@ -417,6 +439,8 @@ class Fit(Outcome):
         Where the recording is one and long enough.
     slip : Slip, optional
         Where the readings tell that axes slipped in mid-recording.
+    unfollowed : Unfollowed, optional
+        A driver that was recorded, moves the readings, and is not followed.
     repeats : Repeats, optional
         Several recordings, held against each other; their scatter is in the covariance.
     plane : str, optional
@@ -454,6 +478,7 @@ class Fit(Outcome):
     distortion: float = 0.0
     drift: Drift | None = None
     slip: Slip | None = None
+    unfollowed: Unfollowed | None = None
     repeats: Repeats | None = None
     plane: Plane | None = None
     driven: tuple[Driven, ...] = ()

@@ -60,6 +60,7 @@ CODES: Final = {
     "skipped-rows": "`number` rows could not be used",
     "typed-extremes": "no readings, only typed extremes: a turn that missed ends costs `number` degrees of heading",
     "driver": "following a driver takes away `number` degrees of heading at the far end of its recorded range",
+    "driver-unfollowed": "a driver was recorded and not asked for, and moves the heading by `number` degrees",
     "driver-constant": "a driver that was asked for hardly changed: its range is `number`",
     "driver-entangled": "`number` of what tells about a driver could be the attitude as well",
     "driver-one-way": "`number` of a driver's course goes one way: an offset that drifts would look the same",
@@ -134,6 +135,8 @@ STRAYS: Final = 0.1
 ENTANGLED: Final = 0.95
 ONE_WAY: Final = 0.95
 """Share of the course of a driver that a monotone function of time explains, beyond which a drift would look alike."""
+UNFOLLOWED: Final = 0.5
+"""Of the target: a driver that moves the heading by less is left unsaid."""
 NOISY: Final = 0.02
 """Share by which an offset per unit may be too small."""
 REPEATS: Final = 0.1
@@ -420,6 +423,7 @@ def _change(fit: Fit) -> Iterator[Finding]:
             "will be, let the sensor warm up, and record again",
         )  # fmt: skip
     yield from _slipped(fit)
+    yield from _left_alone(fit)
     share = fit.distortion / fit.ellipsoid.radius
     if share > STRUCTURE:
         yield Finding(
@@ -443,6 +447,19 @@ def _slipped(fit: Fit) -> Iterator[Finding]:
         "slipped-axes", "limits", slip.gain, SLIPPED,
         f"from reading {slip.rows[0] + 1:,} on {what}{again}: put right, the readings lie {figures(slip.gain)} times "
         "closer to an ellipsoid; find out what the driver did then, and record again",
+    )  # fmt: skip
+
+
+def _left_alone(fit: Fit) -> Iterator[Finding]:
+    """Whether readings follow something that was recorded beside them, and the calibration does not."""
+    found = fit.unfollowed
+    if found is None or found.heading_deg <= UNFOLLOWED * fit.target_deg:
+        return
+    yield Finding(
+        "driver-unfollowed", "limits", found.heading_deg, UNFOLLOWED * fit.target_deg,
+        f"readings follow the {found.name} that was recorded with them, by up to {figures(found.heading_deg)}° of "
+        f"heading, which the heading error does not know of: calibrate with drivers {found.name} "
+        f"(--with {found.name}), or record without",
     )  # fmt: skip
 
 

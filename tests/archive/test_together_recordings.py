@@ -38,7 +38,9 @@ def fit_of(member: Member) -> Fit:
 
 def test_the_compasses_inside_sit_as_the_one_outside_and_hear_the_current(flight: Together) -> None:
     outside, *inside = flight.members
-    assert fit_of(outside).verdict == "good"
+    found = fit_of(outside)
+    assert found.heading_error_deg.worst < 1.0
+    assert [one.code for one in found.findings if one.severity == "limits"] == ["driver-unfollowed"]  # a little, too
     for member in inside:
         assert member.axes == "x,y,z"
         assert member.off_axes_deg < 10.0

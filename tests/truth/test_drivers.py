@@ -398,3 +398,29 @@ def test_in_flight_the_current_correlates_with_the_internal_compass_no_more(reco
     near = np.abs(length - 1.0) < 0.1
     assert samples.current is not None
     assert abs(np.corrcoef(length[near], samples.current[near])[0, 1]) < 0.1
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_a_current_that_was_recorded_and_not_asked_for_is_named(seed: int) -> None:
+    motors = simulate.MotorCurrent(per_ampere=[0.3, 0.0, 0.0], amperes=20.0)
+    flight = simulate.tumble(seed=seed, disturbances=[motors]).samples
+    try:
+        found = flinders.fit(flight).findings
+    except Refused as refused:
+        found = refused.fit.findings
+    (named,) = [finding for finding in found if finding.code == "driver-unfollowed"]
+    assert "--with current" in named.advice
+    assert flight.current is not None
+    about = np.abs(flight.current - flight.current.mean()).max()
+    level = 50.0 * np.cos(np.radians(60.0))
+    assert named.number == pytest.approx(np.degrees(np.arctan2(0.3 * about, level)), rel=0.25)
+    followed = flinders.fit(flight, drivers=("current",)).findings
+    assert not [finding for finding in followed if finding.code == "driver-unfollowed"]
+
+
+def test_a_current_that_moves_nothing_is_not_named() -> None:
+    for seed in range(6):
+        quiet = simulate.tumble(seed=seed).samples
+        amperes = 10.0 + 9.0 * np.sin(np.arange(len(quiet)) / (50.0 + 20.0 * seed))
+        codes = [finding.code for finding in flinders.fit(replace(quiet, current=amperes)).findings]
+        assert "driver-unfollowed" not in codes

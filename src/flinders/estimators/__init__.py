@@ -75,6 +75,7 @@ from flinders.estimators.sphere import Sphere
 from flinders.estimators.strays import strays_of
 from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.estimators.two_step import TwoStep
+from flinders.estimators.unfollowed import unfollowed_of
 
 METHODS: Final[dict[str, type[Estimator]]] = {
     method.name: method
@@ -141,6 +142,7 @@ __all__ = [
     "fit_error",
     "slip_of",
     "strays_of",
+    "unfollowed_of",
     "with_bias",
     "within_range",
 ]

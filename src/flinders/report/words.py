@@ -118,6 +118,11 @@ FINDINGS: Final = {
         "The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
         "Use the correction only where what it follows is measured as in the recording.",
     ),
+    "driver-unfollowed": Words(
+        "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of heading. "
+        "The calibration does not follow it.",
+        "Let the calibration follow it, or record without it.",
+    ),
     "driver-constant": Words(
         "Something that the compass was to follow hardly changed while the recording was made, so that nothing is "
         "known of what it does.",

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders import fitting
+from flinders.drivers import KINDS
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
@@ -175,7 +176,7 @@ def _alike(units: Sequence[Samples]) -> Iterator[NDArray[np.intp]]:
     """Places of units that go into one stack, in order of length."""
     groups: dict[tuple[str, bool], list[int]] = {}
     for place, one in enumerate(units):
-        if type(one) is Samples and one.strength is None and not one.skipped and not one.axes.is_mirror:
+        if type(one) is Samples and _is_plain(one):
             groups.setdefault((one.unit.inside, one.time is None), []).append(place)
     for members in groups.values():
         lengths = np.array([len(units[place]) for place in members])
@@ -212,6 +213,12 @@ def _named(findings: Mapping[tuple[str, Severity], Any]) -> tuple[NDArray[np.obj
         named[place] = tuple(code for (code, _), is_there in zip(findings, row, strict=True) if is_there)
         verdicts[place] = "limited" if (row & limits).any() else "good"
     return named[kind], verdicts[kind]
+
+
+def _is_plain(one: Samples) -> bool:
+    """Whether nothing beside the readings and their times has a say in the fit."""
+    drivers = any(getattr(one, name) is not None for name in KINDS)
+    return one.strength is None and not drivers and not one.skipped and not one.axes.is_mirror
 
 
 def _alone(one: Samples, *, polish: bool, target_deg: float, dip_deg: float) -> Fit | Exception:

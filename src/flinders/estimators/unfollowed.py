@@ -1,0 +1,90 @@
+"""Whether readings follow a column that was recorded and not asked for: a motor's current makes a good ellipsoid a lie.
+
+With a driver c that moves the offset by p for each unit of it, residuals of a fit without it are n·p (c − c̄) for
+surface normals n, but for what the nine parameters of the ellipsoid take up. They are regressed on both, and p
+counts where it explains far more than residuals that hang together could by chance.
+
+>>> from flinders import fitting, simulate
+>>> motors = simulate.MotorCurrent(per_ampere=[0.3, 0.0, 0.0], amperes=20.0)
+>>> flight = simulate.tumble(seed=3, disturbances=[motors]).samples
+>>> found = unfollowed_of(flight, fitting.fit(flight).ellipsoid, dip_deg=60.0)
+>>> found.name, round(found.heading_deg)
+('current', 6)
+>>> unfollowed_of(simulate.tumble(seed=3).samples, fitting.fit(flight).ellipsoid, dip_deg=60.0) is None
+True
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.coverage import directions_of
+from flinders.drivers import KINDS
+from flinders.result import Unfollowed
+from flinders.terms import magnitude
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.quadric import Ellipsoid
+    from flinders.samples import Samples
+
+MOST: Final = 5_000
+"""Readings that are looked at, spread evenly over the recording."""
+
+FEWEST: Final = 100
+"""Fewer say too little."""
+
+PROVEN: Final = 40.0
+"""χ² of three, for independent readings, from which on a driver explains residuals: chance makes it once in 10⁸."""
+
+
+def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0) -> Unfollowed | None:
+    """Look at each driver that was recorded; of several the one that explains most.
+
+    Parameters
+    ----------
+    samples : Samples
+    ellipsoid : Ellipsoid
+        A fit that follows none of them.
+    dip_deg : float
+    time : float
+        Readings that say as much as one independent reading.
+    """
+    some = samples[:: max(1, len(samples) // MOST)]
+    found = [one for name in KINDS if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
+    return max(found, key=lambda one: one.chi_square, default=None)
+
+
+def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float) -> Unfollowed | None:
+    """What one driver explains; None where it was not recorded, hardly changed, or explains nothing."""
+    values: Floats | None = getattr(samples, name)
+    if values is None:
+        return None
+    known = np.isfinite(values)
+    values, field = values[known], samples.field[known]
+    if len(values) < FEWEST or np.ptp(values) < KINDS[name].least:
+        return None
+    about = values - values.mean()
+    jacobian = magnitude.information(directions_of(field, ellipsoid), ellipsoid)
+    residuals = magnitude.distances(field, ellipsoid)
+    without = residuals - _fitted(jacobian, residuals)[0]
+    explained, step = _fitted(np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]]), residuals)
+    left = residuals - explained
+    variance = float(left @ left) / max(len(left) - 12, 1)
+    chi_square = float(without @ without - left @ left) / max(variance * time, np.finfo(float).tiny)
+    if chi_square < PROVEN:
+        return None
+    level = ellipsoid.radius * math.cos(math.radians(dip_deg))
+    off = float(np.linalg.norm(step[9:])) * float(np.abs(about).max())
+    return Unfollowed(name, tuple(step[9:].tolist()), math.degrees(math.atan2(off, level)), chi_square)
+
+
+def _fitted(design: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """(N,) what columns (N, K) explain of (N,) values, and by which factors (K,)."""
+    scale = np.sqrt(np.einsum("ij,ij->j", design, design))
+    scale[scale == 0.0] = 1.0
+    factors = np.linalg.lstsq(design / scale, values, rcond=1e-9)[0]
+    return design / scale @ factors, factors / scale
