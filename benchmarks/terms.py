@@ -24,6 +24,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import product, repeat
+from statistics import mode
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -320,8 +321,10 @@ def nees_table(
     yield "|---|---|" + "---:|" * (len(BLOCKS) + 3)
     for motion, title in product(motions, cases or CASES):
         rows = pool.map(scored_trial, repeat(motion), repeat(title), range(trials), chunksize=4)
-        found = [one for one in rows if one is not None]
-        refused = "" if len(found) == trials else f" ({trials - len(found)} refused)"
+        every = [one for one in rows if one is not None]
+        usual = mode(len(one.errors) for one in every)
+        found = [one for one in every if len(one.errors) == usual]  # fewer where the gyro's scales were held
+        refused = "" if len(found) == trials else f" ({trials - len(every)} refused, {len(every) - len(found)} held)"
         means = np.mean([one.errors**2 / np.diag(one.covariance) for one in found], axis=0)
         parts = (_least_and_most(means, found[0].layout, names) for names in BLOCKS.values())
         nine, whole = (np.mean([_together(one, size) for one in found]) for size in (9, len(means)))
