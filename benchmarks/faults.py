@@ -30,7 +30,7 @@ import numpy as np
 from flinders import fit, simulate
 from flinders.errors import FitError
 from flinders.result import Refused
-from flinders.simulate.fleet import BAD, DIP_DEG, FAULTS, Unit, unit
+from flinders.simulate.fleet import BAD, DIP_DEG, FAULTS, Specimen, unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -79,13 +79,13 @@ class Piece:
         what = f"{self.bad:g}" if self.fault is None else f"{self.fault or 'good'}-{self.severity}"
         return f"{what}-{self.first:08d}-{self.count}.json"
 
-    def units(self) -> Iterator[Unit]:
+    def units(self) -> Iterator[Specimen]:
         """Make them, one after the other."""
         for number in range(self.first, self.first + self.count):
             yield unit(number, seed=SEED, bad=self.bad, fault=self.fault, severity=self.severity)
 
 
-def judged(made: Unit) -> Counter[str]:
+def judged(made: Specimen) -> Counter[str]:
     """Count what is said of one unit: ``units``, its verdict, ``found``, and each code, with ! where it is no note."""
     try:
         fitted = fit(made.samples)
@@ -102,7 +102,7 @@ def judged(made: Unit) -> Counter[str]:
     return Counter(["units", *told])
 
 
-def off_deg(made: Unit, fitted: Fit) -> float:
+def off_deg(made: Specimen, fitted: Fit) -> float:
     """Worst error of a level heading, in degrees, by the truth; the mean over all headings taken off."""
     headings = np.radians(np.arange(0.0, 360.0, 3.0))
     attitudes = simulate.posed(headings, 0.0, 0.0)

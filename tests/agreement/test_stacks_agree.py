@@ -13,6 +13,7 @@ import pytest
 
 from flinders import fitting
 from flinders.errors import FitError
+from flinders.estimators.slips import SLIPS
 from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.stacked import Stack, columns, fit_stack
@@ -197,6 +198,49 @@ def test_those_that_left_the_lane_are_fitted_alone() -> None:
             refusal = error
         expected = (fit.verdict, "") if fit else ("refused", refusal.code if refusal else "")
         assert (found.verdict[place], found.code[place]) == expected
+
+
+def slipped(rng: np.random.Generator) -> list[Samples]:
+    """Turned by hand, with an axis that changes its sign or two that change places on the way."""
+    fields = measured(rng, walks(rng, 6, 400, 0.1), noise=0.1)
+    for place, field in enumerate(fields):
+        field[200:] = field[200:] @ list(SLIPS.values())[place]
+    return [Samples.of(field, unit="uT") for field in fields]
+
+
+def driven(rng: np.random.Generator) -> list[Samples]:
+    """With a current that moves the readings, one that does not, and one that hardly changes."""
+    current = np.abs(np.sin(np.arange(200.0))) * np.array([[20.0], [20.0], [0.01]])
+    fields = measured(rng, spheres(rng, 3, 200), noise=0.1)
+    fields[0] += 0.5 * current[0][:, np.newaxis]
+    return [Samples.of(field, unit="uT", current=amperes) for field, amperes in zip(fields, current, strict=True)]
+
+
+def in_another_unit(rng: np.random.Generator) -> list[Samples]:
+    """Fields of 50 µT read as so many times as much: within the earth's, a little outside, and of another unit."""
+    return [Samples.of(field, unit="uT") for one in (1.0, 1.5, 10.0, 0.02) for field in one * np.array(clean(rng, 2))]
+
+
+@pytest.mark.parametrize(("units", "code"), [(slipped, "slipped-axes"), (driven, "driver-unfollowed")])
+def test_what_only_a_look_at_the_whole_recording_tells_leaves_the_lane(
+    units: Callable[[np.random.Generator], list[Samples]], code: str
+) -> None:
+    samples = units(np.random.default_rng(2))
+    found = fit_stack(samples, target_deg=5.0)
+    told = [alone(one, 5.0) for one in samples]
+    assert found.findings.tolist() == [tuple(finding.code for finding in fit.findings) for fit in told]
+    assert any(code in codes for codes in found.findings)
+    assert not any(code in codes for codes in found.findings[found.through])
+
+
+def test_another_unit_limits_and_a_strong_field_is_noted() -> None:
+    samples = in_another_unit(np.random.default_rng(2))
+    found = fit_stack(samples, target_deg=5.0)
+    assert found.through.all()
+    assert found.verdict.tolist() == ["good"] * 4 + ["limited"] * 4
+    assert ["field-strength" in codes for codes in found.findings] == [False] * 2 + [True] * 6
+    for place, one in enumerate(samples):
+        assert_alike(found, place, alone(one, 5.0))
 
 
 def timed(rng: np.random.Generator) -> Samples:

@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flinders.errors import ArrayError, UnitError, UsageError
+from flinders.moments import Moments, power_of_two_above
 from flinders.samples import Samples
 from flinders.stacked import Stack, fit_stack
 from flinders.stacked.algebra import READINGS_AT_A_TIME, counted_in, put, stretches
+from flinders.stacked.sums import Sums, powers_of_two_above
 
 
 def units(seed: int, many: int) -> list[Samples]:
@@ -61,6 +63,23 @@ def test_put_replaces_what_is_named_and_nothing_else(named: set[int]) -> None:
     found = put(np.zeros((10, 2)), at, np.ones((len(at), 2)))
     assert np.flatnonzero(found.all(axis=1)).tolist() == at.tolist()
     assert found.sum() == 2 * len(at)
+
+
+@given(exponent=st.integers(-999, 1022), ulps=st.integers(-2, 2))
+@settings(max_examples=300)
+def test_units_are_the_power_of_two_above_next_to_one_too(exponent: int, ulps: int) -> None:
+    value = 2.0**exponent
+    for _ in range(abs(ulps)):
+        value = float(np.nextafter(value, np.inf if ulps > 0 else 0.0))
+    assert powers_of_two_above(np.array([value, 0.0])).tolist() == [power_of_two_above(value), power_of_two_above(0.0)]
+
+
+@given(ulps=st.integers(-1, 1), seed=st.integers(0, 99))
+@settings(max_examples=10)
+def test_sums_are_to_the_last_bit_in_the_unit_of_a_summary(ulps: int, seed: int) -> None:
+    field = np.random.default_rng(seed).uniform(-60.0, 60.0, size=(40, 3))
+    field[7, 1] = 64.0 + ulps * np.spacing(64.0)
+    assert Sums.of(field.T[np.newaxis]).unit.tolist() == [Moments.of(field).unit]
 
 
 def test_a_table_cut_is_the_same_as_units_stacked() -> None:

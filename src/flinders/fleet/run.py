@@ -20,10 +20,8 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import secrets
 import shutil
 import time
-from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -34,19 +32,20 @@ import numpy as np
 from flinders.errors import OutputError, UsageError
 from flinders.files import reason, refuse_existing, write_bytes, write_text
 from flinders.fleet import work
+from flinders.fleet.counts import Counts
 from flinders.fleet.engine import Lost, map_units
 from flinders.fleet.log import Log
+from flinders.fleet.merge import merge
 from flinders.fleet.plan import Partition, Plan, plan_of
-from flinders.fleet.table import GROUP, KEY, TEXTS, VERDICTS, Rows, needs_arrow, schema
+from flinders.fleet.table import VERDICTS, Rows, needs_arrow
 
 if TYPE_CHECKING:
+    from collections import Counter
     from collections.abc import Callable, Iterator, Sequence
 
     from flinders.fleet.tables import Asked
 
 PLAN: Final = "plan.json"
-LEVEL: Final = 3
-"""Of compression: the settings of the writer are fixed, so that the same rows are the same bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,81 +291,22 @@ class Parts:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
-    """Put files of rows together, in the order of `KEY`, into one of Parquet that appears when it is complete.
-
-    Rows are taken from the mapped files a row group at a time: what is in memory is their keys.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
-    """
-    arrow = needs_arrow()
-    from pyarrow import compute
-
-    tables = [arrow.ipc.open_file(arrow.memory_map(str(part))).read_all() for part in parts]
-    whole = arrow.concat_tables([schema().empty_table(), *tables])
-    order = compute.sort_indices(whole.select(KEY), sort_keys=[(name, "ascending") for name in KEY])
-    target = Path(os.path.realpath(out))
-    temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            _write(whole, order, file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {reason(error)}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-
-
-def _write(whole: Any, order: Any, file: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
-    """Write rows in an order, a row group at a time."""
-    from pyarrow import parquet
-
-    options: dict[str, Any] = {
-        "compression": "zstd",
-        "compression_level": LEVEL,
-        "version": "2.6",
-        "use_dictionary": [*TEXTS, "findings.list.element"],
-    }
-    with parquet.ParquetWriter(file, schema(), **options) as writer:
-        for start in range(0, len(order), GROUP):
-            writer.write_table(whole.take(order.slice(start, GROUP)).combine_chunks(), row_group_size=GROUP)
-
-
 def _told(out: str | os.PathLike[str], plan: Plan, asked: Asked, *, resumed: int, retried: int, seconds: float) -> Told:
-    """Read back what was written, without the long columns, and count."""
-    from pyarrow import parquet
-
-    names = ["unit", "readings", "verdict", "code", "worst_deg", "findings", "unit_of_field"]
-    table = parquet.read_table(out, columns=names)
-    verdict = np.array(table.column("verdict").to_pylist(), dtype=object)
-    counts = Counter(verdict.tolist())
-    worst = np.array(table.column("worst_deg").to_numpy(), dtype=float)[np.isin(verdict, VERDICTS[:2])]
-    worst = worst[np.isfinite(worst)]
+    """Read back what was written, a row group at a time and without the long columns, and count."""
+    counted = Counts.of(out)
+    worst = counted.worst_deg
     places = zip(("median", "p95", "largest"), np.percentile(worst, [50, 95, 100]) if len(worst) else (), strict=False)
-    codes = Counter(table.column("code").to_pylist())
-    del codes[""]
-    found: Counter[str] = Counter()
-    for batch in table.column("findings").chunks:
-        found.update(batch.flatten().to_pylist())
-    kinds = Counter(table.column("unit_of_field").to_pylist())
-    del kinds[""]
     return Told(
         output=os.fspath(out),
         files=plan.files,
         partitions=len(plan.partitions),
-        units=len(set(table.column("unit").to_pylist())),
-        rows=table.num_rows,
-        readings=int(np.sum(table.column("readings").to_numpy())),
-        verdicts={name: counts[name] for name in VERDICTS if counts[name]},
-        codes=dict(sorted(codes.items(), key=_most_first)),
-        findings=dict(sorted(found.items(), key=_most_first)),
-        units_of_field=dict(sorted(kinds.items(), key=_most_first)),
+        units=counted.units,
+        rows=counted.rows,
+        readings=counted.readings,
+        verdicts={name: counted.texts["verdict"][name] for name in VERDICTS if counted.texts["verdict"][name]},
+        codes=_most_first(counted.texts["code"]),
+        findings=_most_first(counted.texts["findings"]),
+        units_of_field=_most_first(counted.texts["unit_of_field"]),
         worst_deg={name: float(value) for name, value in places},
         left_out=plan.left_out,
         polish=asked.polish,
@@ -376,5 +316,6 @@ def _told(out: str | os.PathLike[str], plan: Plan, asked: Asked, *, resumed: int
     )
 
 
-def _most_first(counted: tuple[str, int]) -> tuple[int, str]:
-    return -counted[1], counted[0]
+def _most_first(counts: Counter[str]) -> dict[str, int]:
+    """The most frequent first, and nothing of what is empty."""
+    return {name: count for name, count in sorted(counts.items(), key=lambda each: (-each[1], each[0])) if name}

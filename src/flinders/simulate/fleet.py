@@ -61,7 +61,7 @@ UNITS: Final = (0.01, 0.1, 10.0, 1000.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Unit:
+class Specimen:
     """A recording of one unit, and what is wrong with it.
 
     Attributes
@@ -173,7 +173,7 @@ def unit(
     readings: int = READINGS,
     fault: str | None = None,
     severity: int = 2,
-) -> Unit:
+) -> Specimen:
     """Make one unit of a fleet.
 
     Parameters
@@ -222,15 +222,15 @@ def unit(
     return replace(made, fault=fault, severity=severity, amount=amount, lasting=lasting)
 
 
-def _recorded(number: int, turned: Turned, readings: Floats) -> Unit:
+def _recorded(number: int, turned: Turned, readings: Floats) -> Specimen:
     """A unit with nothing wrong, or that is labelled next."""
     samples = Samples.of(readings, unit="uT", time=turned.time, source=f"unit {number:07d}")
-    return Unit(number, samples, turned.sensor, turned.field_strength)
+    return Specimen(number, samples, turned.sensor, turned.field_strength)
 
 
 def fleet(
     n: int, seed: int = 0, bad: float = BAD, *, readings: int = READINGS, first: int = 0
-) -> Iterator[Unit]:  # fmt: skip
+) -> Iterator[Specimen]:  # fmt: skip
     """Make units one after the other: those numbered from `first` on, `n` of them.
 
     Parameters

@@ -188,6 +188,13 @@ def _alike(units: Sequence[Samples]) -> Iterator[NDArray[np.intp]]:
             order = order[many:]
 
 
+def _may_follow(one: Samples) -> bool:
+    """Whether a driver changed while it was recorded: then it is looked whether readings follow it."""
+    columns = ((getattr(one, name), kind.least) for name, kind in KINDS.items())
+    known = ((values[np.isfinite(values)], least) for values, least in columns if values is not None)
+    return any(len(values) > 0 and np.ptp(values) >= least for values, least in known)
+
+
 def _fill(columns: Columns, places: NDArray[np.intp], lane: Lane, inside: str) -> None:
     """Write down what came through the lane."""
     if not len(places):
@@ -217,8 +224,7 @@ def _named(findings: Mapping[tuple[str, Severity], Any]) -> tuple[NDArray[np.obj
 
 def _is_plain(one: Samples) -> bool:
     """Whether nothing beside the readings and their times has a say in the fit."""
-    drivers = any(getattr(one, name) is not None for name in KINDS)
-    return one.strength is None and not drivers and not one.skipped and not one.axes.is_mirror
+    return one.strength is None and not _may_follow(one) and not one.skipped and not one.axes.is_mirror
 
 
 def _alone(one: Samples, *, polish: bool, target_deg: float, dip_deg: float) -> Fit | Exception:

@@ -266,20 +266,26 @@ def _claimed_of_sums(
     directions, many = means.table(xp.arange(units), units)
     variance = (xp.maximum(noise, FINEST * surfaces.radius) ** 2)[:, None, None]
     normal = inverse @ directions
-    weights = xp.sum(normal * normal, axis=1) * (surfaces.radius**2)[:, None]
-    rows = gathered(normal / lengths(normal)[:, None, :], directions)
-    turned = xp.matrix_transpose(rows)
-    on_surface = centre[:, :, None] + shape @ directions
+    length = lengths(normal)
+    rows = xp.sqrt(many)[:, None, :] * gathered(normal / length[:, None, :], directions)
+    weighted = (length * length * (surfaces.radius**2)[:, None])[:, None, :] * rows
+    both = xp.concat([rows, weighted], axis=1)
+    products = both @ xp.matrix_transpose(both)  # three of its blocks are wanted, and one product is faster than three
 
     def pretence(weak: Array) -> Array:
-        chosen = (xp.take(part, weak, axis=0) for part in (on_surface, xp.sqrt(many), centre, inverse))
-        return pretended(*chosen)
+        chosen = (xp.take(part, weak, axis=0) for part in (centre, shape, directions, many, inverse))
+        return _pretended(*chosen)
 
-    supports = Supports.of((rows * many[:, None, :]) @ turned / variance, pretence)
-    weighted = rows * (weights * many)[:, None, :]
-    middle = (weighted * weights[:, None, :]) @ turned
-    back = scaled_inverse(xp.where(supports.are_plain[:, None, None], weighted @ turned, like(np.eye(9), readings)))
+    supports = Supports.of(products[:, :9, :9] / variance, pretence)
+    middle = products[:, 9:, 9:]
+    closed = xp.where(supports.are_plain[:, None, None], products[:, :9, 9:], like(np.eye(9), readings))
+    back = scaled_inverse(closed)
     return variance * (back @ middle @ back), counts, has_hole, places.are_plain & supports.are_plain
+
+
+def _pretended(centre: Array, shape: Array, directions: Array, many: Array, inverse: Array) -> Array:
+    """What noise pretends at (u, 3, W) directions with so many readings each, as `pretended`."""
+    return pretended(centre[:, :, None] + shape @ directions, namespace(many).sqrt(many), centre, inverse)
 
 
 def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, dip_deg: float) -> Lane:

@@ -33,6 +33,8 @@ from flinders.stacked.algebra import Array, counted_in, like, namespace, picked,
 from flinders.verdict import HOLE_DEG
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
@@ -146,6 +148,16 @@ def _flat_cells(readings: Array, side: Array) -> tuple[Array, Array]:
     return xp.where(plain[:, None], flat, 0), plain
 
 
+def _by_row(values: Array, order: Array) -> Iterator[Array]:
+    """The x, y and z of (U, 3, N) values, (U, N) each, in an order of their readings."""
+    xp = namespace(values)
+    units, axes, many = values.shape
+    flat = xp.reshape(values, (-1,))
+    at = order + axes * many * xp.arange(units, device=order.device)[:, None]
+    for axis in range(axes):
+        yield xp.reshape(xp.take(flat, xp.reshape(at + many * axis, (-1,))), (units, many))
+
+
 @dataclass(frozen=True, eq=False)
 class Means:
     """The mean corrected readings of the cells of U units, all in one row.
@@ -170,19 +182,18 @@ class Means:
         xp = namespace(corrected)
         many = places.order.shape[1]
         begins = xp.reshape(places.begins, (-1,))
+        (first,) = xp.nonzero(begins)
         cell = xp.cumulative_sum(xp.astype(begins, xp.int64)) - 1
-        size = int(cell[-1]) + 1
-        there = xp.astype(xp.reshape(places.there, (-1,)), corrected.dtype)
-        sums = [
-            counted_in(cell, size, there * xp.reshape(picked(corrected[:, axis, :], places.order), (-1,)))
-            for axis in range(3)
-        ]
+        size = first.shape[0]
+        sums = [counted_in(cell, size, xp.reshape(part, (-1,))) for part in _by_row(corrected, places.order)]
         means = xp.stack(sums, axis=1)
         length = xp.sqrt(xp.sum(means * means, axis=1, keepdims=True))
+        end = xp.concat([first[1:], xp.asarray([begins.shape[0]], dtype=first.dtype, device=first.device)])
+        counts = xp.where(xp.take(xp.reshape(places.there, (-1,)), first), end - first, 0)
         return cls(
             means / xp.where(length > 0.0, length, 1.0),
-            counted_in(cell, size, there),
-            xp.nonzero(begins)[0] // many,
+            xp.astype(counts, corrected.dtype),
+            first // many,
         )
 
     def table(self, which: Array, units: int) -> tuple[Array, Array]:
@@ -227,7 +238,7 @@ def _has_hole(means: Means, doubtful: Array, units: int) -> Array:
     """(U,) whether the largest hole is too large, looked at for those units where it may be."""
     xp = namespace(means.directions)
     directions, counts = means.table(doubtful, units)
-    cosines = xp.where(counts[:, None, :] > 0.0, like(CELLS, directions) @ directions, -1.0)
-    nearest = xp.min(xp.max(cosines, axis=2), axis=1)
+    directions = xp.where(counts[:, None, :] > 0.0, directions, directions[:, :, :1])  # what fills rows up comes last
+    nearest = xp.min(xp.max(like(CELLS, directions) @ directions, axis=2), axis=1)
     hole = xp.acos(xp.clip(nearest, -1.0, 1.0)) * (180.0 / np.pi) > HOLE_DEG
     return put(xp.zeros((units,), dtype=xp.bool), doubtful, hole)

@@ -15,10 +15,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Self
 
-from flinders.moments import FORMS, packing
+from flinders.moments import FORMS, SMALLEST_UNIT, packing
 from flinders.stacked.algebra import Array, in_stretches, like, namespace
 
 PACKING: Final = packing()
+_LARGEST: Final = 2.0**1023
+"""Power of two that there is."""
+
 _DEGREES: Final = FORMS.sum(axis=1).astype(float)
 
 
@@ -84,8 +87,7 @@ class Sums:
 def _summed(readings: Array, inside: Array | None) -> tuple[Array, Array]:
     """(u, 35) sums and (u,) units of one stretch."""
     xp = namespace(readings)
-    top = xp.maximum(xp.max(xp.abs(readings), axis=(1, 2)), 2.0**-1000)
-    unit = 2.0 ** xp.ceil(xp.log2(top))
+    unit = powers_of_two_above(xp.max(xp.abs(readings), axis=(1, 2)))
     scaled = readings * (1.0 / unit)[:, None, None]
     units, _, count = readings.shape
     rows = xp.empty((units, 10, count), dtype=readings.dtype, device=readings.device)
@@ -98,6 +100,23 @@ def _summed(readings: Array, inside: Array | None) -> tuple[Array, Array]:
     products = xp.reshape(weighted @ xp.matrix_transpose(rows[:, 4:, :]), (units, 60))
     high = xp.take(products, like(PACKING.from_block, readings), axis=1)
     return xp.concat([xp.sum(weighted[:, :4, :], axis=2), high], axis=1), unit
+
+
+def powers_of_two_above(values: Array) -> Array:
+    """(U,) smallest powers of two that are at least (U,) values, as `flinders.moments.power_of_two_above`.
+
+    The logarithm of what is just above a power of two is rounded to a whole number, and those of other libraries may be
+    a little off even at one; comparing finds both.
+
+    >>> import numpy as np
+    >>> powers_of_two_above(np.array([0.0, 4.0, np.nextafter(4.0, 5.0)])) == [2.0**-1000, 4.0, 8.0]
+    array([ True,  True,  True])
+    """
+    xp = namespace(values)
+    values = xp.clip(values, SMALLEST_UNIT, _LARGEST)
+    power = 2.0 ** xp.ceil(xp.log2(values))
+    power = xp.where(power < values, 2.0 * power, power)
+    return xp.where(0.5 * power >= values, 0.5 * power, power)
 
 
 def _shifts(origin: Array, scale: Array) -> Array:
