@@ -34,7 +34,7 @@ from flinders.fleet.table import Rows
 from flinders.fleet.tables import Asked
 from flinders.quadric import Ellipsoid, symmetric
 from flinders.simulate import angle_error_deg
-from flinders.simulate.fleet import BAD, Unit, fleet
+from flinders.simulate.fleet import BAD, Specimen, fleet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -111,7 +111,7 @@ def main() -> None:
             curve(Path(made) / f"fleet{units}", pool, units)
 
 
-def write(folder: Path, pool: Sequence[Unit], units: int, *, files: int) -> int:
+def write(folder: Path, pool: Sequence[Specimen], units: int, *, files: int) -> int:
     """Write a fleet into Parquet files, and return how many bytes they have."""
     import pyarrow as arrow
     from pyarrow import parquet
@@ -129,7 +129,7 @@ def write(folder: Path, pool: Sequence[Unit], units: int, *, files: int) -> int:
     return sum(path.stat().st_size for path in folder.iterdir())
 
 
-def numbered(pool: Sequence[Unit], number: int) -> Unit:
+def numbered(pool: Sequence[Specimen], number: int) -> Specimen:
     """One of a fleet of any size: that of the pool, moved a little further along x each time around."""
     unit = pool[number % len(pool)]
     shift = np.array([APART_UT * (number // len(pool) % 64), 0.0, 0.0])
@@ -170,7 +170,7 @@ def beside_reading(costs: dict[str, Cost], spread: dict[str, Cost], start_s: flo
         print(f"| {alone} | {together} |", flush=True)
 
 
-def beside_peers(pool: Sequence[Unit], folder: Path, costs: dict[str, Cost], units: int) -> None:
+def beside_peers(pool: Sequence[Specimen], folder: Path, costs: dict[str, Cost], units: int) -> None:
     """Print what other fits cost and give, unit by unit, beside the whole fleet's cost by the unit."""
     some = [numbered(pool, number) for number in range(min(PEERED, len(pool)))]
     ours = costs["polish"].cpu_s / units
@@ -186,7 +186,7 @@ def beside_peers(pool: Sequence[Unit], folder: Path, costs: dict[str, Cost], uni
         print(f"| the fleet, {job} | {each * 1e3:.3g} | {each / ours:.3g} | {_accuracy(rows, some)} |", flush=True)
 
 
-def curve(folder: Path, pool: Sequence[Unit], units: int) -> None:
+def curve(folder: Path, pool: Sequence[Specimen], units: int) -> None:
     """Print a row of cost by the number of units, on all cores with everything that belongs to a run."""
     size = write(folder, pool, units, files=max(1, units // A_FILE))
     read, moments, polish = (measured(job, folder, workers=0 if job == "read" else None) for job in JOBS)
@@ -292,7 +292,7 @@ def _cpu_s() -> float:
     return sum(used.ru_utime + used.ru_stime for used in some)
 
 
-def _calibrated(folder: Path, some: Sequence[Unit], *, polish: bool) -> list[Ellipsoid | None]:
+def _calibrated(folder: Path, some: Sequence[Specimen], *, polish: bool) -> list[Ellipsoid | None]:
     """What the fleet's table says of some units."""
     with tempfile.TemporaryDirectory() as made:
         out = Path(made) / "out.parquet"
@@ -313,7 +313,7 @@ def _tried(peer: Callable[[Floats], Ellipsoid], field: Floats) -> Ellipsoid | No
         return None
 
 
-def _accuracy(found: Sequence[Ellipsoid | None], some: Sequence[Unit]) -> str:
+def _accuracy(found: Sequence[Ellipsoid | None], some: Sequence[Specimen]) -> str:
     """Root mean square angle error over units, and how many have none."""
     errors = [
         angle_error_deg(np.linalg.inv(ellipsoid.shape), ellipsoid.centre, cast("Simulated", unit))

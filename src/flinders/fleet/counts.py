@@ -58,7 +58,8 @@ class Counts:
         from pyarrow import parquet
 
         texts: dict[str, Counter[str]] = {name: Counter() for name in COUNTED}
-        readings, units, last, worst = 0, 0, None, [np.empty(0)]
+        readings, units, last = 0, 0, None
+        worst: list[Floats] = [np.empty(0)]
         with parquet.ParquetFile(path) as file:
             for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
                 if not batch.num_rows:
@@ -84,5 +85,6 @@ def _worst(batch: Any) -> Floats:  # noqa: ANN401
     from pyarrow import array, compute
 
     given = compute.is_in(batch.column("verdict"), value_set=array(VERDICTS[:2]))
-    worst = np.asarray(batch.column("worst_deg").filter(given).drop_null().to_numpy(), dtype=float)
-    return worst[np.isfinite(worst)]
+    worst: Floats = np.asarray(batch.column("worst_deg").filter(given).drop_null().to_numpy(), dtype=float)
+    known: Floats = worst[np.isfinite(worst)]
+    return known

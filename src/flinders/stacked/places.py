@@ -185,13 +185,13 @@ class Means:
         (first,) = xp.nonzero(begins)
         cell = xp.cumulative_sum(xp.astype(begins, xp.int64)) - 1
         size = first.shape[0]
-        sums = [counted_in(cell, size, xp.reshape(part, (-1,))) for part in _by_row(corrected, places.order)]
-        means = xp.stack(sums, axis=1)
-        length = xp.sqrt(xp.sum(means * means, axis=1, keepdims=True))
+        x, y, z = (counted_in(cell, size, xp.reshape(part, (-1,))) for part in _by_row(corrected, places.order))
+        length = xp.sqrt(x * x + y * y + z * z)  # rows of three, added up as such, would take as long as all the rest
+        length = xp.where(length > 0.0, length, 1.0)
         end = xp.concat([first[1:], xp.asarray([begins.shape[0]], dtype=first.dtype, device=first.device)])
         counts = xp.where(xp.take(xp.reshape(places.there, (-1,)), first), end - first, 0)
         return cls(
-            means / xp.where(length > 0.0, length, 1.0),
+            xp.stack([x / length, y / length, z / length], axis=1),
             xp.astype(counts, corrected.dtype),
             first // many,
         )

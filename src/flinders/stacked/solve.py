@@ -494,21 +494,13 @@ def pretended(readings: Array, inside: Array | None, centre: Array, inverse: Arr
     """(u, 9, 9) information that noise pretends, for a unit of its variance, as `support.pretended`."""
     xp = namespace(readings)
     _, unit, normal, steepness, _ = surface(readings, centre, inverse)
-    flatness = (1.0 / steepness)[:, None, :]
     total = xp.zeros((readings.shape[0], 9, 9), dtype=readings.dtype, device=readings.device)
     for tangent in _tangents(normal):
         along = inverse @ tangent
-        bent = inverse @ along
-        off = normal[:, 0, :] * bent[:, 0, :]
-        off += normal[:, 1, :] * bent[:, 1, :]
-        off += normal[:, 2, :] * bent[:, 2, :]
-        bent -= normal * off[:, None, :]
-        bent *= flatness
+        turned = inverse @ along
+        bent = (turned - normal * xp.sum(normal * turned, axis=1, keepdims=True)) / steepness[:, None, :]
         rows = gathered(bent, unit)
-        rows[:, 3:6, :] += normal * along
-        for row, (i, j) in enumerate(((0, 1), (0, 2), (1, 2)), start=6):
-            rows[:, row, :] += normal[:, i, :] * along[:, j, :]
-            rows[:, row, :] += normal[:, j, :] * along[:, i, :]
+        rows[:, 3:, :] += gathered(normal, along)[:, 3:, :]
         if inside is not None:
             rows *= inside[:, None, :]
         total += rows @ xp.matrix_transpose(rows)
