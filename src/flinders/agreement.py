@@ -2,8 +2,9 @@
 
 Corrected readings are of one field, seen in common axes. They are averaged over a second or so, and for each pair the
 difference of the means is held against what is usual for that pair. A sensor departs where it is far from more than
-half of the others while those agree: with three or more the majority tells. Two that differ cannot tell which of them
-is wrong, unless the length of one has changed and that of the other has not.
+half of the others while those agree: with three or more the majority tells, unless the lengths of the majority have
+changed and its own has not. Two that differ cannot tell which of them is wrong, unless the length of one has changed
+and that of the other has not.
 
 What a sensor is off by turns a level heading by up to asin(d / cos I), d the difference as a share of the field, I the
 dip.
@@ -50,6 +51,9 @@ UNUSUAL: Final = 4.0
 
 MEDIAN_LENGTH: Final = 1.538
 """Of three independent components of one standard deviation."""
+
+MEDIAN_CHANGE: Final = 0.6745
+"""Of one of them, whatever its sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +124,11 @@ def departures(seen: Floats, time: Floats, *, limit_deg: float = 1.0, dip_deg: f
     usual = np.nanmedian(np.where(np.isfinite(apart), apart, np.nan), axis=2) if apart.shape[2] else apart[..., 0]
     differ = apart > np.maximum(UNUSUAL * usual, limit)[..., np.newaxis]
     lengths = _lengths(seen, edges)
-    blamed = [_blamed(differ[..., block], apart[..., block], lengths, block, limit) for block in range(len(edges) - 1)]
+    told = _told_by_length(differ, lengths, limit)
+    blamed = [
+        _blamed(differ[..., block], apart[..., block], lengths, block, limit, told[:, block])
+        for block in range(len(edges) - 1)
+    ]
     return tuple(_runs(blamed, time, edges, apart, lengths, dip_deg))
 
 
@@ -140,6 +148,31 @@ def scatter(seen: Floats, directions: Floats, time: Floats) -> Floats:
     edges = _edges(time)
     lengths = [np.linalg.norm(_means(each - directions, edges), axis=1) for each in seen]
     return np.array([float(np.nanmedian(each)) / MEDIAN_LENGTH for each in lengths])
+
+
+def length_scatter(seen: Floats, time: Floats) -> Floats:
+    """(m,) what the length of readings averaged over a second is usually off, a standard deviation, as a share.
+
+    By calibrations that a sensor found by itself this is its own witness: no other sensor has a part in it.
+
+    Parameters
+    ----------
+    seen : (m, N, 3) float
+        As for `departures`.
+    time : (N,) float, s
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> q = rng.normal(size=(20000, 3))
+    >>> q /= np.linalg.norm(q, axis=1, keepdims=True)
+    >>> noisy = q + rng.normal(scale=0.1, size=q.shape)
+    >>> length_scatter(noisy[np.newaxis], np.arange(20000) / 20.0).round(3)        # 0.1 / √20, of 20 a second
+    array([0.022])
+    """
+    lengths = _lengths(seen, _edges(time))
+    usual: Floats = np.nanmedian(np.abs(lengths - np.nanmedian(lengths, axis=1, keepdims=True)), axis=1) / MEDIAN_CHANGE
+    return usual
 
 
 def _edges(time: Floats) -> NDArray[np.intp]:
@@ -174,10 +207,31 @@ def _lengths(seen: Floats, edges: NDArray[np.intp]) -> Floats:
     return _means(np.linalg.norm(seen, axis=2)[..., np.newaxis] - 1.0, edges)[..., 0]
 
 
+def _changed(lengths: Floats, limit: float) -> NDArray[np.bool_]:
+    """(m, K) blocks in which the length of a sensor is not what is usual for it."""
+    usual = np.nanmedian(np.abs(lengths), axis=1, keepdims=True)
+    changed: NDArray[np.bool_] = np.abs(lengths) > np.maximum(UNUSUAL * usual, 0.5 * limit)
+    return changed
+
+
+def _told_by_length(differ: NDArray[np.bool_], lengths: Floats, limit: float) -> NDArray[np.bool_]:
+    """(m, K) sensors whose length changes anywhere in the stretch of disagreement that a block is in."""
+    changed = _changed(lengths, limit)
+    told = np.zeros_like(changed)
+    blocks = np.flatnonzero(differ.any(axis=(0, 1)))
+    for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
+        told[:, run] = changed[:, run].any(axis=1, keepdims=True)
+    return told
+
+
 def _blamed(
-    differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float
+    differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float, told: NDArray[np.bool_]
 ) -> tuple[tuple[int | None, bool], ...]:
-    """Which sensors depart in a block: the few far from most others, else one whose length tells, else None."""
+    """Which sensors depart in a block: the few far from most others, else one whose length tells, else None.
+
+    Where those few kept their length all the while, and all of the others did not, it is the others: what is near two
+    of three moves both alike. Where there is no majority, two or more that kept theirs and agree stand for one.
+    """
     if not differ.any():
         return ()
     sensors = len(differ)
@@ -185,13 +239,18 @@ def _blamed(
     against = differ.sum(axis=1)
     alone = np.flatnonzero(against > (there - 1) / 2.0)
     if there > 2 and 0 < len(alone) < there / 2.0:
+        rest = [sensor for sensor in range(sensors) if sensor not in alone and np.isfinite(apart[sensor]).sum() > 1]
+        if not told[alone].any() and told[rest].all():
+            return tuple((sensor, True) for sensor in rest)
         return tuple((int(sensor), False) for sensor in alone)
     if there > 2 and not len(alone) and sensors > 2:
         alone = np.flatnonzero(against)
-    usual = np.nanmedian(np.abs(lengths), axis=1)
-    changed = np.abs(lengths[:, block]) > np.maximum(UNUSUAL * usual, 0.5 * limit)
-    told = [int(sensor) for sensor in alone if changed[sensor]]
-    return ((told[0], True),) if len(told) == 1 else ((None, False),)
+    steady = [sensor for sensor in range(sensors) if not told[sensor] and np.isfinite(apart[sensor]).sum() > 1]
+    if 2 <= len(steady) < there and not differ[np.ix_(steady, steady)].any():
+        return tuple((int(sensor), True) for sensor in np.flatnonzero(told))
+    changed = _changed(lengths, limit)[:, block]
+    longer = [int(sensor) for sensor in alone if changed[sensor]]
+    return ((longer[0], True),) if len(longer) == 1 else ((None, False),)
 
 
 def _runs(

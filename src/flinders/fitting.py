@@ -513,6 +513,7 @@ def _judged(
         unfollowed=_unfollowed(estimate, readings, dip, driving),
         repeats=repeats,
         plane=estimate.plane,
+        z_down=estimate.z_down,
         aids=told_by,
         alignment_error_deg=None if told_by is None else told_by.alignment_error_deg(dip),
     )

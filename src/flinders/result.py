@@ -219,6 +219,8 @@ class Driven:
         Share of its course that a monotone function of time explains, 0 to 1.
     attenuation : float
         By which share its offset per unit is too small, as its meter is noisy.
+    curvature : float
+        How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
     """
 
     name: str
@@ -231,6 +233,7 @@ class Driven:
     lag_is_beyond: bool = False
     one_way: float = 0.0
     attenuation: float = 0.0
+    curvature: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -454,6 +457,8 @@ class Fit(Outcome):
         `noise` of the best ellipsoid that follows nothing.
     aids : Aids, optional
         What was recorded beside the magnetometer and helped.
+    z_down : bool
+        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out.
     findings : tuple of Finding
         Gravest first.
     """
@@ -485,6 +490,7 @@ class Fit(Outcome):
     drivers_covariance: Floats | None = None
     noise_undriven: float | None = None
     aids: Aids | None = None
+    z_down: bool = True
     findings: tuple[Finding, ...] = ()
 
     @property

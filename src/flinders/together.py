@@ -26,21 +26,25 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from flinders.agreement import Departure, departures, heading_deg, scatter
+from flinders.agreement import Departure, departures, heading_deg, length_scatter, scatter
 from flinders.axes import Axes
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
 from flinders.estimators.kept import concatenated
+from flinders.estimators.near import dense_in, left_out
 from flinders.estimators.paired import Paired, paired
 from flinders.estimators.several import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.fitting import fit, judged_as
-from flinders.result import Aids, Finding, Fit, Refused, gravest_first
+from flinders.result import Aids, Finding, Fit, Refused, Stray, gravest_first
 from flinders.samples import Samples
+from flinders.terms.magnitude import distances
 from flinders.terms.prior import SPREAD
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.estimators import Estimate
@@ -53,8 +57,14 @@ COPY: Final = 0.1
 NOISIER: Final = 3.0
 """Times as far off as the best of the others: something is wrong with a sensor all the time."""
 
+WORSE: Final = 1.5
+"""Times the heading error of a sensor by itself: where it is more with the others, they do not belong together."""
+
 OFTEN: Final = 0.1
 """Of the time: a sensor that departs for more of it is limited by that."""
+
+MOST_STRAYS: Final = 0.5
+"""Of a sensor's readings that it may leave out by itself, and of those that may yet belong to the others."""
 
 DECADE: Final = 0.25
 """Of a power of ten: how far from it the sizes of two sensors' readings may be where their units differ by it."""
@@ -98,6 +108,10 @@ class Member:
         By how much its clock is behind that of the reference, where that is proven.
     copy_of : str
         The sensor whose readings it repeats; nothing where it has its own.
+    is_kept : bool
+        `fit` is `alone`, since with the others it was known clearly worse: corrected readings are in its own axes.
+    joint_deg : float
+        Worst heading error with the others, of one that was kept.
     findings : tuple of Finding
         What the others tell of it; those of `fit`, too, where that is a fit.
     """
@@ -114,6 +128,8 @@ class Member:
     delay_s: float = 0.0
     delay_sigma_s: float = 0.0
     copy_of: str = ""
+    is_kept: bool = False
+    joint_deg: float = 0.0
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -145,11 +161,15 @@ class Agreement:
         From the first of those to the last.
     departures : tuple of Departure
         Stretches in which they do not, in the order of time.
+    apart_deg : float
+        Of two: how far apart they are all the time, in degrees of heading, 1 σ, where nothing tells which is off; else
+        0.
     """
 
     moments: int
     seconds: float
     departures: tuple[Departure, ...] = ()
+    apart_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,8 +183,8 @@ class Together:
         Whose axes corrected readings of all are in.
     agreement : Agreement
     is_joint : bool
-        The fits rest on all of them. Where the body was turned too little for that, or none but one is left, each has
-        what it finds by itself.
+        The fits rest on all of them, but for those that are kept. Where the body was turned too little for that, none
+        but one is left, or two disagree all the time, each has what it finds by itself.
     in_body : bool
         Corrected readings of all are in the axes of gyro and accelerometer, and not in those of the reference.
     """
@@ -282,6 +302,9 @@ def _fitted(
     copies = _copies(common.fields, starts, chosen)
     own = [place for place in range(len(names)) if place not in copies]
     several, runs = _agreed(common, own, chosen, starts, prior, options)
+    apart_deg = 0.0 if several is None else _torn(several, common, own, starts, options)
+    if apart_deg:
+        several, runs = None, ()
     members = []
     for place, name in enumerate(names):
         member = Member(
@@ -292,15 +315,18 @@ def _fitted(
         if place in copies:
             member = replace(_copied(member, common.fields, starts, place, chosen), copy_of=names[copies[place]])
         elif several is not None:
-            member = _joined(member, several, own.index(place), sources[name], options, body)
+            index = own.index(place)
+            strays = _left_out(member, common.fields[place], starts[place], several.belongs[index])
+            member = _joined(member, several, index, sources[name], options, body, strays)
         members.append(member)
     if several is not None:
         off = scatter(_seen(several, common.fields[own]), several.directions, common.time)
         for index, place in enumerate(own):
             off_deg = heading_deg(float(off[index]), options["dip_deg"])
             members[place] = replace(members[place], scatter_deg=off_deg)
-    agreement = Agreement(len(common.time), float(np.ptp(common.time)), runs)
-    is_joint = several is not None
+        members = [_better(member) for member in members]
+    is_joint = several is not None and not all(members[place].is_kept for place in own)
+    agreement = Agreement(len(common.time), float(np.ptp(common.time)), runs, apart_deg)
     found = Together(tuple(members), names[chosen], agreement, is_joint, is_joint and body is not None)
     return replace(found, members=tuple(_told(found, place, options["target_deg"]) for place in range(len(names))))
 
@@ -334,14 +360,22 @@ def _turned(rotation: Floats, covariance: Floats, body: Aids | None) -> Aids:
 
 
 def _joined(
-    member: Member, several: Several, index: int, source: Recording, options: dict[str, Any], body: Aids | None
+    member: Member,
+    several: Several,
+    index: int,
+    source: Recording,
+    options: dict[str, Any],
+    body: Aids | None,
+    strays: tuple[Stray, ...],
 ) -> Member:
-    """A member with what the joint fit finds of it."""
+    """A member with what the joint fit finds of it; strays are what it left out by itself and with the others."""
     rotation, covariance = several.rotation(index)
     told_by = None if index == several.reference and body is None else _turned(rotation, covariance, body)
     made: Fit | FitError
     try:
-        made = judged_as(several.estimate(index), source, told_by=told_by, sensor=member.name, **options)
+        made = judged_as(
+            replace(several.estimate(index), strays=strays), source, told_by=told_by, sensor=member.name, **options
+        )
     except FitError as refusal:
         made = refusal
     radii = [float(np.cbrt(np.linalg.det(at.shape))) for at in several.parameters]
@@ -351,6 +385,48 @@ def _joined(
         member, fit=made, rotation=rotation, rotation_sigma_deg=sigma, axes=axes, off_axes_deg=off,
         size=radii[index] / radii[several.reference],
     )  # fmt: skip
+
+
+def _better(member: Member) -> Member:
+    """A member, as it is by itself where that is clearly better known than it is with the others."""
+    joint, alone = (each.fit if isinstance(each, Refused) else each for each in (member.fit, member.alone))
+    if member.copy_of or not isinstance(joint, Fit) or not isinstance(alone, Fit) or alone.plane or alone.unseen:
+        return member
+    worst = joint.heading_error_deg.worst
+    if worst <= WORSE * alone.heading_error_deg.worst:
+        return member
+    return replace(
+        member, fit=member.alone, rotation=None, rotation_sigma_deg=None, axes="x,y,z", off_axes_deg=0.0,
+        is_kept=True, joint_deg=worst,
+    )  # fmt: skip
+
+
+def _torn(
+    several: Several, common: Paired, own: Sequence[int], starts: Sequence[Estimate | None], options: dict[str, Any]
+) -> float:
+    """How far two are apart all the time, in degrees of heading, where nothing tells which is off; else 0.
+
+    Noise, or a field that moves with one sensor, changes lengths as it changes directions. Where directions are apart
+    by far more than lengths, or where the joint fit lays it to the sensor whose length is the steadier, the fit would
+    lay to one of two what may be the other's.
+    """
+    alone = [starts[place] for place in own]
+    sound = [start for start in alone if start is not None and is_sound(start)]
+    if len(own) != 2 or len(sound) != 2:
+        return 0.0
+    fields, dip_deg = common.fields[own], options["dip_deg"]
+    seen = _seen(several, fields)
+    between_deg = heading_deg(float(scatter(seen[:1], seen[1], common.time)[0]), dip_deg)
+    by_itself = [
+        (field - start.ellipsoid.centre) @ np.linalg.inv(start.ellipsoid.shape)
+        for field, start in zip(fields, sound, strict=True)
+    ]
+    lengths = length_scatter(np.stack(by_itself), common.time)
+    told_deg = heading_deg(float(np.hypot(*lengths)), dip_deg)
+    off = scatter(seen, several.directions, common.time)
+    is_lopsided = bool(off.max() > NOISIER * off.min() and np.argmax(off) != np.argmax(lengths))
+    is_torn = between_deg > options["target_deg"] and (between_deg > NOISIER * told_deg or is_lopsided)
+    return between_deg if is_torn else 0.0
 
 
 def _copied(member: Member, fields: Floats, starts: Sequence[Estimate | None], place: int, reference: int) -> Member:
@@ -481,8 +557,9 @@ def _agreed(
 ) -> tuple[Several | None, tuple[Departure, ...]]:
     """Fit jointly, and again without the stretches in which a sensor departs; and those stretches, by their place.
 
-    No fit where there is but one sensor, or where the readings leave it open: what no sensor sees by itself, they do
-    not see together.
+    What most sensors by themselves show to be strays does not count from the start, so that two of three which are
+    disturbed alike have no majority. No fit where there is but one sensor, or where the readings leave it open: what no
+    sensor sees by itself, they do not see together.
     """
     if len(own) < 2 or not any(start is not None and is_sound(start) for start in starts):
         return None, ()
@@ -490,8 +567,10 @@ def _agreed(
     runs: tuple[Departure, ...] = ()
     several: Several | None = None
     begins = [starts[place] for place in own]
+    strays = _own_strays(fields, begins)
+    alike = strays & (2 * strays.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
     for _ in range(ROUNDS):
-        left = fields.copy()
+        left = np.where(alike[..., np.newaxis], np.nan, fields)
         for run in runs:
             if run.sensor is not None:
                 left[run.sensor, run.first : run.last + 1] = np.nan
@@ -510,6 +589,40 @@ def _agreed(
             break
     placed = [replace(run, sensor=None if run.sensor is None else own[run.sensor]) for run in runs]
     return several, tuple(sorted(placed, key=lambda run: run.start_s))
+
+
+def _own_strays(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np.bool_]:
+    """(m, N) readings that a sensor by itself leaves out; none where it would leave out most.
+
+    >>> rng = np.random.default_rng(1)
+    >>> q = rng.normal(size=(400, 3))
+    >>> field = 50.0 * q / np.linalg.norm(q, axis=1, keepdims=True) + rng.normal(scale=0.5, size=q.shape)
+    >>> field[100:150] *= 1.4
+    >>> strays = _own_strays(field[np.newaxis], [_estimated(field)])[0]
+    >>> float(strays[100:150].mean()), bool(strays[:80].mean() < 0.1), bool(strays[170:].mean() < 0.1)
+    (1.0, True, True)
+    """
+    strays = np.zeros(fields.shape[:2], dtype=bool)
+    for sensor, (field, start) in enumerate(zip(fields, starts, strict=True)):
+        if start is None or math.isinf(start.rejected_beyond):
+            continue
+        there = np.flatnonzero(np.isfinite(field).all(axis=1))
+        some, limit = field[there], start.rejected_beyond
+        far = np.abs(distances(some, start.ellipsoid)) > limit
+        parts = left_out([Samples(some)], start.ellipsoid, limit, dense_in(far, len(some)))
+        out = np.concatenate([part for _, _, part in parts])
+        if np.count_nonzero(out) <= MOST_STRAYS * len(there):
+            strays[sensor, there[out]] = True
+    return strays
+
+
+def _left_out(member: Member, field: Floats, start: Estimate | None, belongs: NDArray[np.bool_]) -> tuple[Stray, ...]:
+    """What a sensor left out by itself, where the joint fit left out most of that, too."""
+    alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
+    strays = _own_strays(field[np.newaxis], [start])[0]
+    if not isinstance(alone, Fit) or not strays.any() or np.mean(belongs[strays]) > MOST_STRAYS:
+        return ()
+    return alone.strays
 
 
 def _stretches(runs: Sequence[Departure]) -> set[tuple[int | None, int, int]]:
@@ -563,7 +676,25 @@ def _findings(found: Together, place: int, target_deg: float) -> Iterator[Findin
             "by itself; look at how the columns were written",
         )  # fmt: skip
         return
-    if not found.is_joint:
+    if found.agreement.apart_deg:
+        apart_deg = found.agreement.apart_deg
+        yield Finding(
+            "disagree", "limits", apart_deg, target_deg,
+            f"even averaged over a second the two are {figures(apart_deg)}° of heading apart all the time (1 σ), and "
+            "it cannot be told which of them is off: no length tells, and no majority. Each has what it finds by "
+            "itself: see whether one is loose or its clock off, or fit a third",
+        )  # fmt: skip
+        return
+    if member.is_kept:
+        alone = member.alone.fit if isinstance(member.alone, Refused) else cast("Fit", member.alone)
+        worst = alone.heading_error_deg.worst
+        yield Finding(
+            "not-together", "note", member.joint_deg, WORSE * worst,
+            f"with the others its worst heading error would be {figures(member.joint_deg)}°, and by itself it is "
+            f"{figures(worst)}°: it has what it finds by itself, in its own axes. Look at what is wrong with the "
+            "others, and at their clocks",
+        )  # fmt: skip
+    elif not found.is_joint:
         yield Finding(
             "not-together", "note", 0.0, 0.0,
             "the readings leave open how the magnetometers are turned against each other, and each has what it finds "
@@ -637,8 +768,8 @@ def _of_departures(found: Together, place: int, target_deg: float) -> Iterator[F
         yield Finding(
             "departs", "limits" if share > OFTEN else "note", worst, target_deg,
             f"it departs from the others, by up to {figures(worst)}° of heading, for {share:.0%} of the time "
-            f"({_when(runs)}), while {why}: something magnetic was near it then, or a current flowed. The calibration "
-            "does not rest on that",
+            f"({_when(runs)}), while {why}: something magnetic was near it then, or a current flowed"
+            f"{'' if found.members[place].is_kept else '. The calibration does not rest on that'}",
         )  # fmt: skip
     unsettled = [run for run in found.agreement.departures if run.sensor is None]
     if unsettled and (len(found.members) == 2 or found.members[place].name == found.reference):

@@ -67,8 +67,11 @@ CODES: Final = {
     "driver-noisy": "the meter of a driver is noisy: its offset per unit is `number` too small",
     "driver-lag": "the end of the search for a lag, `number` seconds, is best",
     "driver-range": "a driver was recorded at `number`, which its unit or its sign hardly allows",
+    "driver-reference": "the offset is told for a reference `number` of a driver's range outside of that range",
+    "driver-curved": "what a driver makes is off a straight line by `number` of itself",
     "driver-beyond": "a driver goes `number` of its range beyond what the calibration was made at",
     "bench-moved": "the sensor on the bench moved: what drivers leave makes a step of `number`",
+    "bench-tilted": "the vertical turned by `number` degrees with what drives the sensor on the bench",
     "driver-uncertain": "a driver leaves `number` degrees of heading (1 σ) at the far end of its recorded range",
     "composed": "turns in one plane after the other leave a rotation, which costs a level heading `number` degrees",
     "filtered": "the filter that readings went through moved the heading by `number` degrees at the worst",
@@ -81,22 +84,24 @@ CODES: Final = {
     "gyro-scales": "the scales of the gyro would be off by `number`, more than those of gyros are",
     "gyro-gaps": "`number` of the readings have no rate, and were given that of their neighbours",
     "aids-disagree": "beside an aid the scales of the gyro would be off by `number`, and without it they are not",
+    "aid-astray": "a vertical or an attitude is `number` degrees (1 σ) off what the field says",
     "aid-empty": "only `number` readings have what an aid goes by",
     "swapped-axes": "an instrument fits `number` times better with its axes exchanged",
     "one-axis": "the body turned about one axis: about the second `number` as much",
     "site-differs": "the field dips by `number` degrees more or less than the site's",
     "departs": "the sensor departs from the others of its body for a while: by `number` degrees of heading",
     "departs-throughout": "the sensor is `number` degrees of heading off the others of its body all the time",
-    "disagree": "sensors of one body are `number` degrees of heading apart for a while; which is off is not told",
+    "disagree": "sensors of one body are `number` degrees of heading apart; which is off is not told",
     "copied-sensor": "the readings are those of another sensor, turned and scaled, to `limit` of their noise",
     "mirrored-sensor": "the axes are a mirror image of those of another sensor of the body",
     "turned-to": "corrected readings are in the axes of another sensor, known to `number` degrees",
     "unlike-units": "the readings are `number` times as long as those of another sensor of the body",
     "clock-differs": "the clock is `number` seconds behind that of another sensor of the body",
-    "not-together": "the readings leave open how sensors of one body are turned against each other",
+    "not-together": "the sensor has what it finds by itself: with the others of its body it is open, or known worse",
     "mirrored-axes": "the axes mapping turns a right-handed frame into a left-handed one",
     "unit-unknown": "the readings are in counts of which nobody said what they are in µT",
     "scale-unknown": "no field strength was given, so the scale of corrected readings is by convention",
+    "rotation-uncertain": "what is not known of how the sensor sits adds `number` degrees (1 σ) to a level heading",
     "rotation-unknown": "a magnetometer alone cannot see how its axes are turned against the vehicle",
 }
 """Every finding there is, and what its number means."""
@@ -139,6 +144,10 @@ UNFOLLOWED: Final = 0.5
 """Of the target: a driver that moves the heading by less is left unsaid."""
 NOISY: Final = 0.02
 """Share by which an offset per unit may be too small."""
+OUTSIDE: Final = 0.25
+"""Of the range of a driver: its reference may lie so far outside of that."""
+CURVED: Final = 0.03
+"""Share by which what a driver makes may be off a straight line."""
 REPEATS: Final = 0.1
 SKIPPED: Final = 0.1
 LONG_STEP: Final = 20.0
@@ -187,11 +196,14 @@ def of_drivers(fit: Fit) -> Iterator[Finding]:
                 f"{driven.shared:.1%} of what tells about {driver.name} could be the attitude as well: vary it in each "
                 "attitude, not in step with the turning",
             )  # fmt: skip
-        yield from of_column(driven)
+        yield from of_column(driven, unsaid_deg=UNFOLLOWED * fit.target_deg)
 
 
-def of_column(driven: Driven) -> Iterator[Finding]:
-    """Whether what was logged of a driver is fit to be followed; of a turned sensor or of one on a bench."""
+def of_column(driven: Driven, *, unsaid_deg: float = 0.0) -> Iterator[Finding]:
+    """Whether what was logged of a driver is fit to be followed; of a turned sensor or of one on a bench.
+
+    A curve that costs less heading than `unsaid_deg` is left unsaid.
+    """
     driver, name = driven.driver, driven.name
     if driver is None:
         return
@@ -213,7 +225,33 @@ def of_column(driven: Driven) -> Iterator[Finding]:
             f"readings follow {name} best at the end of the search for a lag ({driver.lag_s:+.2g} s): its clock is off "
             f"by more than a second, or it is not what moves the readings; check the times of the column {name}",
         )  # fmt: skip
+    other = "record the current instead, which the field follows, or " if name == "throttle" else ""
+    if driven.curvature > CURVED and driven.curvature * driven.taken_deg >= unsaid_deg:
+        yield Finding(
+            "driver-curved", "limits", driven.curvature, CURVED,
+            f"what {name} makes is off a straight line by {driven.curvature:.0%} of itself: the sensor follows its "
+            f"square, or something that goes along with {name}; {other}use the calibration near the {name} at "
+            "which most was recorded",
+        )  # fmt: skip
     yield from _of_range(driver)
+    yield from _of_reference(driver)
+
+
+def _of_reference(driver: Driver) -> Iterator[Finding]:
+    """Whether the offset is told for where the driver never was."""
+    if not driver.has_range:
+        return
+    outside = max(driver.lowest - driver.reference, driver.reference - driver.highest)
+    share = outside / (driver.highest - driver.lowest)
+    if share > OUTSIDE:
+        straight = driver.name == "current"  # a field goes in proportion to the current that makes it
+        yield Finding(
+            "driver-reference", "note" if straight else "limits", share, OUTSIDE,
+            f"the offset is told for {driver.amount(driver.reference)} of {driver.name}, and it was recorded from "
+            f"{driver.lowest:.3g} to {driver.amount(driver.highest)}: there it is extrapolated along a straight line, "
+            f"by {share:.0%} of that range; record with {driver.amount(driver.reference)} as well, or use the "
+            "calibration in that range alone",
+        )  # fmt: skip
 
 
 def _of_range(driver: Driver) -> Iterator[Finding]:
@@ -269,6 +307,7 @@ def judge(fit: Fit, summary: Summary) -> tuple[Finding, ...]:
         else [
             *_level(fit),
             *_accuracy(fit),
+            *_seated(fit),
             *_bias(fit),
             *_evidence(fit),
             *_inflation(fit, summary.health),
@@ -303,13 +342,21 @@ def _level(fit: Fit) -> Iterator[Finding]:
         across = order_of(fit.plane)[2]
         placed, radius = fit.offset_sigma[across] < PLACED * fit.ellipsoid.radius, fit.ellipsoid.radius
         how = f"and in {'xyz'[across]} by the site's field" if placed else "only"
+        taken = "" if not placed else (
+            f" (which takes {'xyz'[across]} to point down and the floor to be level, unless an accelerometer was "
+            "recorded)"
+        )  # fmt: skip
+        up = (
+            "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the "
+            "axes so that it does (--axes)"
+        ) if not fit.z_down else ""  # fmt: skip
         skewed = float(np.sqrt(np.diag(fit.covariance)[[6, 7, 8]].max())) > SKEWED * radius
         mounting = "say how well the mounting is known (--alignment-sigma), or " if placed and skewed else ""
         yield Finding(
             "level-plane", "limits", fit.attitude_limit_deg, UPSIDE_DOWN,
-            f"a level turn, corrected in {first} and {second} {how}, for places where the field dips as here: "
+            f"a level turn, corrected in {first} and {second} {how}{taken}, for places where the field dips as here: "
             f"{attitudes(fit)}; {figures(fit.per_degree_of_tilt)}° for each degree from the plane that it was turned "
-            f"in. For all attitudes {mounting}also turn the sensor onto its sides and upside down",
+            f"in{up}. For all attitudes {mounting}also turn the sensor onto its sides and upside down",
         )  # fmt: skip
 
 
@@ -322,6 +369,21 @@ def _accuracy(fit: Fit) -> Iterator[Finding]:
         yield Finding(
             "heading-error", severity, worst, target,
             f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°): {remedy(fit)}",
+        )  # fmt: skip
+
+
+def _seated(fit: Fit) -> Iterator[Finding]:
+    """Whether how the sensor sits on the body, which an aid has found, is known well enough.
+
+    It never refuses: without that aid the rotation is not known at all, which is a note.
+    """
+    error, target = fit.alignment_error_deg, fit.target_deg
+    if fit.calibration.rotation == "estimated" and error is not None and error > target:
+        yield Finding(
+            "rotation-uncertain", "limits", error, target,
+            f"how the sensor sits on the body was found, and what is not known of it adds {_angle(error)} to a level "
+            f"heading (1 σ; the target is {target:g}°), which the heading error does not know of: tilt the body far "
+            "about two axes while recording, or calibrate without aids and measure the mounting",
         )  # fmt: skip
 
 

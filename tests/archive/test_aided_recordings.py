@@ -85,15 +85,19 @@ def test_a_gyro_whose_scales_are_held_leaves_three_times_as_much(recordings: Cal
     assert found.noise < 0.6 * held.noise
 
 
-@pytest.mark.parametrize(("name", "angle_deg"), [("ckexplorer_acc_mag/acc_mag_log.csv", 0.94), (real.SPHERE, 3.8)])
+@pytest.mark.parametrize(("name", "angle_deg"), [("ckexplorer_acc_mag/acc_mag_log.csv", None), (real.SPHERE, 3.8)])
 def test_auto_keeps_the_rotation_of_a_tumble_with_an_accelerometer(
-    name: str, angle_deg: float, recordings: Callable[[str], Path]
+    name: str, angle_deg: float | None, recordings: Callable[[str], Path]
 ) -> None:
+    """Of the first, 0.9° could be the bias of its accelerometer, and is left out."""
     assert recordings(name).exists()
     samples = real.read(name)
     found, aids = aided_by(samples[:: 1 + len(samples) // 4000], "auto")
     assert found.aids == ()
-    assert [aid.kept for aid in aids.each] == [True]
+    assert [aid.kept for aid in aids.each] == [angle_deg is not None]
+    if angle_deg is None:
+        assert aids.rotation is None
+        return
     assert aids.rotation is not None
     turned = np.degrees(np.arccos(np.clip((np.trace(aids.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     assert turned == pytest.approx(angle_deg, abs=0.8)

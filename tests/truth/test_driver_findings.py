@@ -170,6 +170,76 @@ def test_a_noisy_current_on_the_bench_is_named() -> None:
     assert of_bench(bench(RUNS, noise=0.5)) == set()  # less than 2 %
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sensor_that_a_motor_lifts_is_named_by_the_vertical(seed: int) -> None:
+    """Four degrees over the range: nothing of it is left in the readings; a quarter of a degree is not named."""
+    rng = np.random.default_rng(seed)
+    for degrees, expected in ((4.0, {"bench-tilted"}), (0.25, set()), (0.0, set())):
+        leaning = np.radians(degrees) * RUNS / np.ptp(RUNS)
+        down = np.stack([np.sin(leaning), 0.0 * leaning, -np.cos(leaning)], axis=1)
+        felt = 9.81 * down + rng.normal(scale=0.05, size=down.shape)
+        lifted = replace(bench(RUNS, seed=seed), acceleration=felt)
+        found = still([lifted], ["current"])
+        assert found is not None
+        assert of_bench(lifted) == expected
+        assert found.tilted_deg == pytest.approx(degrees, abs=0.15)
+
+
+def test_noise_of_an_accelerometer_on_the_bench_is_no_tilt() -> None:
+    """Vibration of 5 m/s² by the same recording: what it makes of the vertical by chance is not said."""
+    rng = np.random.default_rng(5)
+    felt = np.array([0.0, 0.0, -9.81]) + rng.normal(scale=5.0, size=(600, 3))
+    assert of_bench(replace(bench(RUNS), acceleration=felt)) == set()
+
+
+# curves, and where the offset holds
+
+
+def driven_by(values: Floats, made: Floats, *, noise: float = 0.4, seed: int = 1) -> Samples:
+    """A tumble whose x axis is off by what a throttle makes."""
+    sensor = simulate.Sensor(noise=noise)
+    samples = simulate.tumble(seed=seed, n=len(values), sensor=sensor).samples
+    return replace(samples, field=samples.field + np.outer(made, [1.0, 0.0, 0.0]), throttle=values)
+
+
+def wandering(low: float, high: float, count: int = 1500, seed: int = 3) -> Floats:
+    """Settings of 15 readings each, anywhere in between."""
+    return np.repeat(np.random.default_rng(seed).uniform(low, high, count // 15), 15)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_field_that_goes_with_the_square_is_named(seed: int) -> None:
+    """From no throttle to full: a straight line leaves a sixth of it at either end."""
+    throttle = wandering(0.0, 1.0, seed=seed)
+    square, line = (driven_by(throttle, made, seed=seed) for made in (20.0 * throttle**2, 20.0 * throttle))
+    [driven] = followed(square, "throttle").driven
+    assert driven.curvature == pytest.approx(1.0 / 6.0, rel=0.15)
+    assert "driver-curved" in codes(square, "throttle")
+    assert followed(line, "throttle").driven[0].curvature == 0.0
+    assert not codes(line, "throttle") & {"driver-curved", "driver-reference"}
+
+
+def test_a_square_on_the_bench_is_named() -> None:
+    made = np.outer(RUNS**2 / RUNS.max() - RUNS, PER_AMPERE)
+    assert of_bench(bench(RUNS, moved=made)) == {"driver-curved"}
+
+
+def test_a_range_far_from_where_the_offset_holds_is_named() -> None:
+    """A hover at 0.35 to 0.65 of the throttle says nothing of none; of a current a straight line does."""
+    throttle = wandering(0.35, 0.65)
+    hover = driven_by(throttle, 20.0 * throttle)
+    told = next(one for one in followed(hover, "throttle").findings if one.code == "driver-reference")
+    assert told.severity == "limits"
+    assert told.number == pytest.approx(0.35 / 0.3, rel=0.05)
+    assert "extrapolated" in told.advice
+    as_current = replace(hover, current=20.0 * throttle, throttle=None)
+    noted = next(one for one in followed(as_current, "current").findings if one.code == "driver-reference")
+    assert noted.severity == "note"
+    assert noted.number == pytest.approx(told.number)
+    near = wandering(0.1, 0.7)
+    assert "driver-reference" not in codes(driven_by(near, 20.0 * near), "throttle")
+
+
 # commands
 
 

@@ -148,6 +148,25 @@ def test_a_sensor_upside_down_is_not_placed_by_the_dip() -> None:
     assert refit(turned, site=site).offset_sigma[2] > 25.0
 
 
+def test_what_is_taken_for_granted_of_z_is_said() -> None:
+    """That it points down where no accelerometer shows it, and that the site was left out where one shows it up."""
+    truth, site = Turned().record(1, 300)
+    over = [1.0, -1.0, -1.0]
+    assert truth.samples.acceleration is not None
+    turned = replace(truth.samples, field=truth.samples.field * over, acceleration=truth.samples.acceleration * over)
+    taken, left_out = "takes z to point down and the floor to be level", "the dip of the site was left out"
+    for samples, at, words in (
+        (replace(turned, acceleration=None), site, {taken}),
+        (turned, site, {left_out}),
+        (turned, replace(site, inclination_deg=None), set()),
+        (turned, None, set()),
+    ):
+        fit = refit(samples, site=at)
+        (advice,) = [finding.advice for finding in fit.findings if finding.code == "level-plane"]
+        assert {each for each in (taken, left_out) if each in advice} == words
+        assert fit.z_down == (left_out not in words)
+
+
 def test_a_strength_in_another_unit_is_left_out() -> None:
     truth, site = Turned().record(1, 300)
     counts = Samples.of(truth.samples.field * 10.0)

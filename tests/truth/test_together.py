@@ -310,6 +310,100 @@ def test_two_that_disagree_say_so_both() -> None:
         assert "cannot be told which" in told.advice
 
 
+def loose(recordings: dict[str, Samples], sensors: list[simulate.Sensor], directions: Floats, name: str) -> Samples:
+    """The readings of a sensor that swings by 5° about its mount all the time: no length of it changes."""
+    time = recordings[name].time
+    assert time is not None
+    swing = np.deg2rad(5.0) * np.sin(2.0 * np.pi * time / 9.0)[:, np.newaxis] * [0.6, 0.0, 0.8]
+    swung = np.einsum("nij,nj->ni", rotations(swing), directions)
+    sensor = sensors["abcd".index(name)]
+    return changed(recordings[name], field=sensor.read(FIELD * swung, np.random.default_rng(3)))
+
+
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_of_two_that_disagree_all_the_time_neither_is_blamed_nor_bent(name: str) -> None:
+    recordings, sensors, directions = body(41, n=1000, same=True)
+    swinging = loose(recordings, sensors, directions, name)
+    found = fit_together({**recordings, name: swinging})
+    assert not found.is_joint
+    assert found.agreement.departures == ()
+    for member, sensor in zip(found.members, sensors, strict=True):
+        [told] = member.findings
+        assert (told.code, told.severity) == ("disagree", "limits")
+        assert 1.5 < told.number < 4.0  # of 3.5° rms, over cos 60°, a third a component is 4; the fit takes up some
+        assert fit_of(member).calibration is member.alone.calibration  # type: ignore[union-attr]
+        npt.assert_allclose(fit_of(member).calibration.offset, sensor.offset, atol=0.4)
+
+
+def test_of_three_the_one_that_swings_is_blamed_and_the_others_stay_joint() -> None:
+    recordings, sensors, directions = body(41, n=1000, same=True, noises=(0.5, 0.5, 0.5))
+    found = fit_together({**recordings, "b": loose(recordings, sensors, directions, "b")})
+    assert found.is_joint
+    assert [member.is_kept for member in found.members] == [False, True, False]
+    assert codes(found["b"]) == {"departs-throughout", "not-together"}
+    assert found["b"].rotation is None
+    worst = fit_of(found["b"]).heading_error_deg.worst
+    [told] = [finding for finding in found["b"].findings if finding.code == "not-together"]
+    assert told.limit == pytest.approx(1.5 * worst)
+    assert told.number > told.limit
+    assert not codes(found["a"]) & {"departs-throughout", "not-together"}
+
+
+def test_two_white_noises_are_no_disagreement() -> None:
+    for seed in range(3):
+        recordings, _, _ = body(50 + seed, n=1000, noises=(0.3, 3.0))
+        found = fit_together(recordings)
+        assert found.is_joint
+        assert found.agreement.apart_deg == 0.0
+        assert not any({"disagree", "not-together"} & codes(member) for member in found.members)
+
+
+def test_a_clock_that_is_off_by_more_than_is_looked_for_harms_nobody() -> None:
+    """Three seconds: the readings of that sensor belong to other moments."""
+    for seed in (60, 61):
+        recordings, sensors, _ = body(seed, n=1500, noises=(0.5, 0.5, 0.5))
+        time = recordings["b"].time
+        assert time is not None
+        found = fit_together({**recordings, "b": changed(recordings["b"], time=time + 3.0)})
+        assert found["b"].is_kept
+        for member, sensor in zip(found.members, sensors, strict=True):
+            alone = member.alone
+            assert isinstance(alone, Fit)
+            assert fit_of(member).heading_error_deg.worst <= 1.5 * alone.heading_error_deg.worst
+            npt.assert_allclose(fit_of(member).calibration.offset, sensor.offset, atol=0.4)
+
+
+@pytest.mark.parametrize("noises", [(0.5, 0.5, 0.5), (0.5, 0.5, 0.5, 0.5)])
+def test_two_that_are_disturbed_alike_are_no_majority(noises: tuple[float, ...]) -> None:
+    recordings, sensors, _ = body(62, n=1500, noises=noises)
+    for name in "bc":
+        time = recordings[name].time
+        assert time is not None
+        pushed = sensors["abcd".index(name)].matrix @ (TURNED.T @ [8.0, 8.0, 0.0])
+        disturbed = recordings[name].field + np.outer((time > 8.0) & (time < 13.0), pushed)
+        recordings[name] = changed(recordings[name], field=disturbed)
+    found = fit_together(recordings)
+    assert {run.sensor for run in found.agreement.departures} == {1, 2}
+    assert not codes(found["a"]) & {"departs", "departs-throughout", "disagree"}
+    for place, name in ((1, "b"), (2, "c")):
+        assert "departs" in codes(found[name])
+        assert "strays" in {finding.code for finding in fit_of(found[name]).findings}
+        npt.assert_allclose(fit_of(found[name]).calibration.offset, sensors[place].offset, atol=0.3)
+
+
+def test_lengths_tell_against_a_majority_only_where_all_of_it_changed() -> None:
+    rng = np.random.default_rng(1)
+    q = simulate.tumble(seed=17, motion="hand", n=1500).directions
+    seen = np.stack([q + rng.normal(scale=0.01, size=q.shape) for _ in range(3)])
+    time = np.arange(1500) / 50.0
+    both, one = seen.copy(), seen.copy()
+    both[1:, 500:700] = 1.2 * (seen[1:, 500:700] @ rotations(np.array([[0.0, 0.0, 0.3]]))[0].T)
+    one[0, 500:700] = seen[0, 500:700] @ rotations(np.array([[0.0, 0.0, 0.3]]))[0].T
+    one[1, 500:700] *= 1.006
+    assert {(run.sensor, run.by_length) for run in departures(both, time)} == {(1, True), (2, True)}
+    assert {(run.sensor, run.by_length) for run in departures(one, time)} == {(0, False)}
+
+
 def test_no_departure_where_there_is_none() -> None:
     for seed in range(3):
         recordings, _, _ = body(30 + seed, n=1000, noises=(0.5, 1.0, 0.5))

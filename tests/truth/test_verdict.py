@@ -304,9 +304,11 @@ ELSEWHERE: Final = {
     "test_two_axis.py": ("composed",),
     "test_drivers.py": ("driver", "driver-unfollowed", "driver-constant", "driver-entangled", "driver-uncertain"),
     "test_driver_findings.py": (
-        "driver-one-way", "driver-noisy", "driver-lag", "driver-range", "driver-beyond", "bench-moved",
+        "driver-one-way", "driver-noisy", "driver-lag", "driver-range", "driver-beyond", "bench-moved", "bench-tilted",
+        "driver-reference", "driver-curved",
     ),
     "test_aided.py": ("circular-attitude", "gyro-unit", "swapped-axes", "one-axis", "site-differs"),
+    "test_mounted.py": ("aid-astray", "rotation-uncertain"),
     "test_wrong_use.py": ("gyro-differs", "aid-empty"),
     "test_gyro_at_fault.py": ("gyro-clipped", "gyro-scales", "gyro-gaps", "aids-disagree"),
     "test_together.py": (

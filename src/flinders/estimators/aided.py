@@ -69,6 +69,9 @@ AIDS: Final = {
 }
 """What can be asked for, and what it goes by."""
 
+LEANING: Final = 0.03
+"""rad: what the bias of an accelerometer tilts its vertical by, 1 σ: 0.3 m/s², as small ones have."""
+
 UNSEEN: Final = 0.5
 """Share of the prior's variance that is left of a rotation that nothing has seen."""
 
@@ -125,6 +128,9 @@ class Aided:
         0 where they are as gyros are.
     drivers : tuple of str
         Names of the drivers.
+    leaning : float, rad
+        What the bias of an accelerometer turns the rotation by, 1 σ about each axis: `LEANING` where the vertical stays
+        the same in body axes, nothing where it points all ways.
     """
 
     parameters: Parameters
@@ -143,6 +149,7 @@ class Aided:
     site_off: float | None = None
     drivers: tuple[str, ...] = ()
     scales_off: float = 0.0
+    leaning: float = 0.0
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -161,12 +168,9 @@ class Aided:
 
     @property
     def rotation_covariance(self) -> Floats | None:
-        """(3, 3) rad², of the rotation; None where it was not looked for."""
-        if "rotation" not in self.layout:
-            return None
-        columns = self.layout.columns["rotation"]
-        part: Floats = self.covariance[columns, columns]
-        return part
+        """(3, 3) rad², of the rotation, with what an accelerometer leans; None where it was not looked for."""
+        part = self.of("rotation")
+        return None if part is None else part + self.leaning**2 * np.eye(3)
 
     def of(self, name: str) -> Floats | None:
         """(k, k) covariance of one block of parameters; None where it was not free."""
@@ -423,7 +427,20 @@ def _finished(problem: Problem, found: Found) -> Aided:
         scatter.creep,
         _site_off(problem, found, covariance),
         () if problem.drivers is None else problem.drivers.names,
+        leaning=_leaning(problem),
     )
+
+
+def _leaning(problem: Problem) -> float:
+    """What an accelerometer's bias turns the rotation by: it tilts all verticals alike, which a full tumble undoes."""
+    if "dip" not in problem.aids or "attitude" in problem.aids:
+        return 0.0
+    total, count = np.zeros(3), 0.0
+    for group in problem.groups:
+        if group.down is not None and group.trust is not None:
+            total += np.einsum("wni,wn->i", group.down, group.trust)
+            count += float(group.trust.sum())
+    return LEANING * float(np.linalg.norm(total)) / max(count, 1e-300)
 
 
 def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equations]:

@@ -31,6 +31,8 @@ from flinders.estimators.held_out import Missed, missed
 from flinders.estimators.joint import SCALE_SIGMA
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.estimators.mistakes import (
+    UPRIGHT,
+    astray,
     circular,
     dip_of,
     elsewhere,
@@ -72,9 +74,6 @@ FAR_TURN_DEG: Final = 20.0
 
 FAR_CLAIM: Final = 4.0
 """Times more heading error claimed with a vertical than without: it leans, or is none."""
-
-UPRIGHT: Final = ("dip", "tilt", "attitude")
-"""Aids that tell the vertical: one of them at a time."""
 
 
 def aided_by(
@@ -134,8 +133,7 @@ def aided_by(
         tried = (*(aid for aid in kept if aid not in replaced), name)
         found = fitted(tried, rotation=rotation, near=best)
         is_strange = is_strange or is_elsewhere(found, site)
-        if found.scales_off:
-            contradiction = of_scales(found.scales_off) if name == "rate" else of_aid_and_gyro(name, found.scales_off)
+        if (contradiction := _contradiction(found, name)) is not None:
             mistakes += [] if is_auto else [contradiction]
             reports.append(Aid(name, kept=False, words=contradiction.words))
             continue
@@ -162,6 +160,13 @@ def aided_by(
         if (mistake := _of_site(best, told.dip_deg, site)) is not None:
             return again, replace(told, mistakes=(*of_gaps, *told.mistakes, mistake))
     return best, _told(best, turned, tuple(reports), tuple(mistakes))
+
+
+def _contradiction(found: Aided, name: str) -> Mistake | None:
+    """Whether an aid goes against the gyro, or against the readings, in a fit that has both."""
+    if found.scales_off:
+        return of_scales(found.scales_off) if name == "rate" else of_aid_and_gyro(name, found.scales_off)
+    return astray(found, name)
 
 
 def _of_site(bent: Aided, seen_deg: float | None, site: Site) -> Mistake | None:

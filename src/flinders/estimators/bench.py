@@ -8,7 +8,8 @@ by least squares, axis by axis. It tells neither offset nor matrix: what it find
 made without the motor.
 
 When to use it: the sensor lies still, and the driver goes up **and down** again, several times. Not where it is
-switched on once: a sensor that moved meanwhile would look the same, and `findings` says so.
+switched on once: a sensor that moved meanwhile would look the same, and `findings` says so. A sensor that moves *with*
+the driver, as one that the motor lifts, leaves nothing in the readings; an accelerometer beside it shows its tilt.
 
 Source: CompassMot of ArduPilot, by regression in place of its filter.
 
@@ -31,6 +32,7 @@ import numpy as np
 from flinders.drivers import Driver
 from flinders.errors import counted, figures
 from flinders.estimators.correlation import Residuals
+from flinders.estimators.curves import curvature
 from flinders.estimators.lags import UNLAGGED, grid_of, profile
 from flinders.estimators.logged import Logged
 from flinders.estimators.meters import attenuation, one_way
@@ -50,6 +52,12 @@ UNMOVED: Final = 0.03
 
 SHARES: Final = 0.9
 """Of the scatter of a recording that a driver has to explain for its sensor to have been still."""
+
+TILTED_DEG: Final = 0.5
+"""Degrees by which the vertical may turn over the range of a driver: at a dip of 60° that is a degree of heading."""
+
+PROVEN: Final = 4.0
+"""Standard deviations from which on a turn of the vertical is one."""
 
 STEPPED: Final = 0.25
 """Share of what is left that one step explains, from which on it is one."""
@@ -75,6 +83,9 @@ class Still:
         What is known of each driver beside its numbers.
     step : float
         The largest step in what is left, in the unit of the readings, where one explains a quarter of it; else 0.
+    tilted_deg : float
+        By how much the vertical turns over the range of a driver, as an accelerometer shows; 0 where there is none, or
+        where it may be its noise.
     """
 
     drivers: tuple[Driver, ...]
@@ -84,6 +95,7 @@ class Still:
     constant: tuple[str, ...] = ()
     driven: tuple[Driven, ...] = field(default=())
     step: float = 0.0
+    tilted_deg: float = 0.0
 
     def onto(self, calibration: Calibration) -> Calibration:
         """A calibration of the same sensor, made without these drivers, that follows them; others it keeps."""
@@ -93,14 +105,22 @@ class Still:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What speaks against this bench: a sensor that moved."""
-        if not self.step:
-            return ()
-        advice = (
-            f"what the drivers leave makes a step of {figures(self.step)} (noise {figures(self.noise)}): the sensor "
-            "moved, or something magnetic came near; fix both, and record again"
-        )
-        return (Finding("bench-moved", "limits", self.step, 4.0 * self.noise, advice),)
+        """What speaks against this bench: a sensor that moved, once or along with a driver."""
+        found = []
+        if self.step:
+            advice = (
+                f"what the drivers leave makes a step of {figures(self.step)} (noise {figures(self.noise)}): the "
+                "sensor moved, or something magnetic came near; fix both, and record again"
+            )
+            found.append(Finding("bench-moved", "limits", self.step, 4.0 * self.noise, advice))
+        if self.tilted_deg > TILTED_DEG:
+            advice = (
+                f"the vertical turns by {figures(self.tilted_deg)}° with what drives the sensor, as the accelerometer "
+                "shows: the sensor moved with it, and so much of the earth's field was taken for the driver's; fix the "
+                "sensor, and record again"
+            )
+            found.append(Finding("bench-tilted", "limits", self.tilted_deg, TILTED_DEG, advice))
+        return tuple(found)
 
 
 def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:
@@ -133,8 +153,9 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
         for place, name in enumerate(moving)
     )
     made = float(np.sqrt(np.var(departures @ shifts, axis=0).sum()))
-    driven = tuple(_driven(driver, departures[:, place], left, lags) for place, driver in enumerate(drivers))
-    return Still(drivers, _covariance(left, design), noise, made, constant, driven, _step(left))
+    driven = tuple(_driven(driver, departures[:, place], left, design, lags) for place, driver in enumerate(drivers))
+    tilted = _tilted_deg(_felt(recordings, logged), departures)
+    return Still(drivers, _covariance(left, design), noise, made, constant, driven, _step(left), tilted)
 
 
 def described(found: Still, unit: str) -> str:
@@ -203,7 +224,7 @@ class _Cost:
         return _line(self._logged.field, self._logged.departures(self._names, {**self._lags, self._name: lag_s}))[0]
 
 
-def _driven(driver: Driver, departures: Floats, left: Floats, lags: dict[str, Lag]) -> Driven:
+def _driven(driver: Driver, departures: Floats, left: Floats, design: Floats, lags: dict[str, Lag]) -> Driven:
     """What is known of a driver beside its numbers."""
     size = float(np.linalg.norm(driver.per_unit))
     along = left @ driver.per_unit / size if size > 0.0 else np.zeros(len(left))
@@ -215,7 +236,56 @@ def _driven(driver: Driver, departures: Floats, left: Floats, lags: dict[str, La
         attenuation=attenuation(departures, along, np.full(len(left), size)),
         lag_sigma_s=np.nan if lag is None else lag.sigma_s,
         lag_is_beyond=lag is not None and lag.is_beyond,
+        curvature=_curvature(driver, departures, left, design),
     )
+
+
+def _curvature(driver: Driver, departures: Floats, left: Floats, design: Floats) -> float:
+    """How far all axes together are off a straight line, as a share of what the driver makes."""
+    count = len(left)
+    rows = [np.arange(axis * count, (axis + 1) * count) for axis in range(3)]
+    residuals = Residuals(left.T.ravel(), np.kron(np.eye(3), design), rows)
+    return curvature(np.tile(departures, 3), residuals, np.repeat(np.eye(3), count, axis=0), driver.per_unit)
+
+
+def _felt(recordings: Sequence[Recording], logged: Logged) -> Floats | None:
+    """(N, 3) what an accelerometer felt at the readings that are looked at; None where one has none."""
+    felt: list[Floats] = []
+    for recording, part in zip(recordings, logged.parts, strict=True):
+        pieces = [block.acceleration for block in recording.blocks() if len(block)]
+        given = [piece for piece in pieces if piece is not None]
+        if len(given) < len(pieces):
+            return None
+        felt.append(np.concatenate(given)[:: part.stride])
+    return np.concatenate(felt)
+
+
+def _tilted_deg(felt: Floats | None, departures: Floats) -> float:
+    """By how much the vertical turns over the range of the driver that turns it most; 0 where that may be noise.
+
+    >>> current = np.tile(np.linspace(0.0, 20.0, 50), 4)
+    >>> leaning = np.radians(0.1 * current)
+    >>> felt = 9.8 * np.stack([np.sin(leaning), 0.0 * leaning, -np.cos(leaning)], axis=1)
+    >>> round(_tilted_deg(felt, current[:, np.newaxis]), 1)
+    2.0
+    """
+    if felt is None or not departures.shape[1]:
+        return 0.0
+    finite = np.isfinite(felt).all(axis=1)
+    gravity = float(np.linalg.norm(felt[finite].mean(axis=0))) if finite.sum() > departures.shape[1] + 1 else 0.0
+    if not gravity > 0.0:
+        return 0.0
+    unit = felt[finite] / gravity
+    left, slopes, design = _line(unit, departures[finite])
+    vertical = unit.mean(axis=0)
+    level = np.eye(3) - np.outer(vertical, vertical)
+    covariance, most = _covariance(left, design), 0.0
+    for place, slope in enumerate(slopes):
+        block = covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]
+        turned, sigma = np.linalg.norm(level @ slope), np.sqrt(np.linalg.eigvalsh(block)[-1].clip(0.0))
+        if turned > PROVEN * sigma:
+            most = max(most, float(turned * np.ptp(departures[:, place])))
+    return float(np.degrees(np.arctan(most)))
 
 
 def _step(left: Floats) -> float:

@@ -38,6 +38,7 @@ from flinders.driven import settled
 from flinders.drivers import Driver
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.bench import still
+from flinders.estimators.curves import curvature
 from flinders.estimators.lags import kept, lags_of, residuals_of
 from flinders.estimators.logged import Logged
 from flinders.estimators.meters import attenuation, one_way
@@ -83,6 +84,8 @@ class Found:
         What it takes off the sum of squares, in the noise variance that is left.
     is_beyond : bool
         The end of the search for a lag is best.
+    curvature : float
+        How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
     """
 
     name: str
@@ -92,6 +95,7 @@ class Found:
     lag_sigma_s: float
     chi_square: float
     is_beyond: bool = False
+    curvature: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,6 +249,7 @@ def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: La
         lag_sigma_s=np.nan if lag is None else lag.sigma_s,
         chi_square=float(per_unit @ np.linalg.solve(inverse[rows, rows], per_unit)),
         is_beyond=lag is not None and lag.is_beyond,
+        curvature=curvature(values, residuals_of(solved), normals, per_unit),
     )
 
 
@@ -290,6 +295,7 @@ def told(fitted: Fit, driving: Driving) -> Fit:
             one_way=found.one_way,
             attenuation=found.attenuation,
             lag_is_beyond=found.is_beyond,
+            curvature=found.curvature,
             chi_square=found.chi_square,
             lag_sigma_s=found.lag_sigma_s,
         )

@@ -59,6 +59,8 @@ class Estimate:
     follows : str
         ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests
         on it; `strength` is then its mean, and known.
+    z_down : bool
+        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out.
     """
 
     ellipsoid: Ellipsoid
@@ -76,6 +78,7 @@ class Estimate:
     strength: float | None = None
     plane: Plane | None = None
     follows: Literal["", "constant", "varying"] = ""
+    z_down: bool = True
 
 
 class Estimator(Protocol):

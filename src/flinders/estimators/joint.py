@@ -16,6 +16,7 @@ import numpy as np
 from flinders.errors import FitError
 from flinders.estimators.auto import Auto
 from flinders.estimators.estimate import FINEST
+from flinders.estimators.mounting import TURNS
 from flinders.estimators.readings import Readings
 from flinders.quadric import Ellipsoid
 from flinders.terms import inclination, pointing, prior, turning
@@ -77,6 +78,15 @@ SAME: Final = 1e-2
 
 MOST_DAMPING: Final = 1e9
 """Beyond which no step makes the fit better."""
+
+STILLER: Final = 2.0
+"""Times less that the field strays in the world: so much makes another way to sit than was thought a start."""
+
+SEATED: Final = 10
+"""Rounds of finding where the field points, and how the magnetometer sits for it."""
+
+MANY_ATTITUDES: Final = 1000
+"""Attitudes that a start is found from."""
 
 MISFIT: Final = 1.5
 """Times larger than the noise from one reading to the next: residuals that another start may do away with."""
@@ -157,16 +167,31 @@ class Problem:
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
         count = 0 if self.drivers is None else len(self.drivers.names)
-        return self.facing(
-            replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, drivers=count), rotation=self.rotation)
-        )
+        at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, drivers=count), rotation=self.rotation)
+        return self.facing(replace(at, rotation=self._seated(at)))
 
     def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
         """Where to start with what a fit of another `Layout` has found, of as many drivers."""
         free = [name for name in ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "delay") if name in layout]
         found = {name: getattr(near, name) for name in free if name in self.layout}
-        at = self.begin(Ellipsoid(near.offset, near.shape))
-        return self.facing(replace(at, **found))
+        at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
+        return self.facing(replace(at, rotation=self._seated(at)))
+
+    def _seated(self, at: Parameters) -> Floats:
+        """(3, 3) how the magnetometer sits, so that attitudes make the field stand still: as it is unless far better.
+
+        From an attitude turned far the way down leads elsewhere, so that each of 24 ways to sit is tried.
+        """
+        attitudes, seen = [], []
+        for group in self.groups:
+            if group.attitudes is not None and group.trust is not None:
+                known = group.trust > 0.0
+                attitudes.append(group.attitudes[known])
+                seen.append(np.linalg.solve(at.shape, group.centred(at)[known].T).T)
+        if not attitudes:
+            return at.rotation
+        rows = slice(None, None, max(1, sum(map(len, seen)) // MANY_ATTITUDES))
+        return seated(np.concatenate(attitudes)[rows], np.concatenate(seen)[rows], at.rotation)
 
     def facing(self, at: Parameters) -> Parameters:
         """The same with the dip, or the direction of the site's field, that readings show."""
@@ -229,6 +254,52 @@ class Problem:
         if self.site is not None and self.site.sine is not None:
             thoughts.append(("sine", at.sine - self.site.sine, self.site.sine_sigma))
         return thoughts
+
+
+def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
+    """How a magnetometer sits on a body of known attitude: as was thought, unless another way is far better.
+
+    From each of the 24 ways in which axes can be exchanged, the field's mean direction m = Σ C R q and the rotation
+    that takes all q the nearest to Cᵀ m (Wahba's problem, by singular values) are found in turns.
+
+    Parameters
+    ----------
+    attitudes : (N, 3, 3) float
+        C, from body to world.
+    seen : (N, 3) float
+        q, in the magnetometer's own axes, of about unit length.
+    rotation : (3, 3) float
+        As was thought.
+
+    Returns
+    -------
+    (3, 3) float
+
+    Examples
+    --------
+    >>> from flinders.quaternions import of_angles
+    >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
+    >>> attitudes = pointing.body_to_world(of_angles(angles))
+    >>> upturned = np.swapaxes(attitudes, 1, 2) @ [0.6, 0.0, 0.8] * [1.0, -1.0, -1.0]
+    >>> seated(attitudes, upturned, np.eye(3)).round(6) + 0.0
+    array([[ 1.,  0.,  0.],
+           [ 0., -1.,  0.],
+           [ 0.,  0., -1.]])
+    """
+    if not len(seen):
+        return rotation
+    ways = np.stack([rotation, *(axes.apply(np.eye(3)).T for axes in TURNS)])
+    pairs = np.einsum("nij,nk->nijk", attitudes, seen).mean(axis=0)  # Σ C_ij q_k: all that is needed of the readings
+    for _ in range(SEATED):
+        north = np.einsum("ijk,wjk->wi", pairs, ways)
+        left, _, right = np.linalg.svd(np.einsum("wi,ijk->wjk", north, pairs))
+        left[:, :, 2] *= np.linalg.det(left @ right)[:, np.newaxis]
+        ways[1:] = (left @ right)[1:]
+    lengths = np.linalg.norm(np.einsum("ijk,wjk->wi", pairs, ways), axis=1)
+    strayed = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
+    best = int(np.argmin(strayed))
+    found: Floats = ways[best] if STILLER**2 * strayed[best] < strayed[0] else rotation
+    return found
 
 
 def grouped(

@@ -60,11 +60,17 @@ FEWEST_ATTITUDES: Final = 12
 ROUNDS: Final = 3
 """Of finding an offset and where the rest points."""
 
+UPRIGHT: Final = ("dip", "tilt", "attitude")
+"""Aids that tell the vertical: one of them at a time."""
+
 JUST_BEFORE, MANY_MORE = 0.05, 1.0
 """Of the range of a gyro's axis, what is just before its end; and how many times as many readings are at a limit."""
 
 FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
 """A dip that is off by more, and by more of what both are known to, is another place's."""
+
+FAR_ASTRAY: Final = 0.2
+"""rad: verticals and attitudes that are off by more, 1 σ, after all that is found, are those of another body."""
 
 STEEP_DEG: Final = 10.0
 """A steeper dip has a sign that no iron near it turns round."""
@@ -151,6 +157,32 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
         f"used, leave {aid!r} out"
     )
     return Mistake("aids-disagree", aid, off, FAR_SCALES * SCALE_SIGMA, words, drops=True)
+
+
+def astray(found: Aided, aid: str) -> Mistake | None:
+    """Whether a vertical, or an attitude, does not go with the readings however the magnetometer sits.
+
+    >>> from flinders.quaternions import inverse, of_angles, rotated
+    >>> attitude = of_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
+    >>> field = rotated(inverse(attitude), np.tile([25.0, 0.0, 43.0], (300, 1)))
+    >>> astray(solve(Samples.of(field, attitude=attitude), ("tilt",)), "tilt")
+    >>> mistake = astray(solve(Samples.of(field, attitude=inverse(attitude)), ("tilt",)), "tilt")
+    >>> mistake is not None and mistake.code
+    'aid-astray'
+    """
+    off = found.vertical_noise
+    if aid not in UPRIGHT or off is None or off <= FAR_ASTRAY:
+        return None
+    why = (
+        "the body was accelerated all the time, or the accelerometer is that of another"
+        if aid == "dip"
+        else "its quaternions turn from world to body or have w last, its times are other ones, or it is another body's"
+    )
+    words = (
+        f"{aid!r} is off by {np.rad2deg(off):.0f}° (1 σ) from what the field says, however the magnetometer sits: "
+        f"{why}; it was not used"
+    )
+    return Mistake("aid-astray", aid, float(np.rad2deg(off)), float(np.rad2deg(FAR_ASTRAY)), words, drops=True)
 
 
 def one_axis(rate: Floats) -> list[Mistake]:

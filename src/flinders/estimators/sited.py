@@ -15,7 +15,8 @@ known of S₃ comes in with ε alone: the heading degrades with the tilt, and no
 
 The last one is used where someone says how well the mounting is known. The dip is that of the site to within its own
 uncertainty and that of the vehicle's being level, 1° unless an accelerometer shows more: on a slope the
-field dips otherwise.
+field dips otherwise. Without an accelerometer z is taken to point down: of one that points up the offset in z comes out
+wrong by 2 sin I S₃₃, and headings with the tilt. Nothing in the readings of a level turn tells the two apart.
 
 When to use it: vehicles that cannot be turned over, at a known place. Of an ellipsoid that was seen from more than
 one plane, the strength alone counts.
@@ -95,13 +96,15 @@ def sited(
     -------
     Estimate
         With smaller claims, but for a level turn that an accelerometer shows on a slope; `strength` is that of the
-        site where it was used.
+        site where it was used, and `z_down` is false where an accelerometer speaks against using its dip.
     """
     if estimate.plane and estimate.method != Level.name:
         return estimate  # a recipe of two axes, which claims nothing of the third
     if not estimate.plane:
         return estimate if site is None else _by_strength(estimate, site)
     tilt = _tilt_deg(readings)
+    if site is not None and tilt is None:
+        return replace(estimate, z_down=site.inclination_deg is None)
     if site is not None and tilt is not None:
         estimate = _by_strength(_by_dip(estimate, readings, site, alignment_sigma_deg, tilt), site)
     return _on_a_slope(estimate, math.radians(dip_deg), tilt or 0.0)

@@ -92,5 +92,7 @@ def _agreed(found: Together) -> str:
     over = f"{counted(found.agreement.moments, 'moment')} common to two or more"
     seconds = f", over {written_time(found.agreement.seconds)}" if found.agreement.seconds else ""
     axes = "of gyro and accelerometer" if found.in_body else f"of {found.reference}"
-    corrected = f"corrected readings are in the axes {axes}\n" if found.is_joint else ""
+    own = [member.name for member in found.members if member.is_kept]
+    but = f", those of {' and '.join(own)} in their own" if own else ""
+    corrected = f"corrected readings are in the axes {axes}{but}\n" if found.is_joint else ""
     return f"{corrected}{over}{seconds}; off by: readings averaged over a second, in degrees of heading, 1 σ"

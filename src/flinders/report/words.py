@@ -152,6 +152,16 @@ FINDINGS: Final = {
         "with the other sign.",
         "Convert the column that is followed, or turn its sign round, before anything is exported.",
     ),
+    "driver-reference": Words(
+        "What the compass follows was never as low while recording as the correction takes for its starting point. "
+        "There it is a guess along a straight line.",
+        "Record with it switched off as well, or use the correction only where it was recorded.",
+    ),
+    "driver-curved": Words(
+        "What disturbs the compass does not grow in proportion to what is followed: {number:.0%} of it is off a "
+        "straight line.",
+        "Record the current of the motors rather than their throttle, or use the correction where most was recorded.",
+    ),
     "driver-beyond": Words(
         "What the compass follows went {number:.0%} of its range beyond what is known of it.",
         "Calibrate again over the whole range.",
@@ -159,6 +169,10 @@ FINDINGS: Final = {
     "bench-moved": Words(
         "The sensor that should be held still was moved.",
         "Fix the sensor, keep everything magnetic away, and record again.",
+    ),
+    "bench-tilted": Words(
+        "The sensor that should be held still tilted by {angle} together with what disturbs it.",
+        "Fix the sensor, and record again.",
     ),
     "driver-uncertain": Words(
         "At the far end of what the compass follows, headings may be off by {angle}.",
@@ -212,6 +226,10 @@ FINDINGS: Final = {
         "Gyro and vertical do not go together. The vertical was not used.",
         "Leave the vertical out, as it leans in turns; or record while turning on the spot.",
     ),
+    "aid-astray": Words(
+        "What was recorded of how the body was held does not go with the compass. It was not used.",
+        "Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
+    ),
     "aid-empty": Words(
         "Something that should have helped was recorded as empty. It was not used.",
         "Check what is recorded beside the compass.",
@@ -239,8 +257,7 @@ FINDINGS: Final = {
         "Steer by another compass, or see whether a correction that follows the current helps.",
     ),
     "disagree": Words(
-        "For a while the compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was "
-        "off.",
+        "Compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was off.",
         "Compare them with a known bearing, or fit a third.",
     ),
     "copied-sensor": Words(
@@ -264,9 +281,8 @@ FINDINGS: Final = {
         "The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
     ),
     "not-together": Words(
-        "How the sensors of the vehicle are turned against each other cannot be told from the recording. Each was "
-        "corrected by itself.",
-        "Turn the vehicle about all of its axes, with all sensors running.",
+        "The sensor was corrected by itself: together with the others of the vehicle it would be known no better.",
+        "Turn the vehicle about all of its axes, with all sensors running, and see whether their clocks agree.",
     ),
     "mirrored-axes": Words(
         "The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
@@ -276,6 +292,10 @@ FINDINGS: Final = {
     "scale-unknown": Words(
         "The strength of the field at the place of recording was not given. The length of corrected readings, "
         "{length}, is therefore a convention. Headings do not depend on it.",
+    ),
+    "rotation-uncertain": Words(
+        "How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
+        "Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
     ),
     "rotation-unknown": Words(
         "How the sensor is turned against the vehicle cannot be seen by a magnetometer. A sensor that is mounted askew "

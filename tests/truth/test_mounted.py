@@ -1,0 +1,87 @@
+"""How a magnetometer sits on its body: found whichever way that is, and said where it is not known."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import flinders
+from flinders.estimators.aided import LEANING, solve
+from flinders.estimators.aids import aided_by
+from flinders.estimators.joint import seated
+from flinders.quaternions import inverse, of_angles, rotated
+from flinders.samples import Samples
+from flinders.terms.pointing import body_to_world
+from flinders.terms.turning import rotations
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+NORTH = np.array([25.0, 0.0, 43.3])
+
+
+def attitudes(lean: float, n: int = 600) -> Floats:
+    """A body that turns all round and leans by so much, rad, over 24 s."""
+    time = np.arange(n) / 25.0
+    return of_angles(np.stack([lean * np.sin(0.61 * time), lean * np.sin(0.93 * time + 1.0), 0.7 * time], axis=1))
+
+
+def recorded(
+    attitude: Floats, turn: Floats, logged: Floats | None = None, *, seed: int = 1, bias: Floats | None = None
+) -> Samples:
+    """Readings of a magnetometer that is turned by (3, 3), and what an accelerometer with a bias, m/s², feels."""
+    rng = np.random.default_rng(seed)
+    n = len(attitude)
+    back = inverse(attitude)
+    field = rotated(back, np.tile(NORTH, (n, 1))) @ turn + [10.0, -20.0, 5.0] + rng.normal(0.0, 0.4, (n, 3))
+    felt = None
+    if bias is not None:
+        felt = rotated(back, np.tile([0.0, 0.0, -9.81], (n, 1))) + bias + rng.normal(0.0, 0.05, (n, 3))
+    return Samples.of(field, unit="uT", time=np.arange(n) / 25.0, attitude=logged, acceleration=felt)
+
+
+@pytest.mark.parametrize("signs", [(1.0, 1.0, 1.0), (-1.0, -1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0)])
+def test_an_attitude_finds_a_magnetometer_that_is_turned_by_half_a_turn(signs: tuple[float, ...]) -> None:
+    attitude, turn = attitudes(1.2), np.diag(signs)
+    found = solve(recorded(attitude, turn, attitude), ("attitude",))
+    assert np.rad2deg(np.abs(found.parameters.rotation - turn).max()) < 0.5
+
+
+def test_of_any_turn_the_start_is_the_truth_without_noise() -> None:
+    attitude = body_to_world(attitudes(0.6))
+    seen = np.swapaxes(attitude, 1, 2) @ (NORTH / np.linalg.norm(NORTH))
+    for vector in np.random.default_rng(3).normal(0.0, 1.5, (20, 3)):
+        turn = rotations(vector[np.newaxis])[0]
+        found = seated(attitude, seen @ turn, np.eye(3))
+        assert np.rad2deg(np.arccos(np.clip((np.trace(found @ turn.T) - 1.0) / 2.0, -1.0, 1.0))) < 20.0
+
+
+@pytest.mark.parametrize("aid", ["tilt", "attitude"])
+def test_an_attitude_from_world_to_body_is_named_and_turns_nothing(aid: str) -> None:
+    attitude = attitudes(1.2)
+    samples = recorded(attitude, np.eye(3), inverse(attitude))
+    fit = flinders.fit(samples, aids=aid)
+    assert fit.verdict == "limited"
+    assert "aid-astray" in [finding.code for finding in fit.findings]
+    assert fit.calibration.rotation == "symmetric"
+
+
+def test_a_rotation_that_is_hardly_known_is_said() -> None:
+    """An accelerometer of unknown bias that always points the same way, and the same one in a tumble."""
+    said = {}
+    for lean in (0.5, 6.0):
+        fit = flinders.fit(recorded(attitudes(lean), np.eye(3), bias=np.zeros(3)), aids="dip")
+        said[lean] = [finding.code == "rotation-uncertain" for finding in fit.findings].count(True)
+    assert said == {0.5: 1, 6.0: 0}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_bias_of_an_accelerometer_is_no_rotation(seed: int) -> None:
+    """0.3 to 0.5 m/s² lean the vertical by 3°; seeds as stated."""
+    samples = recorded(attitudes(0.5), np.eye(3), seed=seed, bias=np.array([0.5, 0.3, -0.3]))
+    asked, _ = aided_by(samples, "dip")
+    assert 0.5 * LEANING < asked.leaning <= LEANING
+    _, told = aided_by(samples, "auto")
+    assert told.rotation is None
