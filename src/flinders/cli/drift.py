@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "drift",
-    short_help="Say which units of a fleet changed, and where something was moved.",
+    short_help="Say which units of a fleet have changed, and when.",
     epilog="""\b
 Example:
   flinders drift calibrations.parquet --report drift.html
