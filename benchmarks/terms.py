@@ -6,8 +6,9 @@
 sim     SIM1 and SIM2 of Troni and Whitcomb, a bare sensor; the motions are ours, see `sim`.
 aids    S4t, `simulate.tumble(motion="swayed")`: level heading error of each aid and of all of them.
 nees    Squared error over claimed variance for each parameter, mean over trials: 1 is true; and the heading error
-        (rms) over the claim. On S4t, on a tumble by hand and on MAGYC's MAM, 1,500 readings each; gyro's scales,
-        axes and site differ from trial to trial by as much as the fit believes they may.
+        (rms) over the claim. On S4t, on a tumble by hand and on MAGYC's MAM, 1,500 readings each; the
+        gyro's scales, the accelerometer's bias, axes and site differ from trial to trial by as much as the fit
+        believes they may.
 level   S7, a level turn, with the field of the site known: heading error level and tilted.
 real    Real recordings: see `benchmarks.terms_recordings`.
 time    CPU seconds, and peak memory of a process of its own.
@@ -25,7 +26,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import product, repeat
 from statistics import mode
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from flinders.attitude import magnetic_heading_deg
 from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.aided import solve
-from flinders.estimators.joint import SCALE_SIGMA
+from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.heading import level_error, level_turn
 from flinders.quadric import symmetric, upper
 from flinders.quaternions import of_matrix
@@ -144,50 +145,63 @@ def swayed(trial: int) -> tuple[Simulated, Samples, Site]:
     return recording, logged, site
 
 
-AIDED: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
-    "none: magnitude alone": ((), ""),
-    "strength of the site ± 1 %": ((), "strength"),
-    "dip": (("dip",), ""),
-    "dip and the site's field": (("dip",), "both"),
-    "rate": (("rate",), ""),
-    "rate, dip": (("rate", "dip"), ""),
-    "rate, dip, the site's field": (("rate", "dip"), "both"),
-    "attitude without yaw": (("tilt",), ""),
-    "attitude": (("attitude",), ""),
-    "rate, attitude, the site's field": (("rate", "attitude"), "both"),
+CALIBRATED: Final[dict[str, Any]] = {"gyro_scale": 0.0, "acceleration_bias": 0.0}
+"""Instruments that are known to be right, as those of S4t are, but for their noise and the gyro's bias."""
+
+AIDED: Final[Mapping[str, tuple[tuple[str, ...], str, dict[str, Any]]]] = {
+    "none: magnitude alone": ((), "", {}),
+    "strength of the site ± 1 %": ((), "strength", {}),
+    "dip": (("dip",), "", {}),
+    "dip, calibrated": (("dip",), "", CALIBRATED),
+    "dip and the site's field, calibrated": (("dip",), "both", CALIBRATED),
+    "rate": (("rate",), "", {}),
+    "rate, calibrated": (("rate",), "", CALIBRATED),
+    "rate, dip": (("rate", "dip"), "", {}),
+    "rate, dip, calibrated": (("rate", "dip"), "", CALIBRATED),
+    "rate, dip, the site's field, calibrated": (("rate", "dip"), "both", CALIBRATED),
+    "attitude without yaw": (("tilt",), "", {}),
+    "attitude": (("attitude",), "", {}),
+    "rate, attitude, the site's field": (("rate", "attitude"), "both", {}),
 }
-"""Terms, and what of the site is known."""
+"""Terms, what of the site is known, and what is known of the instruments."""
 
 
-def trial(title: str, number: int) -> float | None:
-    """Level heading error in degrees of one S4t recording with some aids; None where that is refused."""
+def trial(title: str, number: int) -> tuple[float, float] | None:
+    """Level heading errors in degrees of one S4t recording, in axes of the body and in the magnetometer's own.
+
+    None where that is refused.
+    """
     recording, samples, site = swayed(number)
-    terms, known = AIDED[title]
+    terms, known, instruments = AIDED[title]
     if known == "strength":
         site = replace(site, inclination_deg=None)
     try:
-        found = solve(samples, terms, site=site if known else None)
+        found = solve(samples, terms, site=site if known else None, **instruments)
     except FlindersError:
         return None
-    return heading_error_deg(FIELD_STRENGTH * found.matrix, found.parameters.offset, recording)
+    at = found.parameters
+    of_body, own = (FIELD_STRENGTH * matrix for matrix in (found.matrix, np.linalg.inv(at.shape)))
+    return heading_error_deg(of_body, at.offset, recording), heading_error_deg(own, at.offset, recording)
 
 
 @cache
-def trials_of(pool: ProcessPoolExecutor, title: str, trials: int) -> list[float | None]:
+def trials_of(pool: ProcessPoolExecutor, title: str, trials: int) -> list[tuple[float, float] | None]:
     """All trials with some aids."""
     return list(pool.map(trial, repeat(title), range(trials), chunksize=4))
 
 
 def aids_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
     """Yield what each aid leaves of the heading error."""
-    yield "| aids | level heading error, rms ° | of magnitude alone | refused |"
-    yield "|---|---:|---:|---:|"
+    yield "| aids | heading error level, rms ° | of magnitude alone | in own axes ° | of magnitude alone | refused |"
+    yield "|---|---:|---:|---:|---:|---:|"
     alone = math.nan
     for title in AIDED:
         found = trials_of(pool, title, trials)
-        error = _rms([one for one in found if one is not None])
-        alone = error if math.isnan(alone) else alone
-        yield f"| {title} | {error:.3f} | {error / alone:.2f} | {found.count(None)} |"
+        told = [one for one in found if one is not None]
+        of_body, own = (_rms([one[axes] for one in told]) for axes in (0, 1))
+        alone = own if math.isnan(alone) else alone
+        ratios = f"{of_body:.3f} | {of_body / alone:.2f} | {own:.3f} | {own / alone:.2f}"
+        yield f"| {title} | {ratios} | {found.count(None)} |"
 
 
 MOTIONS: Final = ("swayed", "hand", "rocked")
@@ -232,6 +246,7 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
         rotation=simulate.turns(rng.normal(0.0, MOUNTED_RAD, (1, 3)))[0],
         gyro_bias=rng.normal(0.0, 0.01, 3),
         gyro_scale=rng.normal(0.0, SCALE_SIGMA, 6),
+        acceleration_bias=rng.normal(0.0, ACCELERATION_SIGMA / GRAVITY, 3),
         sine=sine,
         direction=simulate.north_and_down(60.0),
     )
@@ -245,7 +260,7 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
     samples = Samples(
         field + noise * rng.standard_normal(field.shape),
         time=turning.time,
-        acceleration=simulate.specific_force(turning.attitudes, rng),
+        acceleration=simulate.specific_force(turning.attitudes, rng) + GRAVITY * true.acceleration_bias,
         rate=felt + gyro_noise * rng.standard_normal(field.shape),
         attitude=attitude,
     )
@@ -309,6 +324,7 @@ def errors_of(found: Aided, true: Parameters) -> Floats:
 BLOCKS: Final = {
     "b": ("offset",), "S": ("shape",), "R": ("rotation",), "dip or m": ("sine", "direction"),
     "gyro bias": ("gyro_bias",), "gyro scales": ("gyro_scale",), "delay": ("delay",),
+    "accelerometer bias": ("acceleration_bias",),
 }  # fmt: skip
 """Columns of the table, and which blocks of parameters each holds."""
 

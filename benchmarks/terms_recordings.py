@@ -94,19 +94,25 @@ def dip_of(samples: Samples) -> Dip:
     sigma = np.full(3, np.nan) if covariance is None else np.degrees(np.sqrt(np.diag(covariance)))
     return Dip(
         dip_spread_deg(samples, alone.parameters.offset, np.linalg.inv(alone.parameters.shape)),
-        dip_spread_deg(samples, aided.parameters.offset, aided.matrix),
+        dip_spread_deg(
+            samples, aided.parameters.offset, aided.matrix, bias=aided.parameters.acceleration_bias
+        ),
         np.degrees(rotation_vectors(aided.parameters.rotation[np.newaxis])[0]),
         sigma,
     )
 
 
-def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats) -> float:
-    """Spread of the angle between the corrected field and the vertical, where the sensor is hardly accelerated."""
+def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats, *, bias: Floats | float = 0.0) -> float:
+    """Spread of the angle between the corrected field and the vertical, where the sensor is hardly accelerated.
+
+    The bias is that of the accelerometer, (3,) of gravity.
+    """
     assert samples.acceleration is not None
-    size = np.linalg.norm(samples.acceleration, axis=1)
+    felt = samples.acceleration - bias * np.median(np.linalg.norm(samples.acceleration, axis=1))
+    size = np.linalg.norm(felt, axis=1)
     still = np.abs(size / np.median(size) - 1.0) < QUIET
     field = (samples.field[still] - offset) @ matrix.T
-    cosine = np.einsum("ni,ni->n", field, samples.acceleration[still]) / np.linalg.norm(field, axis=1) / size[still]
+    cosine = np.einsum("ni,ni->n", field, felt[still]) / np.linalg.norm(field, axis=1) / size[still]
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     return 1.4826 * float(np.median(np.abs(angle - np.median(angle))))
 

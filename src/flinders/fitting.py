@@ -34,7 +34,7 @@ from flinders.estimators.aided import refuse_without
 from flinders.estimators.aids import AUTO, aided_by, available
 from flinders.estimators.driving import following, told
 from flinders.estimators.followed import earned
-from flinders.estimators.joint import SCALE_SIGMA
+from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.estimators.kept import concatenated
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.sited import sited
@@ -81,6 +81,7 @@ def fit(
     aids: str | Sequence[str] = (),
     site: Site | None = None,
     gyro_scale: float = SCALE_SIGMA,
+    acceleration_bias: float = ACCELERATION_SIGMA,
     **options: Any,
 ) -> Fit:
     """Find the calibration, and say how far to trust it.
@@ -106,7 +107,8 @@ def fit(
     sensor : str, optional
         Name or serial number, kept with the calibration.
     drivers : sequence of str
-        What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has.
+        What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has;
+        ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``.
     aids : str or sequence of str
         What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
         its place, drivers included. See docs/terms.md.
@@ -114,6 +116,8 @@ def fit(
         What is known of the field at the place. With its strength, corrected readings have that length.
     gyro_scale : float
         With the aid ``rate``: what the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
+    acceleration_bias : float, m/s²
+        With the aid ``dip``: what the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
     **options
         Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
@@ -147,8 +151,9 @@ def fit(
         _refuse_to_relabel(recording, unit, axes)
         unit, axes, frame = recording.unit, recording.axes, frame_of(recording)
     readings = within_range(readings)
+    instruments = {"gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     found, told_by = _aided(
-        readings, aids, site, method=method, dip_deg=dip_deg, options=options, gyro_scale=gyro_scale
+        readings, aids, site, method=method, dip_deg=dip_deg, options=options, instruments=instruments
     )
     told_by = told_by if told_by is None else replace(told_by, each=(*tried, *told_by.each))
     estimate = found or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
@@ -274,17 +279,16 @@ def _aided(
     method: str,
     dip_deg: float,
     options: dict[str, Any],
-    gyro_scale: float,
+    instruments: dict[str, float],
 ) -> tuple[Estimate | None, Aids | None]:
     """Fit with what was recorded beside the magnetometer; no estimate where no aid was asked for, or none was kept.
 
     Raises
     ------
     UsageError
-        For another method than the default one, where only sums are left, or for a gyro scale out of range.
+        For another method than the default one, where only sums are left, or for instruments out of range.
     """
-    if not 0.0 <= gyro_scale <= 0.5:
-        raise UsageError(f"gyro scale is {gyro_scale:g}: need a share from 0 to 0.5, such as {SCALE_SIGMA:g}")
+    _refuse_instruments(**instruments)
     if not aids:
         return None, None
     if method != "auto" or set(options) - {"prior"}:
@@ -296,10 +300,26 @@ def _aided(
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, aids)
     spread = options.get("prior", SPREAD) or SPREAD
-    found, told_by = aided_by(samples, aids, site=site, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale)
+    found, told_by = aided_by(samples, aids, site=site, dip_deg=dip_deg, spread=spread, **instruments)
     if is_flat(readings.summary.moments.principal_variances, found.noise):
         return None, _of_no_use(samples, aids)
     return found.estimate() if found.aids else None, told_by
+
+
+def _refuse_instruments(gyro_scale: float, acceleration_bias: float) -> None:
+    """Refuse what no gyro or accelerometer is off by.
+
+    Raises
+    ------
+    UsageError
+        Saying what is possible.
+    """
+    if not 0.0 <= gyro_scale <= 0.5:
+        raise UsageError(f"gyro scale is {gyro_scale:g}: need a share from 0 to 0.5, such as {SCALE_SIGMA:g}")
+    if not 0.0 <= acceleration_bias <= 2.0:
+        raise UsageError(
+            f"acceleration bias is {acceleration_bias:g} m/s²: need 0 to 2, such as {ACCELERATION_SIGMA:g}"
+        )
 
 
 def _of_no_use(samples: Samples, aids: str | Sequence[str]) -> Aids:

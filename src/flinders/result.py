@@ -200,13 +200,14 @@ class Driven:
     Attributes
     ----------
     name : str
-        ``current``, ``throttle`` or ``temperature``.
+        ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``.
     driver : Driver, optional
         None where it hardly changed, and nothing was found.
     taken_deg : float
         Heading error that following it takes away, at the far end of its recorded range, at the worst attitude.
     left_deg : float
-        Heading error (1 σ) that its own uncertainty leaves there, at the worst heading.
+        Heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has
+        a driver of its own, with the others as they usually were then.
     shared : float
         Share of what tells about it that the attitude could explain as well, 0 to 1.
     chi_square : float
@@ -221,6 +222,8 @@ class Driven:
         By which share its offset per unit is too small, as its meter is noisy.
     curvature : float
         How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
+    alike : float
+        Share of its course that the other drivers explain, 0 to 1.
     """
 
     name: str
@@ -234,6 +237,7 @@ class Driven:
     one_way: float = 0.0
     attenuation: float = 0.0
     curvature: float = 0.0
+    alike: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -307,6 +311,7 @@ class Aids:
     rotation_covariance : (3, 3) float, optional, rad²
         Of its rotation vector, in body axes.
     gyro_bias, gyro_bias_sigma : (3,) float, optional, rad/s
+    acceleration_bias, acceleration_bias_sigma : (3,) float, optional, m/s²
     delay_s, delay_sigma_s : float, optional
         By how much the magnetometer is behind the gyro.
     dip_deg, dip_sigma_deg : float, optional
@@ -321,6 +326,8 @@ class Aids:
     rotation_covariance: Floats | None = None
     gyro_bias: Floats | None = None
     gyro_bias_sigma: Floats | None = None
+    acceleration_bias: Floats | None = None
+    acceleration_bias_sigma: Floats | None = None
     delay_s: float | None = None
     delay_sigma_s: float | None = None
     dip_deg: float | None = None
@@ -340,8 +347,8 @@ class Aids:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        lists = ("rotation", "rotation_covariance", "gyro_bias", "gyro_bias_sigma")
-        arrays = {name: getattr(self, name) for name in lists}
+        biases = ("gyro_bias", "gyro_bias_sigma", "acceleration_bias", "acceleration_bias_sigma")
+        arrays = {name: getattr(self, name) for name in ("rotation", "rotation_covariance", *biases)}
         return {
             "each": [dataclasses.asdict(aid) for aid in self.each],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},

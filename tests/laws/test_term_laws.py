@@ -18,7 +18,9 @@ from flinders.terms.shared import Group, Weights, cost_of, eliminated, linearise
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-LAYOUT = Layout.of(drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, delay=True, sine=True)
+LAYOUT = Layout.of(
+    drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, delay=True, acceleration_bias=True, sine=True
+)
 POINTED = Layout.of(drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, delay=True, direction=True)
 WEIGHTS = Weights(0.5, 0.004)
 STEP = 1e-6
@@ -51,7 +53,11 @@ def somewhere(seed: int) -> Parameters:
     plain = Parameters.at(rng.normal(scale=5.0, size=3), 50.0 * np.eye(3) + np.diag(rng.normal(size=3)), drivers=2)
     turned = turning.rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
     scale = rng.normal(scale=0.02, size=6)
-    return replace(plain, rotation=turned, drivers=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3, gyro_scale=scale)
+    lean = 0.03 * rng.standard_normal(3)
+    return replace(
+        plain, rotation=turned, drivers=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3, gyro_scale=scale,
+        acceleration_bias=lean,
+    )  # fmt: skip
 
 
 @given(st.integers(0, 10_000), st.sampled_from([(group, LAYOUT), (with_attitudes, POINTED)]))

@@ -74,14 +74,13 @@ def test_without_aids_it_is_the_likelihood() -> None:
 
 
 def test_each_aid_improves_the_heading_and_all_of_them_most() -> None:
-    """Of the magnitude alone, 12 seeds of 60 s: 0.45 with a gyro of known scales, 0.23 with the accelerometer, and 0.18
-    with both; 0.75 and 0.19 where the scales of the gyro are found as well.
-    """
+    """Of instruments that have been calibrated; ``python -m benchmarks.terms`` has those that have not been, too."""
     errors = dict.fromkeys([(), ("rate",), ("dip",), ("rate", "dip")], 0.0)
     for seed in range(3):
         true = swayed(seed)
         for terms in errors:
-            errors[terms] += heading_error_deg(solve(true.samples, terms, gyro_scale=0.0), true) ** 2
+            found = solve(true.samples, terms, gyro_scale=0.0, acceleration_bias=0.0)
+            errors[terms] += heading_error_deg(found, true) ** 2
     alone = errors.pop(())
     assert all(np.sqrt(squared / alone) < 0.8 for squared in errors.values())
     assert np.sqrt(errors["rate", "dip"] / alone) <= 0.35
@@ -231,7 +230,8 @@ def test_fit_takes_aids_and_says_what_each_changed() -> None:
     assert fit.calibration.rotation == "estimated"
     assert fit.aids is not None
     assert [aid.name for aid in fit.aids.each if aid.kept] == ["rate", "dip"]
-    assert fit.aids.dip_deg == pytest.approx(DIP_DEG, abs=0.3)
+    assert fit.aids.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.aids.dip_sigma_deg or 0.0))
+    assert fit.aids.acceleration_bias == pytest.approx(0.0, abs=0.3)
     assert "rotation-unknown" not in {finding.code for finding in fit.findings}
     assert fit.as_dict()["aids"]["each"][0]["name"] == "rate"
     again = flinders.Calibration.from_document(fit.to_document())

@@ -85,10 +85,16 @@ def test_an_aid_that_helps_is_kept(spoilt: Callable[[Samples], Samples], kept: t
     """A vertical that is late while the body turns, or shaken by a third of gravity, claims nothing beside the gyro."""
     true = swayed(2)
     samples = spoilt(true.samples)
-    found, aids = aided_by(samples, "auto")
+    found, aids = aided_by(samples, "auto", acceleration_bias=0.0)
     assert found.aids == kept
     assert heading_error_deg(found, true) < 0.5 * heading_error_deg(solve(samples, ()), true)
     assert all(aid.after_deg < aid.before_deg for aid in aids.each if aid.kept)
+
+
+def test_an_accelerometer_of_unknown_bias_adds_nothing_to_a_gyro() -> None:
+    _, aids = aided_by(swayed(2).samples, "auto")
+    assert [aid.name for aid in aids.each if aid.kept] == ["rate"]
+    assert aids.each[1].words.startswith("claims no less")
 
 
 def test_the_scales_of_the_gyro_are_found() -> None:

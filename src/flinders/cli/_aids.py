@@ -45,6 +45,7 @@ def add(
     date: str | None,
     gain_sigma: float | None = None,
     gyro_scale: float | None = None,
+    acceleration_bias: float | None = None,
 ) -> tuple[str, ...]:
     """Put aids and site among the options of a fit, and give back what else stood after ``--with``.
 
@@ -54,7 +55,7 @@ def add(
     ------
     UsageError
         For a site without a date or beyond what the model holds, for what goes with a site where there is none, and
-        for what goes with a gyro that does not count.
+        for what goes with a gyro or an accelerometer that does not count.
     """
     aids, rest = taken(words)
     if aids:
@@ -63,6 +64,12 @@ def add(
         if not {"rate", "auto"} & set(aids):
             raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
         options["gyro_scale"] = gyro_scale
+    if acceleration_bias is not None:
+        if not {"dip", "auto"} & set(aids):
+            raise UsageError(
+                "--accelerometer-bias goes with --with dip or auto: leave it out, or name the accelerometer"
+            )
+        options["acceleration_bias"] = acceleration_bias
     if place is None:
         if date is not None:
             raise UsageError("--date goes with --at: give both, or neither")

@@ -78,6 +78,12 @@ def _scale(value: str) -> float:
     return 0.0 if value.strip() in ("0", "0.0") else number(value)
 
 
+def _bias(value: str) -> float:
+    """Read the value of ``--accelerometer-bias``, which may be 0: the bias is held."""
+    number = _options.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated")
+    return 0.0 if value.strip() in ("0", "0.0") else number(value)
+
+
 @click.command(
     "calibrate",
     short_help="Fit recordings of a sensor and write its calibration.",
@@ -142,8 +148,8 @@ Example:
 )  # fmt: skip
 @click.option(
     "--with", "aids", multiple=True, metavar="NAME,…",
-    help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows; "
-    "rate, dip, tilt, attitude, or auto.",
+    help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
+    "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
 )  # fmt: skip
 @click.option(
     "--at", "place", metavar="LAT,LON[,ALT]",
@@ -157,6 +163,10 @@ Example:
 @click.option(
     "--gyro-scale", "gyro_scale", type=_scale, metavar="SHARE",
     help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
+)  # fmt: skip
+@click.option(
+    "--accelerometer-bias", "acceleration_bias", type=_bias, metavar="M/S2",
+    help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
 )  # fmt: skip
 @click.option(
     "--previous", metavar="CALIBRATION",
@@ -195,6 +205,7 @@ def command(
     date: str | None,
     gain_sigma: float | None,
     gyro_scale: float | None,
+    acceleration_bias: float | None,
     previous: str | None,
     minmax: str | None,
     by: Filter | None,
@@ -231,7 +242,7 @@ def command(
     _check(recordings, options)
     _add(options, method_options)
     _convergence.refuse(convergence, options["method"])
-    _drivers.add(options, _aids.add(options, aids, place, date, gain_sigma, gyro_scale), previous)
+    _drivers.add(options, _aids.add(options, aids, place, date, gain_sigma, gyro_scale, acceleration_bias), previous)
     asked = {**options, "filter": by}
     reading = {name: options.pop(name) for name in _options.READING}
     is_all = _sensors.is_all(recordings, options["sensor"])

@@ -2,7 +2,7 @@
 
 Minimises the sum of the squares of all residuals, each in its own standard deviation, over
 
-    θ = (b, S, R, drivers, slope, gyro bias, delay, sin I or m)
+    θ = (b, S, R, drivers, slope, gyro bias, scales and delay, accelerometer bias, sin I or m)
 
 and a direction of the field for each group of readings that shares one, see `flinders.terms.shared`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
@@ -32,6 +32,7 @@ import numpy as np
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.joint import (
+    ACCELERATION_SIGMA,
     ROTATION_SIGMA,
     SCALE_SIGMA,
     Equations,
@@ -46,7 +47,8 @@ from flinders.estimators.joint import (
     taken,
     without_strays,
 )
-from flinders.estimators.scatter import scatter_of
+from flinders.estimators.pretence import pretence_of, without
+from flinders.estimators.scatter import scatter_of, walk_of
 from flinders.quadric import Ellipsoid
 from flinders.terms import prior, turning
 
@@ -69,14 +71,17 @@ AIDS: Final = {
 }
 """What can be asked for, and what it goes by."""
 
-LEANING: Final = 0.03
-"""rad: what the bias of an accelerometer tilts its vertical by, 1 σ: 0.3 m/s², as small ones have."""
-
 UNSEEN: Final = 0.5
 """Share of the prior's variance that is left of a rotation that nothing has seen."""
 
-CORRECTED: Final = 4
+CORRECTED: Final = 8
 """Steps with the mean gradient of the noise taken off."""
+
+WALKED: Final = 4
+"""Times that the walk of a gyro is looked at again, as a fit that it bends shows it too small."""
+
+STILL: Final = 0.1
+"""Standard deviations: what a walk moves by less is left."""
 
 EASED: Final = 0.03
 """Standard deviations: such a step with it is the last, as the next would be shorter than `SETTLED`."""
@@ -86,9 +91,6 @@ FAR_SCALES: Final = 5.0
 
 FEWEST: Final = 12
 """Readings that are needed."""
-
-MOST_BENT: Final = 3.0
-"""Claimed standard deviations: what the gyro's walk moves by more is no matter of second order, and is left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,9 +130,6 @@ class Aided:
         0 where they are as gyros are.
     drivers : tuple of str
         Names of the drivers.
-    leaning : float, rad
-        What the bias of an accelerometer turns the rotation by, 1 σ about each axis: `LEANING` where the vertical stays
-        the same in body axes, nothing where it points all ways.
     """
 
     parameters: Parameters
@@ -149,7 +148,6 @@ class Aided:
     site_off: float | None = None
     drivers: tuple[str, ...] = ()
     scales_off: float = 0.0
-    leaning: float = 0.0
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -168,9 +166,8 @@ class Aided:
 
     @property
     def rotation_covariance(self) -> Floats | None:
-        """(3, 3) rad², of the rotation, with what an accelerometer leans; None where it was not looked for."""
-        part = self.of("rotation")
-        return None if part is None else part + self.leaning**2 * np.eye(3)
+        """(3, 3) rad², of the rotation; None where it was not looked for."""
+        return self.of("rotation")
 
     def of(self, name: str) -> Floats | None:
         """(k, k) covariance of one block of parameters; None where it was not free."""
@@ -210,6 +207,7 @@ def solve(
     window_s: float = turning.WINDOW_S,
     delay: bool = True,
     gyro_scale: float = SCALE_SIGMA,
+    acceleration_bias: float = ACCELERATION_SIGMA,
     near: Aided | None = None,
 ) -> Aided:
     """Fit all that a recording holds.
@@ -238,6 +236,9 @@ def solve(
         What the scales of the gyro may be off by, 1 σ, and its axes from square, in rad: they are found with the rest.
         0 where that gyro has been calibrated. Scales that come out at more than `FAR_SCALES` times as much tell of
         something else that is wrong; they are then held, and `Aided.scales_off` says what they were.
+    acceleration_bias : float
+        What the accelerometer may be off by on each axis, 1 σ, in m/s²: it is found with the rest. 0 where that
+        accelerometer has been calibrated.
     near : Aided, optional
         Another fit to the same readings, with the same drivers: tried before any other start.
 
@@ -254,23 +255,29 @@ def solve(
     """
     refuse_without(samples, terms)
     samples = replace(samples, rate=turning.bridged(samples.time, samples.rate)[0])
-    put = _Put(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay)
-    solved_for = _solved(put, gyro_scale, start, near)
-    off = float(np.abs(solved_for.found.at.gyro_scale).max())
-    is_off = gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale
-    if is_off:
-        solved_for = _solved(put, 0.0, start, near)
-    aided = _finished(solved_for.problem, without_strays(solved_for.problem, solved_for.found))
-    whole = replace(aided.parameters, delay=aided.parameters.delay + solved_for.late_s)
-    return replace(aided, parameters=whole, scales_off=off if is_off else 0.0)
+    put = _Put(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay, acceleration_bias)
+    aided = _solved(put, gyro_scale, start, near).finished()
+    off = float(np.abs(aided.parameters.gyro_scale).max())
+    if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
+        return replace(_solved(put, 0.0, start, near).finished(), scales_off=off)
+    return aided
 
 
 def parameters_of(
-    samples: Samples, terms: Sequence[str], *, rotation: Floats | None, near: Aided, gyro_scale: float = SCALE_SIGMA
+    samples: Samples,
+    terms: Sequence[str],
+    *,
+    rotation: Floats | None,
+    near: Aided,
+    gyro_scale: float = SCALE_SIGMA,
+    acceleration_bias: float = ACCELERATION_SIGMA,
 ) -> Parameters:
     """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
     samples = replace(samples, rate=turning.bridged(samples.time, samples.rate)[0])
-    put = _Put(samples, tuple(terms), None, None, rotation, prior.SPREAD, turning.WINDOW_S, delay=True)
+    put = _Put(
+        samples, tuple(terms), None, None, rotation, prior.SPREAD, turning.WINDOW_S,
+        delay=True, acceleration_bias=acceleration_bias,
+    )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
     found = without_strays(solved_for.problem, solved_for.found)
     return _eased(solved_for.problem, found, np.zeros(solved_for.problem.layout.size))[0].at
@@ -287,12 +294,13 @@ class _Put(NamedTuple):
     spread: float
     window_s: float
     delay: bool
+    acceleration_bias: float
 
     def problem(self, gyro_scale: float) -> Problem:
         """Put the readings in groups."""
         return Problem.of(
             self.samples, self.terms, self.site, self.drivers, self.rotation, self.spread, self.window_s,
-            delay=self.delay, gyro_scale=gyro_scale,
+            delay=self.delay, gyro_scale=gyro_scale, acceleration_bias=self.acceleration_bias,
         )  # fmt: skip
 
 
@@ -302,6 +310,12 @@ class _Solved(NamedTuple):
     problem: Problem
     found: Found
     late_s: float
+
+    def finished(self) -> Aided:
+        """What is found and claimed, without readings that do not belong."""
+        aided = _finished(self.problem, without_strays(self.problem, self.found))
+        whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
+        return replace(aided, parameters=whole)
 
 
 def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
@@ -397,15 +411,25 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 
 def _finished(problem: Problem, found: Found) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    equations = Equations.of(problem, found)
-    scatter = scatter_of(problem, found, _inverse(equations))
+    found, equations = _eased(problem, found, np.zeros(problem.layout.size))
+    inverse = _inverse(equations)
+    walk = walk_of(problem, found, inverse)
+    for _ in range(WALKED):
+        found = replace(found, weights=found.weights._replace(own=walk.own))
+        left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
+        if float(left @ inverse @ left) < STILL**2:
+            break
+        found, equations = _eased(problem, found, walk.bent)
+        inverse = _inverse(equations)
+        walk = walk_of(problem, found, inverse)
+    scatter = scatter_of(problem, found, walk)
     whole = equations.prior.matrix + scatter.creep * scatter.covariance
-    is_second = float(scatter.bent @ np.linalg.pinv(whole, hermitian=True) @ scatter.bent) < MOST_BENT**2
-    found, equations = _eased(problem, found, scatter.bent if is_second else np.zeros(problem.layout.size))
-    textbook = _inverse(equations)
+    believed = equations.prior.matrix
+    told = without(equations.matrix, pretence_of(problem, found), believed)
+    textbook = replace(equations.prior, matrix=told).inverse()
     covariance = textbook @ whole @ textbook
-    believed = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
-    held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ believed)).max(), 0.0, 1.0))
+    of_shape = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
+    held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))
     seen: Floats = np.ones(3)
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]
@@ -422,25 +446,12 @@ def _finished(problem: Problem, found: Found) -> Aided:
         sum(group.count for group in found.groups),
         np.sort(np.concatenate(strays)),
         held,
-        scatter.walk,
+        math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
         scatter.creep,
         _site_off(problem, found, covariance),
         () if problem.drivers is None else problem.drivers.names,
-        leaning=_leaning(problem),
     )
-
-
-def _leaning(problem: Problem) -> float:
-    """What an accelerometer's bias turns the rotation by: it tilts all verticals alike, which a full tumble undoes."""
-    if "dip" not in problem.aids or "attitude" in problem.aids:
-        return 0.0
-    total, count = np.zeros(3), 0.0
-    for group in problem.groups:
-        if group.down is not None and group.trust is not None:
-            total += np.einsum("wni,wn->i", group.down, group.trust)
-            count += float(group.trust.sum())
-    return LEANING * float(np.linalg.norm(total)) / max(count, 1e-300)
 
 
 def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equations]:

@@ -28,7 +28,7 @@ import numpy as np
 from flinders.errors import FitError, figures
 from flinders.estimators.aided import AIDS, Aided, refuse_without, solve
 from flinders.estimators.held_out import Missed, missed
-from flinders.estimators.joint import SCALE_SIGMA
+from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.estimators.mistakes import (
     UPRIGHT,
@@ -84,6 +84,7 @@ def aided_by(
     dip_deg: float = 60.0,
     spread: float = prior.SPREAD,
     gyro_scale: float = SCALE_SIGMA,
+    acceleration_bias: float = ACCELERATION_SIGMA,
 ) -> tuple[Aided, Aids]:
     """Fit with aids, those that can be trusted and, with ``auto``, those that earn their place.
 
@@ -99,6 +100,8 @@ def aided_by(
         Of the prior on the shape.
     gyro_scale : float
         What the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
+    acceleration_bias : float, m/s²
+        What the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
 
     Raises
     ------
@@ -112,7 +115,9 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are held against it
     samples, of_gaps = without_gaps(samples, wanted)
-    fitted = partial(solve, samples, site=site, spread=spread, gyro_scale=gyro_scale)
+    fitted = partial(
+        solve, samples, site=site, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
+    )
     axes, mistakes = of_instruments(samples, _alone(samples), wanted)
     mistakes += of_gaps
     untrusted = {mistake.aid: mistake for mistake in mistakes if mistake.drops}
@@ -156,7 +161,9 @@ def aided_by(
     if "rate" in kept and samples.rate is not None:
         mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
     if site is not None and (is_elsewhere(best, site) or is_strange):  # it would bend the fit: again, without it
-        again, told = aided_by(samples, aids, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale)
+        again, told = aided_by(
+            samples, aids, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
+        )
         if (mistake := _of_site(best, told.dip_deg, site)) is not None:
             return again, replace(told, mistakes=(*of_gaps, *told.mistakes, mistake))
     return best, _told(best, turned, tuple(reports), tuple(mistakes))
@@ -298,7 +305,7 @@ def _told(found: Aided, turned: Aided | None, each: tuple[Aid, ...], mistakes: t
         return replace(alone, creep=found.creep)
     at = found.parameters
     rotation = found.rotation_covariance if found.sees_rotation else None
-    sine, bias, delay = found.of("sine"), found.of("gyro_bias"), found.of("delay")
+    sine, bias, delay, leaning = (found.of(name) for name in ("sine", "gyro_bias", "delay", "acceleration_bias"))
     height = at.sine if "sine" in found.layout else float(at.direction[2]) if "direction" in found.layout else None
     level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
     return Aids(
@@ -307,6 +314,8 @@ def _told(found: Aided, turned: Aided | None, each: tuple[Aid, ...], mistakes: t
         rotation_covariance=rotation,
         gyro_bias=at.gyro_bias if bias is not None else None,
         gyro_bias_sigma=None if bias is None else np.sqrt(np.diag(bias)),
+        acceleration_bias=None if leaning is None else GRAVITY * at.acceleration_bias,
+        acceleration_bias_sigma=None if leaning is None else GRAVITY * np.sqrt(np.diag(leaning)),
         delay_s=None if delay is None else at.delay,
         delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
         dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),

@@ -18,7 +18,7 @@ import numpy as np
 
 from flinders.errors import FitError
 from flinders.estimators.aided import parameters_of, solve
-from flinders.estimators.joint import SCALE_SIGMA
+from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.quadric import Ellipsoid
 from flinders.terms import inclination, magnitude
 
@@ -89,10 +89,13 @@ def missed(
     """
     near = solve(samples, terms, rotation=rotation) if near is None else near
     gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0
+    bias = ACCELERATION_SIGMA if "acceleration_bias" in near.layout else 0.0
     lengths, heights = [], []
     for kept, left_out in folds(len(samples)):
         try:
-            found = parameters_of(samples[kept], terms, rotation=rotation, near=near, gyro_scale=gyro_scale)
+            found = parameters_of(
+                samples[kept], terms, rotation=rotation, near=near, gyro_scale=gyro_scale, acceleration_bias=bias
+            )
         except FitError:
             return Missed(np.inf, np.inf)
         ellipsoid = Ellipsoid(found.offset, found.shape)
@@ -105,13 +108,14 @@ def _heights(samples: Samples, found: Parameters, vertical: str | None) -> float
     """Variance of the field's height above the horizon, by verticals that are trusted."""
     if vertical == "dip" and samples.acceleration is not None:
         down, trust = inclination.verticals(samples.acceleration)
+        down, _ = inclination.upright(down, found.acceleration_bias)
     elif vertical == "tilt" and samples.attitude is not None:
         down, trust = inclination.verticals_of(samples.attitude)
     else:
         return np.nan
     unit = (samples.field - found.offset) @ np.linalg.inv(found.ellipsoid_like).T
     unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-300)
-    heights = np.einsum("ni,ni->n", down, unit)
+    heights = np.einsum("ni,ni->n", down, unit) / np.maximum(np.linalg.norm(down, axis=1), 1e-300)
     middle = np.average(heights, weights=trust)
     off = (heights - middle) ** 2
     return float(np.average(np.minimum(off, 9.0 * max(np.median(off), 1e-12) / 0.455), weights=trust))

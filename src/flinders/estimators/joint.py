@@ -52,6 +52,12 @@ BIAS_SIGMA: Final = 0.1
 SCALE_SIGMA: Final = 0.02
 """What the scales of a gyro may be off by, and its axes from square, in rad: data sheets of small ones say 1 to 3 %."""
 
+GRAVITY: Final = 9.80665
+"""m/s², that biases of accelerometers are told in parts of."""
+
+ACCELERATION_SIGMA: Final = 0.3
+"""m/s²: what the bias of an accelerometer may be; small ones that nobody has calibrated have as much."""
+
 DELAY_SIGMA: Final = 0.05
 """s: by how much a magnetometer may lag."""
 
@@ -113,6 +119,8 @@ class Problem:
         Between two readings of a window.
     gyro_scale : float
         What the scales of the gyro may be off by, 1 σ; 0 holds them.
+    acceleration_bias : float, m/s²
+        What the accelerometer may be off by on each axis, 1 σ; 0 holds it.
     """
 
     groups: tuple[Group, ...]
@@ -126,6 +134,7 @@ class Problem:
     drivers: Drivers | None
     interval: float
     gyro_scale: float = SCALE_SIGMA
+    acceleration_bias: float = ACCELERATION_SIGMA
 
     @classmethod
     def of(
@@ -140,6 +149,7 @@ class Problem:
         *,
         delay: bool,
         gyro_scale: float = SCALE_SIGMA,
+        acceleration_bias: float = ACCELERATION_SIGMA,
     ) -> Self:
         """Put the readings in groups, and lay out what is to be found."""
         if drivers is not None and drivers.constant:
@@ -155,6 +165,7 @@ class Problem:
             gyro_bias=in_windows,
             gyro_scale=in_windows and gyro_scale > 0.0,
             delay=in_windows and delay,
+            acceleration_bias=upright and "dip" in terms and acceleration_bias > 0.0,
             sine=upright,
             direction=pointed,
         )
@@ -162,7 +173,9 @@ class Problem:
         width = float(np.sqrt(np.mean(np.sum((samples.field - middle) ** 2, axis=1))))
         turned = np.eye(3) if rotation is None else rotation
         chunks = tuple(chunk for group in groups for chunk in group.chunks())
-        return cls(chunks, layout, terms, site, spread, middle, width, turned, drivers, interval, gyro_scale)
+        return cls(
+            chunks, layout, terms, site, spread, middle, width, turned, drivers, interval, gyro_scale, acceleration_bias
+        )
 
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
@@ -172,8 +185,8 @@ class Problem:
 
     def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
         """Where to start with what a fit of another `Layout` has found, of as many drivers."""
-        free = [name for name in ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "delay") if name in layout]
-        found = {name: getattr(near, name) for name in free if name in self.layout}
+        free = ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "delay", "acceleration_bias")
+        found = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
         return self.facing(replace(at, rotation=self._seated(at)))
 
@@ -199,8 +212,8 @@ class Problem:
         heights, weights, world = 0.0, 0.0, np.zeros(3)
         for group in self.groups:
             seen = group.centred(at) @ inverse.T
-            if group.down is not None and group.trust is not None:
-                heights += float(np.einsum("wni,wni,wn->", group.down, seen, group.trust))
+            if (down := group.upright(at)) is not None and group.trust is not None:
+                heights += float(np.einsum("wni,wni,wn->", down, seen, group.trust))
                 weights += float(group.trust.sum())
             if group.attitudes is not None:
                 known = seen if group.trust is None else seen * group.trust[..., np.newaxis]
@@ -249,6 +262,7 @@ class Problem:
             ("gyro_bias", at.gyro_bias, BIAS_SIGMA),
             ("gyro_scale", at.gyro_scale, self.gyro_scale),
             ("delay", at.delay, DELAY_SIGMA),
+            ("acceleration_bias", at.acceleration_bias, self.acceleration_bias / GRAVITY),
             ("slope", at.slope, SLOPE_SIGMA),
         ]
         if self.site is not None and self.site.sine is not None:
@@ -424,10 +438,13 @@ class Equations:
         floor = FINEST * float(np.cbrt(np.linalg.det(found.at.shape)))
         if curvature[1, 1] <= 0.0:
             factor = float(squares[0]) / max(float(expected[0]), 1.0)
-            return Weights(max(found.weights.noise * math.sqrt(factor), floor), 1.0)
+            return found.weights._replace(noise=max(found.weights.noise * math.sqrt(factor), floor), vertical=1.0)
         change = np.linalg.lstsq(curvature, squares - expected, rcond=1e-6)[0]
         noise, vertical = np.sqrt(np.clip(1.0 + change, LEAST_CHANGE, 1.0 / LEAST_CHANGE)).tolist()
-        return Weights(max(found.weights.noise * noise, floor), max(found.weights.vertical * vertical, FINEST_VERTICAL))
+        return found.weights._replace(
+            noise=max(found.weights.noise * noise, floor),
+            vertical=max(found.weights.vertical * vertical, FINEST_VERTICAL),
+        )
 
 
 def starts(samples: Samples, site: Site | None) -> Iterable[Ellipsoid]:
@@ -562,7 +579,7 @@ def surprise(problem: Problem, found: Found) -> float:
     for group in found.groups:
         told = 0 if group.trust is None else int(np.count_nonzero(group.trust))
         counts += [3.0 * group.count, told * (1.0 if group.attitudes is None else 2.0)]
-    return float(2.0 * counts @ np.log(found.weights)) + problem.believed(found.at).cost
+    return float(2.0 * counts @ np.log(found.weights[:2])) + problem.believed(found.at).cost
 
 
 def without_strays(problem: Problem, found: Found) -> Found:

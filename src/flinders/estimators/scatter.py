@@ -11,7 +11,6 @@ to it:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -38,6 +37,9 @@ BY_CHANCE: Final = 0.02
 MOST_WALKED: Final = 0.1
 """rad within a window: a walk that is longer is a gyro that does not fit, of which second order says nothing."""
 
+MOST_LIFTED: Final = 0.8
+"""Of the variance of verticals' residuals: a walk that would make more is none."""
+
 COARSE: Final = 25
 """Steps of a walk within a window that are looked at for its size."""
 
@@ -54,6 +56,24 @@ class _Evidence:
     squares: Floats
 
 
+class Walk(NamedTuple):
+    """The random walk of the direction within windows: the gyro's noise, and what looks like it.
+
+    Attributes
+    ----------
+    variance : float
+        rad² a reading, about each axis.
+    bent : (P,) float
+        Mean gradient that it makes.
+    own : float
+        Share of the variance of verticals' residuals that it does not make.
+    """
+
+    variance: float
+    bent: Floats
+    own: float
+
+
 class Scatter(NamedTuple):
     """How far the gradient of a fit scatters.
 
@@ -61,20 +81,36 @@ class Scatter(NamedTuple):
     ----------
     covariance : (P, P) float
         Of the gradient, without what creeps.
-    walk : float, rad/√s
-        Random walk of the direction within windows.
     creep : float
-    bent : (P,) float
-        Mean gradient that the walk makes.
     """
 
     covariance: Floats
-    walk: float
     creep: float
-    bent: Floats
 
 
-def scatter_of(problem: Problem, found: Found, textbook: Floats) -> Scatter:
+def walk_of(problem: Problem, found: Found, textbook: Floats) -> Walk:
+    """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
+    walks, bent = np.zeros(2), np.zeros(problem.layout.size)
+    longest, lifted, heights = 1, 0.0, 0.0
+    for group, directions in zip(found.groups, found.directions, strict=True):
+        if group.turned is None:
+            continue
+        rows = rows_of(group, found.at, directions, problem.layout, found.weights)
+        jacobian, residual = projected(rows)
+        pushes = walked.pushes(group, found.at, directions, found.weights)
+        pulled = _later(jacobian.reshape(rows.jacobian.shape), pushes)
+        walks += _walks(rows, residual.reshape(rows.residual.shape), pushes, pulled, textbook)
+        bent += walked.mean_gradient(group, found.at, directions, problem.layout, found.weights)
+        longest = max(longest, pushes.shape[2])
+        if group.down is not None and group.attitudes is None and group.trust is not None:
+            lifted += _lifted(rows, pushes)
+            heights += float(np.count_nonzero(group.trust))
+    variance = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
+    own = 1.0 - min(variance * lifted / max(heights, 1.0), MOST_LIFTED)
+    return Walk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own)
+
+
+def scatter_of(problem: Problem, found: Found, walk: Walk) -> Scatter:
     """Look at the residuals of a fit.
 
     Parameters
@@ -82,36 +118,27 @@ def scatter_of(problem: Problem, found: Found, textbook: Floats) -> Scatter:
     problem : Problem
     found : Found
         Where it settled.
-    textbook : (P, P) float
-        Covariance of the parameters for white residuals.
+    walk : Walk
+        Of the same fit, or of one near by.
     """
     size = problem.layout.size
     evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))
     readings = 1 + max(int(group.rows.max()) for group in found.groups)
-    of_walk, walks, bent = np.zeros((size, size)), np.zeros(2), np.zeros(size)
-    longest = 1
     looked, chosen = _looked_at(found.groups)
     for index, (group, directions) in enumerate(zip(found.groups, found.directions, strict=True)):
         rows = rows_of(group, found.at, directions, problem.layout, found.weights)
-        jacobian, residual = _projected(rows)
+        jacobian, residual = projected(rows)
         _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
         if group.turned is not None:
             flat = jacobian.reshape(-1, size)
             evidence.scatter += flat.T @ flat
-            pushes = walked.pushes(group, found.at, directions, found.weights)
-            pulled = _later(jacobian.reshape(*pushes.shape[:3], size), pushes)
-            steps = pulled[:, 1:].reshape(-1, size)
-            of_walk += steps.T @ steps
-            walks += _walks(rows, residual.reshape(rows.residual.shape), pushes, pulled, textbook)
-            bent += walked.mean_gradient(group, found.at, directions, problem.layout, found.weights)
-            longest = max(longest, pushes.shape[2])
+            if walk.variance > 0.0:
+                pushes = walked.pushes(group, found.at, directions, found.weights)
+                steps = _later(jacobian.reshape(rows.jacobian.shape), pushes)[:, 1:].reshape(-1, size)
+                evidence.scatter += walk.variance * (steps.T @ steps)
         elif index in chosen:
             evidence.scatter += looked * _hung_together(rows, _free(rows.own[:, :, 0], found.at.direction))
-    per_step = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
-    evidence.scatter += per_step * of_walk
-    seen = min(per_step, MOST_WALKED**2 / longest)
-    walk = math.sqrt(per_step / max(problem.interval, 1e-9))
-    return Scatter(evidence.scatter, walk, _creep(evidence), seen * bent)
+    return Scatter(evidence.scatter, _creep(evidence))
 
 
 def _later(rows: Floats, pushes: Floats) -> Floats:
@@ -145,6 +172,19 @@ def _walks(rows: Rows, residual: Floats, pushes: Floats, pulled: Floats, textboo
     return np.array([score, stride * float(np.sum(gram**2))])
 
 
+def _lifted(rows: Rows, pushes: Floats) -> float:
+    """Σ squares of verticals' residuals that a walk of one rad² a reading makes, the windows' directions taken off."""
+    own = rows.own.reshape(len(rows.own), -1, 2)
+    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    upright, raised = rows.own[:, 3:], pushes[:, 3:]
+    of_uprights = upright.reshape(len(own), -1, 2)
+    taken = _later(rows.own, pushes) @ inverse[:, np.newaxis]  # (W, n, 3, 2): what the direction takes of each step
+    squares = np.trace(_later(raised, raised), axis1=2, axis2=3).sum()
+    crossed = np.sum(_later(upright, raised) * taken)
+    of_own = np.swapaxes(of_uprights, 1, 2) @ of_uprights
+    return float(squares - 2.0 * crossed + np.sum((taken @ of_own[:, np.newaxis]) * taken))
+
+
 def _looked_at(groups: Sequence[Group]) -> tuple[float, set[int]]:
     """Which groups without windows tell how residuals hang together, and for how many times as many they stand."""
     single = [index for index, group in enumerate(groups) if group.turned is None]
@@ -155,7 +195,7 @@ def _looked_at(groups: Sequence[Group]) -> tuple[float, set[int]]:
     return total / max(some, 1), chosen
 
 
-def _projected(rows: Rows) -> tuple[Floats, Floats]:
+def projected(rows: Rows) -> tuple[Floats, Floats]:
     """Jacobian (W, k n, P) and residuals (W, k n) without what the windows' own directions take up."""
     count, width = len(rows.residual), rows.jacobian.shape[-1]
     jacobian, residual = rows.jacobian.reshape(count, -1, width), rows.residual.reshape(count, -1)
@@ -219,6 +259,9 @@ def _creep(evidence: _Evidence) -> float:
     gradients = evidence.gradients @ basis
     squares = np.swapaxes(basis, 0, 1) @ evidence.squares @ basis
     inverse = np.linalg.pinv(squares.sum(axis=0))
+    gradients = gradients - squares @ (
+        inverse @ gradients.sum(axis=0)
+    )  # where it settled, their sum is what noise makes
     largest = 1.0
     while len(gradients) >= 4:
         shares = inverse @ squares

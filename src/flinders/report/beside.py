@@ -98,6 +98,10 @@ def found_beside(fit: Fit) -> list[tuple[str, str]]:
     if told.gyro_bias is not None and told.gyro_bias_sigma is not None:
         pairs = zip(np.rad2deg(told.gyro_bias), np.rad2deg(told.gyro_bias_sigma), strict=True)
         rows.append(("Bias of the gyro, °/s", ", ".join(with_uncertainty(float(b), float(s)) for b, s in pairs)))
+    if told.acceleration_bias is not None and told.acceleration_bias_sigma is not None:
+        pairs = zip(told.acceleration_bias, told.acceleration_bias_sigma, strict=True)
+        biases = ", ".join(with_uncertainty(float(b), float(s)) for b, s in pairs)
+        rows.append(("Bias of the accelerometer, m/s²", biases))
     if told.delay_s is not None:
         delay = with_uncertainty(1e3 * told.delay_s, 1e3 * (told.delay_sigma_s or 0.0))
         rows.append(("Magnetometer behind the gyro", f"{delay} ms"))

@@ -7,7 +7,11 @@ With a unit vector d_k that points down in body axes and the field's direction q
 for all readings: I the dip, found with the rest or known of the site. The vertical comes from the accelerometer, down =
 −f/|f|, or from a logged attitude without its yaw, which may stem from the very compass that is to be calibrated.
 
-An accelerometer feels more than gravity. A reading is trusted the less, the farther |f| is from its usual length,
+An accelerometer has a bias, 0.1 to 0.5 m/s² where nobody has calibrated it, that tilts its vertical by degrees. Taken
+for the truth it would bend offset and shape by far more than noise; it is found with the rest, see
+`flinders.terms.shared`.
+
+An accelerometer feels more than gravity, too. A reading is trusted the less, the farther |f| is from its usual length,
 
     w = 1 / (1 + ((|f| − g)/s)²)
 
@@ -40,6 +44,9 @@ if TYPE_CHECKING:
 QUIET: Final = 0.01
 """Of gravity: scatter of an accelerometer's length that is never held against a reading."""
 
+LEAST_REST: Final = 0.2
+"""Of gravity: what an accelerometer shows at rest at least; no bias is as large, but a step towards one may be."""
+
 HUBER: Final = 2.5
 """Standard deviations beyond which a residual counts less than its square."""
 
@@ -71,6 +78,48 @@ def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
     scatter = 3.0 * max(MAD * float(np.median(np.abs(length[told] - usual))), QUIET * usual / 3.0)
     trust = np.where(told, 1.0 / (1.0 + ((length - usual) / scatter) ** 2), 0.0)
     return down, trust
+
+
+def upright(down: Floats, bias: Floats) -> tuple[Floats, Floats]:
+    """Take an accelerometer's bias off its verticals.
+
+    At rest f = f₀ + gβ with |f₀| = g puts the vertical where ρd + β points, with ρ = |f|/g from |ρd + β| = 1. What is
+    given is d + β/ρ, which is not quite of unit length and has the noise of d, whatever β.
+
+    Parameters
+    ----------
+    down : (..., 3) float
+        Unit vectors d.
+    bias : (3,) float, of gravity
+        β.
+
+    Returns
+    -------
+    vertical : (..., 3) float
+        d + β/ρ.
+    rest : (...,) float
+        ρ.
+
+    Examples
+    --------
+    >>> felt = np.array([0.0, 0.6, 0.8]) - np.array([0.0, 0.0, 0.03])               # of an accelerometer that is off
+    >>> vertical, rest = upright(felt / np.linalg.norm(felt), np.array([0.0, 0.0, 0.03]))
+    >>> (vertical * rest).round(12), bool(np.isclose(rest, np.linalg.norm(felt)))
+    (array([0. , 0.6, 0.8]), True)
+    """
+    along = down @ bias
+    rest = np.maximum(np.sqrt(np.maximum(1.0 - bias @ bias + along**2, LEAST_REST**2)) - along, LEAST_REST)
+    return down + bias / rest[..., np.newaxis], rest
+
+
+def by_bias(down: Floats, bias: Floats) -> Floats:
+    """(..., 3, 3) how the vertical of `upright` moves with the bias."""
+    along = down @ bias
+    root = np.sqrt(np.maximum(1.0 - bias @ bias + along**2, LEAST_REST**2))
+    rest = np.maximum(root - along, LEAST_REST)[..., np.newaxis]
+    slope = down + (bias - along[..., np.newaxis] * down) / root[..., np.newaxis]  # −∂ρ/∂β
+    moved: Floats = np.eye(3) / rest[..., np.newaxis] + bias[:, np.newaxis] * (slope / rest**2)[..., np.newaxis, :]
+    return moved
 
 
 def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:

@@ -6,8 +6,8 @@ A reading, in raw units, is
 
 with the field's direction q in body axes, the symmetric shape S, the rotation R from the magnetometer's axes to those
 of the body, an offset pⱼ for each unit of a driver cⱼ, and a slope a of the scale with the temperature τ. The gyro
-brings its bias, its scales and its delay, the accelerometer the sine of the dip, a logged attitude the direction of
-the site's field.
+brings its bias, its scales and its delay, the accelerometer its bias and the sine of the dip, a logged attitude the
+direction of the site's field.
 
 >>> layout = Layout.of(rotation=True, gyro_bias=True)
 >>> layout.size, layout.columns["gyro_bias"]
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 SIZES: Final = {
     "offset": 3, "shape": 6, "rotation": 3, "drivers": 0, "slope": 1, "gyro_bias": 3, "gyro_scale": 6,
-    "delay": 1, "sine": 1, "direction": 2,
+    "delay": 1, "acceleration_bias": 3, "sine": 1, "direction": 2,
 }  # fmt: skip
 """Columns of each block, in their order; of drivers three for each."""
 
@@ -92,6 +92,8 @@ class Parameters:
         Unit vector: the site's field in the axes that a logged attitude turns into.
     gyro_scale : (6,) float
         Upper triangle of Γ, in the order of `flinders.quadric.symmetric`: the body turns by (1 + Γ)(ω − d).
+    acceleration_bias : (3,) float, of gravity
+        β: what an accelerometer adds at rest, so that the vertical is where d + β points.
     """
 
     offset: Floats
@@ -104,6 +106,7 @@ class Parameters:
     sine: float
     direction: Floats
     gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
+    acceleration_bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
 
     @classmethod
     def at(cls, offset: Floats, shape: Floats, *, drivers: int = 0) -> Self:
@@ -123,7 +126,7 @@ class Parameters:
                 changed[name] = getattr(self, name) + float(parts[name][0])
         if "drivers" in parts:
             changed["drivers"] = self.drivers + parts["drivers"].reshape(-1, 3)
-        for name in ("gyro_bias", "gyro_scale"):
+        for name in ("gyro_bias", "gyro_scale", "acceleration_bias"):
             if name in parts:
                 changed[name] = getattr(self, name) + parts[name]
         if "rotation" in parts:

@@ -19,6 +19,10 @@ The sphere that v moves on is curved. Noise that leaves v uncertain by the covar
 to take off. For one reading alone that is the curvature of `flinders.terms.magnitude`; in a window it shrinks with
 the number of readings.
 
+An accelerometer's bias β, of gravity, puts the vertical where v = d + β/ρ points, see `flinders.terms.inclination`: all
+alike while the body stays level, where a rotation of the magnetometer does the same, and not as it leans. The residual
+is then |v| sin I − vᵀq, which has the noise of d whatever β: over |v| it would be the smaller the longer β makes v.
+
 The vertical has noise, too, which stands in the residual sin I − dᵀq and in its Jacobian dᵀ∂q: their product has the
 mean σ² sin I dᵀ∂q for a noise of σ in each direction across d. And a noisy unit vector is the shorter along its mean,
 by σ². `bent` holds both. An attitude's noise leaves nothing of the kind, see `flinders.terms.pointing`.
@@ -41,6 +45,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
+from flinders.terms import inclination
 from flinders.terms.parameters import Layout, Parameters, across, on_the_sphere
 from flinders.terms.turning import cross_matrices, rotations
 
@@ -63,10 +68,13 @@ class Weights(NamedTuple):
         Standard deviation of a component of a reading, in its unit.
     vertical : float
         Standard deviation of dᵀq, or of an attitude about each axis, in rad.
+    own : float
+        Share of the variance of dᵀq that is noise of d, and not of a gyro's walk.
     """
 
     noise: float
     vertical: float = 1.0
+    own: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,6 +130,10 @@ class Group:
         each = max(1, ROOM // self.rows.shape[1])
         return [self._chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
 
+    def every(self, step: int) -> Self:
+        """One window of so many."""
+        return self._chunk(slice(None, None, step))
+
     def _chunk(self, rows: slice) -> Self:
         """Some of the windows."""
         parts = {
@@ -153,6 +165,10 @@ class Group:
         if self.drivers is not None and len(at.drivers):
             centred = centred - self.drivers @ at.drivers
         return centred
+
+    def upright(self, at: Parameters) -> Floats | None:
+        """(W, n, 3) v, which points down and is about as long as d; None where no vertical was recorded."""
+        return None if self.down is None else inclination.upright(self.down, at.acceleration_bias)[0]
 
     def guess(self, at: Parameters) -> Floats:
         """(W, 3) the direction of each window that readings agree on best."""
@@ -258,9 +274,10 @@ def residuals_of(group: Group, at: Parameters, directions: Floats) -> tuple[Floa
     residual = group.centred(at) - (model if gain is None else model * gain[..., np.newaxis])
     if group.attitudes is not None:
         return residual, at.direction - (group.attitudes @ q[..., np.newaxis])[..., 0]
-    if group.down is None:
+    down = group.upright(at)
+    if down is None:
         return residual, None
-    return residual, at.sine - np.einsum("wni,wni->wn", group.down, q)[..., np.newaxis]
+    return residual, (at.sine * lengths(down) - np.einsum("wni,wni->wn", down, q))[..., np.newaxis]
 
 
 def cost_of(group: Group, at: Parameters, directions: Floats, weights: Weights) -> float:
@@ -371,23 +388,26 @@ def rows_of(group: Group, at: Parameters, directions: Floats, layout: Layout, we
         model[:, 3:] = np.swapaxes(stands * steep[..., np.newaxis], 1, 2)
         residual[:, 3:] = np.swapaxes((at.direction - stands) * steep[..., np.newaxis], 1, 2)
         own[:, 3:] = np.swapaxes(group.attitudes @ turned, 1, 2) * steep[:, np.newaxis, :, np.newaxis]
-    elif group.down is not None and group.trust is not None:
-        lean[:, 3] = at.sine / max(1.0 - at.sine**2, 1e-3) * weights.vertical * np.sqrt(group.trust)
-        height = np.einsum("wni,wni->wn", group.down, q)
+    elif (down := group.upright(at)) is not None and group.trust is not None:
+        usual = np.count_nonzero(group.trust) / max(float(group.trust.sum()), 1e-300)  # a variance is one of trust 1
+        across_it = usual * weights.own * weights.vertical / max(1.0 - at.sine**2, 1e-3)
+        lean[:, 3] = at.sine * across_it * np.sqrt(group.trust)
+        height = np.einsum("wni,wni->wn", down, q)
         model[:, 3] = height * steep
-        residual[:, 3] = (at.sine - height) * steep
-        own[:, 3] = np.einsum("wni,wnij->wnj", group.down, turned) * steep[..., np.newaxis]
+        residual[:, 3] = (at.sine * lengths(down) - height) * steep
+        own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep[..., np.newaxis]
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
     trusted *= 1.0 if group.attitudes is None else 2.0
     still = np.zeros(layout.size)
     if "sine" in layout:
         still[layout.columns["sine"]] = 1.0
-    return Rows(residual, jacobian, own, model, lean, still, (3.0 * float(group.weight.sum()), trusted))
+    counts = (3.0 * float(group.weight.sum()), trusted)
+    return Rows(residual, jacobian, own, model, lean, still, counts)
 
 
 def jacobian_of(group: Group, at: Parameters, q: Floats, layout: Layout, weights: Weights) -> Floats:
     """(W, k, n, P) Jacobian of a group in standard deviations, with the field's direction (W, n, 3) at each reading."""
-    jacobian = np.zeros((q.shape[0], group.tall, q.shape[1], layout.size))
+    jacobian = np.moveaxis(np.zeros((layout.size, q.shape[0], group.tall, q.shape[1])), 0, -1)  # a column in one piece
     _fill(jacobian, group, at, q, layout)
     jacobian[:, :3] *= (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
     if group.trust is None:
@@ -434,19 +454,28 @@ def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Lay
 
 
 def _fill_upright(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
-    """Write the Jacobian (W, n, P) of dᵀq − sin I."""
-    if "sine" in layout:
-        jacobian[..., layout.columns["sine"].start] = -1.0
-    if group.turned is None or group.down is None:
+    """Write the Jacobian (W, n, P) of vᵀq − |v| sin I."""
+    down = group.upright(at)
+    if down is None or group.down is None:
         return
-    turned = np.cross(group.down, q)  # dᵀ (q × Jδ) = (d × q)ᵀ J δ
+    length = lengths(down)
+    if "sine" in layout:
+        jacobian[..., layout.columns["sine"].start] = -length
+    if "acceleration_bias" in layout:
+        height = at.sine / np.maximum(length, 1e-300)
+        raised = (q - height[..., np.newaxis] * down)[..., np.newaxis, :]
+        moved = inclination.by_bias(group.down, at.acceleration_bias)
+        jacobian[..., layout.columns["acceleration_bias"]] = (raised @ moved)[..., 0, :]
+    if group.turned is None:
+        return
+    turned = np.cross(down, q)  # dᵀ (q × Jδ) = (d × q)ᵀ J δ
     if "gyro_bias" in layout:
         jacobian[..., layout.columns["gyro_bias"]] = np.einsum("wni,wnij->wnj", turned, group.turned.by_bias)
     if "gyro_scale" in layout:
         jacobian[..., layout.columns["gyro_scale"]] = np.einsum("wni,wnij->wnj", turned, group.turned.by_scale)
     if "delay" in layout:
         moving = np.cross(at.turning(group.turned.rate), q)
-        jacobian[..., layout.columns["delay"].start] = np.einsum("wni,wni->wn", group.down, moving)
+        jacobian[..., layout.columns["delay"].start] = np.einsum("wni,wni->wn", down, moving)
 
 
 def _fill_pointed(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
@@ -466,6 +495,12 @@ def _fill_pointed(jacobian: Floats, group: Group, at: Parameters, q: Floats, lay
         jacobian[..., layout.columns["delay"].start] = np.swapaxes(
             (group.attitudes @ moving[..., np.newaxis])[..., 0], 1, 2
         )
+
+
+def lengths(vectors: Floats) -> Floats:
+    """(...,) lengths of (..., 3) vectors."""
+    length: Floats = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return length
 
 
 def inverse_of(matrices: Floats) -> Floats:

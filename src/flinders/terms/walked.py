@@ -144,9 +144,10 @@ def pushes(group: Group, at: Parameters, directions: Floats, weights: Weights) -
     if group.attitudes is not None:
         stands = np.swapaxes(group.attitudes @ turned * trust[..., np.newaxis, np.newaxis], 1, 2)
         return np.concatenate([moved, stands], axis=1)
-    if group.down is None:
+    down = group.upright(at)
+    if down is None:
         return moved
-    raised = np.einsum("wnk,wnkj->wnj", group.down, turned) * trust[..., np.newaxis]
+    raised = np.einsum("wnk,wnkj->wnj", down, turned) * trust[..., np.newaxis]
     return np.concatenate([moved, raised[:, np.newaxis]], axis=1)
 
 
