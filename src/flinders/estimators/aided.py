@@ -280,7 +280,8 @@ def parameters_of(
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
     found = without_strays(solved_for.problem, solved_for.found)
-    return _eased(solved_for.problem, found, np.zeros(solved_for.problem.layout.size))[0].at
+    problem = solved_for.problem.freed()
+    return _eased(problem, found, np.zeros(problem.layout.size))[0].at
 
 
 class _Put(NamedTuple):
@@ -313,7 +314,7 @@ class _Solved(NamedTuple):
 
     def finished(self) -> Aided:
         """What is found and claimed, without readings that do not belong."""
-        aided = _finished(self.problem, without_strays(self.problem, self.found))
+        aided = _finished(self.problem.freed(), without_strays(self.problem, self.found))
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 
@@ -463,11 +464,10 @@ def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equatio
         moved = taken(problem, found, equations, step)
         if moved is None:
             break
-        found = moved
+        found = reweighed(problem, moved, equations)
         if float(step @ matrix @ step) < EASED**2:
             break
-    equations = Equations.of(problem, found)
-    return reweighed(problem, found, equations), equations
+    return found, Equations.of(problem, found)
 
 
 def _inverse(equations: Equations) -> Floats:

@@ -165,7 +165,6 @@ class Problem:
             gyro_bias=in_windows,
             gyro_scale=in_windows and gyro_scale > 0.0,
             delay=in_windows and delay,
-            acceleration_bias=upright and "dip" in terms and acceleration_bias > 0.0,
             sine=upright,
             direction=pointed,
         )
@@ -177,6 +176,17 @@ class Problem:
             chunks, layout, terms, site, spread, middle, width, turned, drivers, interval, gyro_scale, acceleration_bias
         )
 
+    def freed(self) -> Self:
+        """The same with the bias of an accelerometer among what is found, where there is one.
+
+        On the way there it is held: noise pretends so much of it that the way down could lead anywhere.
+        """
+        if self.acceleration_bias <= 0.0 or "dip" not in self.aids or "sine" not in self.layout:
+            return self
+        count = 0 if self.drivers is None else len(self.drivers.names)
+        free = dict.fromkeys(self.layout.columns.keys() - {"drivers"}, True)
+        return replace(self, layout=Layout.of(drivers=count, **free, acceleration_bias=True))
+
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
         count = 0 if self.drivers is None else len(self.drivers.names)
@@ -185,7 +195,7 @@ class Problem:
 
     def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
         """Where to start with what a fit of another `Layout` has found, of as many drivers."""
-        free = ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "delay", "acceleration_bias")
+        free = ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "delay")
         found = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
         return self.facing(replace(at, rotation=self._seated(at)))
