@@ -9,7 +9,7 @@ from flinders.errors import FlindersError, UsageError
 from flinders.fleet.plan import Partition, Piece
 from flinders.fleet.store import Member
 from flinders.fleet.table import Row, Rows, needs_arrow
-from flinders.fleet.tables import Asked, KeyedTable, Tabular
+from flinders.fleet.tables import BATCH, Asked, KeyedTable, Tabular
 from flinders.fleet.work import Job, fitted, of_table
 from flinders.samples import Samples
 
@@ -115,7 +115,7 @@ def _in_memory(table: Any) -> Tabular:  # noqa: ANN401
             )
         table = arrow.table(table)
 
-    def batches(_: Sequence[int], columns: list[str]) -> Iterator[Any]:
-        yield from table.select(columns).to_batches(max_chunksize=65_536)
+    def batches(_: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
+        yield from table.select(columns).to_batches(max_chunksize=rows)
 
     return Tabular("the table", "Arrow", table.schema, (table.num_rows,), batches, lambda _: [None])

@@ -8,9 +8,9 @@ r"""Parquet and Arrow files whose rows are readings of many units: how they are 
 >>> parquet.write_table(pyarrow.table(columns), path)
 >>> with opened(store.Member("fleet.parquet", path, 0), Asked()) as file:
 ...     table = KeyedTable.of(file, Asked())
-...     [(numbers, values)] = table.batches((0,), names := Names())
-...     file.groups, extents_of(file, table.keys), [names.pair(number) for number in numbers.tolist()], values.shape
-((3,), [('A17', 'B02')], [('A17', ''), ('A17', ''), ('B02', '')], (3, 3))
+...     [(runs, values)] = table.batches((0,), names := Names())
+...     file.groups, extents_of(file, table.keys), [names.pair(each) for each in runs.numbers.tolist()], runs.lengths
+((3,), [('A17', 'B02')], [('A17', ''), ('B02', '')], array([2, 1]))
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from flinders.readers._extras import reading
 from flinders.readers._names import STRENGTH, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table
-from flinders.readers.parquet import table_of
+from flinders.readers.parquet import places_of, table_of, values_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -56,8 +56,10 @@ HALF: Final = 32
 """Bits of the number of a recording, below those of its unit."""
 BUFFER: Final = 1 << 20
 """Bytes of a column that are read at a time: a row group may hold any number of rows."""
-BATCH: Final = 65_536
+BATCH: Final = 131_072
 """Rows that are converted at a time."""
+LOOKED_AT: Final = 1_024
+"""Rows that columns are recognised by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +103,7 @@ class Tabular:
     groups : tuple of int
         Rows of each row group or record batch.
     batches : callable
-        Yields record batches of some groups and columns.
+        Yields record batches of some groups and columns, of so many rows at the most.
     extents : callable
         Least and greatest value of a column in each group, None where the file does not say.
     """
@@ -110,7 +112,7 @@ class Tabular:
     kind: str
     schema: Any
     groups: tuple[int, ...]
-    batches: Callable[[Sequence[int], list[str]], Iterator[Any]]
+    batches: Callable[..., Iterator[Any]]
     extents: Callable[[str], list[tuple[str, str] | None]]
 
 
@@ -145,9 +147,9 @@ def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
         metadata = file.metadata
         groups = tuple(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
 
-    def batches(wanted: Sequence[int], columns: list[str]) -> Iterator[Any]:
+    def batches(wanted: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
         with reading(name, "a Parquet table"):
-            yield from file.iter_batches(BATCH, row_groups=list(wanted), columns=columns)
+            yield from file.iter_batches(rows, row_groups=list(wanted), columns=columns, use_threads=False)
 
     def extents(column: str) -> list[tuple[str, str] | None]:
         place = metadata.schema.to_arrow_schema().get_field_index(column)
@@ -173,12 +175,12 @@ def _arrow(name: str, where: Any) -> Tabular:  # noqa: ANN401
         file = ipc.open_file(pyarrow.memory_map(where) if isinstance(where, str) else where)
         groups = tuple(file.get_batch(number).num_rows for number in range(file.num_record_batches))
 
-    def batches(wanted: Sequence[int], columns: list[str]) -> Iterator[Any]:
+    def batches(wanted: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
         with reading(name, "an Arrow file"):
             for number in wanted:
                 batch = file.get_batch(number).select(columns)
                 batch.validate(full=True)
-                yield from (batch.slice(start, BATCH) for start in range(0, batch.num_rows, BATCH))
+                yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
 
     return Tabular(name, "Arrow", file.schema, groups, batches, lambda _: [None] * len(groups))
 
@@ -273,7 +275,7 @@ class KeyedTable:
             file.kind,
             _without(file.schema, keys),
             sum(file.groups),
-            lambda names: file.batches(every, names),
+            lambda names: file.batches(every, names, LOOKED_AT),
             file.name,
         )
         recording = open_table(
@@ -293,20 +295,19 @@ class KeyedTable:
         time = self.recording.columns.time
         return 0.0 if time is None else time.start * time.factor
 
-    def batches(self, groups: Sequence[int], names: Names) -> Iterator[tuple[NDArray[np.int64], Floats]]:
-        """Yield whose rows they are (B,), numbered by `names`, and values (B, K), of some groups in order."""
-        latest = np.empty(0, dtype=np.int64)
-
-        def through(columns: list[str]) -> Iterator[Any]:
-            nonlocal latest
-            keys = filter(None, (self.keys.unit, self.keys.recording))
-            for batch in self.file.batches(groups, sorted({*columns, *keys})):
-                latest = self._numbers(batch, names)
-                yield batch
-
-        table = table_of(self.file.kind, self.schema, 0, through, self.file.name)
-        for values in table.rows(self.recording.columns.cells):
-            yield latest, values
+    def batches(self, groups: Sequence[int], names: Names) -> Iterator[tuple[Runs, Floats]]:
+        """Yield whose rows they are, numbered by `names`, and values (K, B), of some groups in order."""
+        places = places_of(self.schema)
+        wanted = [places[cell] for cell in self.recording.columns.cells]
+        keys = filter(None, (self.keys.unit, self.keys.recording))
+        for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *keys})):
+            if not batch.num_rows:
+                continue
+            values = np.empty((len(wanted), batch.num_rows))
+            with reading(self.file.name, f"a table of {self.file.kind}"):
+                for row, (column, part, _) in zip(values, wanted, strict=True):
+                    row[:] = values_of(batch.column(column), part)
+            yield self._runs(batch, names), values
 
     def counts(self, groups: Sequence[int], names: Names) -> Counter[tuple[str, str]]:
         """How many rows each recording of each unit has in some groups, from the columns of keys alone."""
@@ -316,24 +317,64 @@ class KeyedTable:
             pair = self.keys.unit_value, self.keys.recording_value
             return Counter({pair: sum(self.file.groups[group] for group in groups)})
         for batch in self.file.batches(groups, columns):
-            numbers, rows = np.unique(self._numbers(batch, names), return_counts=True)
-            found.update(dict(zip(map(names.pair, numbers.tolist()), rows.tolist(), strict=True)))
+            runs = self._runs(batch, names)
+            for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
+                found[names.pair(number)] += rows
         return found
 
     def samples(self, values: Floats, source: str) -> Samples:
-        """Readings of values (N, K)."""
+        """Readings of values (K, N)."""
         known = self.recording
-        return known.columns.samples(values, unit=known.unit, axes=known.axes, source=source)
+        return known.columns.samples(values.T, unit=known.unit, axes=known.axes, source=source)
 
     @property
     def schema(self) -> Any:  # noqa: ANN401
         """The columns that are no keys."""
         return _without(self.file.schema, self.keys)
 
-    def _numbers(self, batch: Any, names: Names) -> NDArray[np.int64]:  # noqa: ANN401
-        """(B,) numbers of the pairs of unit and recording of each row."""
-        units = _numbered(batch, self.keys.unit, self.keys.unit_value, names)
-        return units << HALF | _numbered(batch, self.keys.recording, self.keys.recording_value, names)
+    def _runs(self, batch: Any, names: Names) -> Runs:  # noqa: ANN401
+        """Numbers of the pairs of unit and recording of rows that follow each other."""
+        units = _coded(batch, self.keys.unit, self.keys.unit_value, names)
+        recordings = _coded(batch, self.keys.recording, self.keys.recording_value, names)
+        is_first = np.ones(batch.num_rows, dtype=bool)
+        changes = [places[1:] != places[:-1] for _, places in (units, recordings) if places is not None]
+        is_first[1:] = np.logical_or.reduce(changes) if changes else False
+        first = np.flatnonzero(is_first)
+        unit, recording = (
+            codes[np.zeros_like(first) if places is None else places[first]] for codes, places in (units, recordings)
+        )
+        return Runs(unit << HALF | recording, np.diff(first, append=batch.num_rows))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Runs:
+    """Whose rows they are, of rows that follow each other.
+
+    >>> Runs(np.array([7, 4]), np.array([2, 1])).rows
+    array([7, 7, 4])
+
+    Attributes
+    ----------
+    numbers : (R,) int
+    lengths : (R,) int
+        How many rows each run has.
+    """
+
+    numbers: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """(N,) the number of each row."""
+        return np.repeat(self.numbers, self.lengths)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Runs]) -> Self:
+        """One after the other; a run that goes on in the next part is one."""
+        numbers = np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
+        lengths = np.concatenate([np.empty(0, dtype=np.int64), *(part.lengths for part in parts)])
+        first = np.flatnonzero(np.diff(numbers, prepend=-1))
+        return cls(numbers[first], np.add.reduceat(lengths, first) if len(first) else lengths)
 
 
 class Names:
@@ -384,13 +425,15 @@ def _without(schema: Any, keys: Keys) -> Any:  # noqa: ANN401
     return needs_arrow().schema([field for field in schema if field.name not in {keys.unit, keys.recording}])
 
 
-def _numbered(batch: Any, column: str, value: str, names: Names) -> NDArray[np.int64]:  # noqa: ANN401
-    """(B,) numbers of a column of texts, or of the one text that the path says."""
-    if not column:
-        return np.full(batch.num_rows, names.number(value), dtype=np.int64)
-    texts, places = _dictionary(batch, column)
-    numbers: NDArray[np.int64] = np.array([names.number(text) for text in texts], dtype=np.int64)
-    return numbers[places]
+def _coded(
+    batch: Any,  # noqa: ANN401
+    column: str,
+    value: str,
+    names: Names,
+) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
+    """Numbers of texts, and (B,) which of them each row has; None where the path says one text for all."""
+    texts, places = _dictionary(batch, column) if column else ([value], None)
+    return np.array([names.number(text) for text in texts], dtype=np.int64), places
 
 
 def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:  # noqa: ANN401

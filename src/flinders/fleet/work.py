@@ -17,7 +17,7 @@ import contextlib
 import math
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
@@ -27,10 +27,10 @@ from flinders.estimators.kept import concatenated
 from flinders.fleet import store
 from flinders.fleet.plan import LARGEST, Partition, Piece, key_of
 from flinders.fleet.table import LONGEST, NAMES, Row, Rows, objects
-from flinders.fleet.tables import Asked, KeyedTable, Names, opened
+from flinders.fleet.tables import Asked, KeyedTable, Names, Runs, opened
 from flinders.readers import open_log
 from flinders.samples import Joined, Samples, frame_of
-from flinders.stacked import fit_stack
+from flinders.stacked import Lined, fit_stack
 from flinders.summary import Summary
 
 if TYPE_CHECKING:
@@ -42,9 +42,13 @@ if TYPE_CHECKING:
     from flinders.axes import Axes
     from flinders.readers import Instrument, Log
     from flinders.samples import Recording
+    from flinders.stacked import Columns
     from flinders.units import Unit
 
 Pair = tuple[str, str]
+
+WORTH: Final = 64
+"""Recordings of one table of several from which on it is worth while to fit them by themselves."""
 
 
 class LostWorker(InputError):
@@ -119,21 +123,38 @@ def _together(jobs: Sequence[Job], asked: Asked) -> Rows:
     """Fit recordings in memory as stacks; one by one, should that fail for any reason."""
     if not jobs:
         return Rows.of(())
-    sources = [job.source for job in jobs]
     try:
-        columns = fit_stack(
-            cast("list[Samples]", sources), target_deg=asked.target_deg, dip_deg=asked.dip_deg, polish=asked.polish
-        )
+        columns = _columns(cast("list[Samples]", [job.source for job in jobs]), asked)
     except Exception:  # noqa: BLE001 - the others are not to go without for one of them
         return Rows.of([_row(job, asked) for job in jobs])
-    spans = [_span(job) for job in jobs]
-    own = {
-        "unit": objects([job.unit for job in jobs]),
-        "recording": objects([job.recording for job in jobs]),
-        "start_s": np.array([start for start, _ in spans]),
-        "end_s": np.array([end for _, end in spans]),
-        "readings": np.array([job.readings or len(job.source) for job in jobs], dtype=np.int64),  # type: ignore[arg-type]
-        "message": objects([" ".join(message.split())[:LONGEST] for message in columns.message]),
+    readings = [job.readings or len(job.source) for job in jobs]  # type: ignore[arg-type]
+    spans = np.array([_span(job) for job in jobs])
+    return _laid_out(columns, [(job.unit, job.recording) for job in jobs], np.array(readings, dtype=np.int64), spans)
+
+
+def _lined(lot: _Lot, asked: Asked) -> Rows:
+    """Fit what lies in one table as stacks; one by one, should that fail for any reason."""
+    try:
+        columns = _columns(lot.lined, asked)
+    except Exception:  # noqa: BLE001 - as in `_together`
+        return Rows.of([_row(job, asked) for job in lot.jobs()])
+    return _laid_out(columns, lot.pairs, lot.rows, lot.spans)
+
+
+def _columns(sources: Sequence[Samples] | Lined, asked: Asked) -> Columns:
+    """Fit recordings in memory together."""
+    return fit_stack(sources, target_deg=asked.target_deg, dip_deg=asked.dip_deg, polish=asked.polish)
+
+
+def _laid_out(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> Rows:
+    """Rows of fits, with whose they are, (R,) how many readings there were, and (R, 2) from when to when, in s."""
+    own: dict[str, Any] = {
+        "unit": objects([unit for unit, _ in pairs]),
+        "recording": objects([recording for _, recording in pairs]),
+        "start_s": spans[:, 0],
+        "end_s": spans[:, 1],
+        "readings": readings,
+        "message": objects([message and " ".join(message.split())[:LONGEST] for message in columns.message.tolist()]),
     }
     return Rows(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
 
@@ -269,8 +290,7 @@ def _of_tables(partition: Partition, asked: Asked) -> Rows:
 
 def of_table(table: KeyedTable, partition: Partition, asked: Asked) -> Rows:
     """The rows of one table that is in memory, of which a partition says what is taken."""
-    parts = _parts(table, partition.pieces[0], Wanted(partition))
-    return fitted([Job(*pair, part.samples, part.rows, part.start_s) for pair, part in parts], asked)
+    return _lined(_lot(table, partition.pieces[0], Wanted(partition)), asked)
 
 
 def _is_wanted(partition: Partition, unit: str) -> bool:
@@ -295,12 +315,42 @@ def _stacks(counts: dict[Pair, int]) -> list[set[Pair]]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """The readings that one piece has of a recording."""
+class _Lot:
+    """The readings that one piece has of recordings.
 
-    samples: Samples
-    rows: int
+    Attributes
+    ----------
+    pairs : sequence of (str, str)
+        Unit and recording.
+    lined : Lined
+        The readings that can be used.
+    rows : (R,) int
+        How many rows each has.
+    start_s : float, s
+        What times count from.
+    """
+
+    pairs: Sequence[Pair]
+    lined: Lined
+    rows: NDArray[np.int64]
     start_s: float
+
+    def jobs(self) -> Iterator[Job]:
+        """One by one."""
+        for pair, samples, rows in zip(self.pairs, self.lined, self.rows.tolist(), strict=True):
+            yield Job(*pair, samples, rows, self.start_s)
+
+    @property
+    def spans(self) -> Floats:
+        """(R, 2) times of the first and the last reading of each."""
+        spans = np.full((len(self.pairs), 2), math.nan)
+        time = self.lined.whole.time
+        if time is not None:
+            there = self.lined.counts > 0
+            ends = self.lined.ends[there]
+            spans[there, 0] = self.start_s + time[ends - self.lined.counts[there]]
+            spans[there, 1] = self.start_s + time[ends - 1]
+        return spans
 
 
 def _taken(
@@ -308,18 +358,27 @@ def _taken(
 ) -> Rows:
     """Read what is taken of a partition into memory, and fit it."""
     wanted = Wanted(partition, is_taken)
-    parts: dict[Pair, list[_Part]] = defaultdict(list)
+    lots: list[_Lot] = []
     failed: list[Row] = []
     for piece in partition.pieces:
         try:
             with opened(piece.member, asked) as file:
-                for pair, part in _parts(KeyedTable.of(file, asked), piece, wanted):
-                    parts[pair].append(part)
+                lots.append(_lot(KeyedTable.of(file, asked), piece, wanted))
         except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
             failed += [_failed(piece, error)] if is_first else []
-    jobs = [_gathered(pair, each) for pair, each in sorted(parts.items())]
+    held = Counter(pair for lot in lots for pair in lot.pairs)
+    whole: list[_Lot] = []
+    parts: dict[Pair, list[Job]] = defaultdict(list)
+    for lot in lots:
+        if len(lots) == 1 or (len(lot.pairs) >= WORTH and all(held[pair] == 1 for pair in lot.pairs)):
+            whole.append(lot)
+        else:
+            for job in lot.jobs():
+                parts[job.unit, job.recording].append(job)
+    jobs = [_gathered(each) for _, each in sorted(parts.items())]
     rows = [job for job in jobs if isinstance(job, Row)]
-    return Rows.joined([Rows.of(failed + rows), fitted([job for job in jobs if isinstance(job, Job)], asked)])
+    rest = fitted([job for job in jobs if isinstance(job, Job)], asked)
+    return Rows.joined([Rows.of(failed + rows), rest, *(_lined(lot, asked) for lot in whole)])
 
 
 class Wanted:
@@ -339,7 +398,7 @@ class Wanted:
         self._known: dict[int, bool] = {}
 
     def mask(self, numbers: Any) -> Any:  # noqa: ANN401 - arrays
-        """(B,) which of these rows are taken."""
+        """(B,) which of these are taken."""
         distinct, places = np.unique(numbers, return_inverse=True)
         return np.array([self._one(number) for number in distinct.tolist()], dtype=bool)[places]
 
@@ -352,51 +411,47 @@ class Wanted:
         return self._known[number]
 
 
-def _parts(table: KeyedTable, piece: Piece, wanted: Wanted) -> Iterator[tuple[Pair, _Part]]:
+def _lot(table: KeyedTable, piece: Piece, wanted: Wanted) -> _Lot:
     """What a piece has of each recording, in the order of its rows."""
     columns = table.recording.columns
-    field = [columns.cells.index(cell) for cell in columns.field.cells]
-    numbers: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
-    values: list[Floats] = [np.empty((0, len(columns.cells)))]
+    parts: list[Runs] = []
+    values: list[Floats] = []
     for own, block in table.batches(piece.groups, wanted.names):
-        mask = wanted.mask(own)
+        mask = wanted.mask(own.numbers)
         whole = mask.all()
-        numbers.append(own if whole else own[mask])
-        values.append(block if whole else block[mask])
-    every, read = np.concatenate(numbers), np.concatenate(values)
-    del numbers, values
-    order = None if _is_grouped(every) else np.argsort(every, kind="stable")
-    if order is not None:
-        every, read = every[order], read[order]
-    usable = np.isfinite(read[:, field]).all(axis=1)
-    samples = table.samples(read if usable.all() else read[usable], piece.member.name)
-    ends = np.append(np.flatnonzero(np.diff(every)) + 1, len(every))
-    before = np.concatenate([[0], np.cumsum(usable)])
-    start = 0
-    for end in ends.tolist() if len(every) else ():
-        pair = wanted.names.pair(int(every[start]))
-        own_samples = samples[before[start] : before[end]]
-        yield pair, _Part(replace(own_samples, source=" ".join(filter(None, pair))), end - start, table.start_s)
-        start = end
+        parts.append(own if whole else Runs(own.numbers[mask], own.lengths[mask]))
+        values.append(block if whole else block[:, np.repeat(mask, own.lengths)])
+    runs = Runs.joined(parts)
+    read = values[0] if len(values) == 1 else np.concatenate([np.empty((len(columns.cells), 0)), *values], axis=1)
+    del parts, values
+    if len(np.unique(runs.numbers)) < len(runs.numbers):
+        every = runs.rows
+        read = read[:, np.argsort(every, kind="stable")]
+        runs = Runs(*np.unique(every, return_counts=True))
+    ends = np.cumsum(runs.lengths)
+    field = [columns.cells.index(cell) for cell in columns.field.cells]
+    with np.errstate(over="ignore", invalid="ignore"):
+        is_whole = all(np.isfinite(read[row].sum()) for row in field)  # a sum is whenever all its terms are
+    usable = np.isfinite(read[field]).all(axis=0) if not is_whole else np.ones(1, dtype=bool)
+    if not usable.all():
+        read, ends = read[:, usable], np.concatenate([[0], np.cumsum(usable)])[ends]
+    pairs = [wanted.names.pair(number) for number in runs.numbers.tolist()]
+    lined = Lined(table.samples(read, piece.member.name), ends, [" ".join(filter(None, pair)) for pair in pairs])
+    return _Lot(pairs, lined, runs.lengths, table.start_s)
 
 
-def _is_grouped(numbers: Any) -> bool:  # noqa: ANN401
-    """Whether the rows of each recording lie together."""
-    firsts = numbers[np.concatenate([[True], np.diff(numbers) != 0])] if len(numbers) else numbers
-    return len(np.unique(firsts)) == len(firsts)
-
-
-def _gathered(pair: Pair, parts: Sequence[_Part]) -> Job | Row:
+def _gathered(parts: Sequence[Job]) -> Job | Row:
     """One recording from what several pieces have of it, in the order of time where they have times."""
-    rows = sum(part.rows for part in parts)
+    pair, rows = (parts[0].unit, parts[0].recording), sum(part.readings for part in parts)
     if len(parts) == 1:
-        return Job(*pair, parts[0].samples, rows, parts[0].start_s)
+        return parts[0]
+    samples = cast("list[Samples]", [part.source for part in parts])
     try:
-        Joined(tuple(part.samples for part in parts))
+        Joined(tuple(samples))
     except UnitError as error:
         return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
     start = min(part.start_s for part in parts)
-    later = [_moved(part.samples, part.start_s - start) for part in parts]
+    later = [_moved(each, part.start_s - start) for each, part in zip(samples, parts, strict=True)]
     whole = concatenated(later, later[0])
     if whole.time is not None and np.isfinite(whole.time).all() and (np.diff(whole.time) < 0.0).any():
         whole = whole[np.argsort(whole.time, kind="stable").tolist()]
@@ -459,8 +514,8 @@ class Streamed:
             wanted = Wanted(self.partition, self.pair.__eq__)
             with opened(piece.member, self.asked) as file:
                 table = KeyedTable.of(file, self.asked)
-                for numbers, values in table.batches(piece.groups, wanted.names):
-                    mask = wanted.mask(numbers)
+                for runs, values in table.batches(piece.groups, wanted.names):
+                    mask = np.repeat(wanted.mask(runs.numbers), runs.lengths)
                     if mask.any():
-                        samples = table.samples(values[mask], self.source)
+                        samples = table.samples(values[:, mask], self.source)
                         yield _moved(samples, table.start_s - self.start_s)

@@ -94,22 +94,27 @@ def table_of(
     source: str,
 ) -> Table:
     """Make a table of the columns that hold numbers or times."""
-    places = [
-        (field.name, part, name)
-        for field in schema
-        for part, name in _parts(field)
-        if schema.get_field_index(field.name) >= 0  # two of one name cannot be asked for
-    ][:WIDEST]
+    places = places_of(schema)
 
     def rows(cells: Sequence[int]) -> Iterator[Floats]:
         wanted = [places[cell] for cell in cells]
         for batch in batches(sorted({column for column, _, _ in wanted})):
             with reading(source, f"a table of {kind}"):
-                block = np.stack([_values(batch.column(column), part) for column, part, _ in wanted], axis=1)
+                block = np.stack([values_of(batch.column(column), part) for column, part, _ in wanted], axis=1)
             if len(block):
                 yield block
 
     return Table(kind, tuple(name for _, _, name in places), len(places), length, rows)
+
+
+def places_of(schema: Any) -> list[tuple[str, int | None, str]]:  # noqa: ANN401
+    """The columns of numbers or times that there are: of which field, which part of it, and what it is called."""
+    return [
+        (field.name, part, name)
+        for field in schema
+        for part, name in _parts(field)
+        if schema.get_field_index(field.name) >= 0  # two of one name cannot be asked for
+    ][:WIDEST]
 
 
 def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
@@ -122,7 +127,7 @@ def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
     return [(None, field.name)] if numeric else []
 
 
-def _values(column: Any, part: int | None) -> Floats:  # noqa: ANN401
+def values_of(column: Any, part: int | None) -> Floats:  # noqa: ANN401
     """One column as float, NaN where it is null; a time in nanoseconds since 1970."""
     if part is not None:
         column = column.flatten().take(_every_third(part, len(column)))

@@ -26,4 +26,5 @@ from __future__ import annotations
 
 from flinders.stacked.columns import Columns as Columns
 from flinders.stacked.columns import fit_stack as fit_stack
+from flinders.stacked.stack import Lined as Lined
 from flinders.stacked.stack import Stack as Stack

@@ -1,7 +1,9 @@
 """Small matrices and long rows of many units at once, for any array library that keeps the array API standard.
 
-Arrays have the unit first: (U, 3, N) are the x, y and z of N readings of U units. NumPy's arrays cost no import; for
-others the package array-api-compat says which functions are theirs.
+Arrays have the unit first: (U, 3, N) are the x, y and z of N readings of U units. In memory the x of all units lie
+together, then the y: so each step is one run through long rows, which takes half the time of many short ones. Readings
+have a fourth row of ones, with which a product with a (3, 4) matrix moves them as well. NumPy's arrays cost no import;
+for others the package array-api-compat says which functions are theirs.
 
 >>> entries = np.array([[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]])
 >>> symmetric(entries)[0]
@@ -14,6 +16,7 @@ array([[1., 2., 3., 4., 5., 6.]])
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
@@ -29,10 +32,13 @@ Array: TypeAlias = Any
 """An array of any library that keeps the standard; its shape is in the docstring that uses it."""
 
 READINGS_AT_A_TIME: Final = 16384
-"""Of all units together; measured with ``python -m benchmarks.stacked``: half or twice as many cost as much."""
+"""Of all units together; with half as many calls cost a fifth more (``python -m benchmarks.stacked``)."""
 
 SHORTEST: Final = 1e-300
 """Square of the length of a vector of no length, so that dividing is safe."""
+
+NEXT_TO_NOTHING: Final = 1e-20
+"""What an entry of D counts as that is nothing, so that dividing is safe; matrices are in a scale near one."""
 
 _FULL: Final = np.array([0, 3, 4, 3, 1, 5, 4, 5, 2])
 _UPPER: Final = np.array([0, 4, 8, 1, 2, 5])
@@ -89,14 +95,137 @@ def applied(matrices: Array, vectors: Array) -> Array:
     return (matrices @ vectors[:, :, None])[:, :, 0]
 
 
+def rows_like(array: Array, many: int) -> Array:
+    """(U, many, N) rows without contents, the first of all units together in memory, beside a (U, ..., N) array."""
+    xp = namespace(array)
+    empty = xp.empty((many, array.shape[0], array.shape[-1]), dtype=array.dtype, device=array.device)
+    return xp.permute_dims(empty, (1, 0, 2))
+
+
+def with_ones(readings: Array) -> Array:
+    """(U, 4, N) readings with a fourth row of ones, from (U, 3, N)."""
+    found = rows_like(readings, 4)
+    found[:, :3, :] = readings
+    found[:, 3, :] = 1.0
+    return found
+
+
+def turned(matrices: Array, vectors: Array) -> Array:
+    """(U, k, N) products of (U, k, m) matrices and (U, m, N) vectors, laid out as `rows_like`.
+
+    >>> ones = with_ones(np.array([[[5.0], [6.0], [7.0]]]))
+    >>> turned(moving(np.eye(3)[None], np.array([[1.0, 2.0, 3.0]])), ones)[0, :, 0]
+    array([4., 4., 4.])
+    """
+    if isinstance(vectors, np.ndarray):
+        return np.matmul(matrices, vectors, out=rows_like(vectors, matrices.shape[1]))
+    return matrices @ vectors
+
+
+def moving(matrices: Array, centres: Array) -> Array:
+    """(U, 3, 4) matrices V (x − c) of (U, 3, 3) V and (U, 3) c, for vectors `with_ones`."""
+    xp = namespace(matrices)
+    return xp.concat([matrices, -(matrices @ centres[:, :, None])], axis=2)
+
+
+def squares(vectors: Array) -> Array:
+    """(U, N) squares of the lengths of (U, 3, N) vectors; see `SHORTEST`."""
+    if isinstance(vectors, np.ndarray):
+        square = np.einsum("uin,uin->un", vectors, vectors)
+    else:
+        x, y, z = vectors[:, 0, :], vectors[:, 1, :], vectors[:, 2, :]
+        square = x * x + y * y + z * z
+    square += SHORTEST
+    return square
+
+
 def lengths(vectors: Array) -> Array:
     """(U, N) lengths of (U, 3, N) vectors; see `SHORTEST`."""
-    xp = namespace(vectors)
-    x, y, z = vectors[:, 0, :], vectors[:, 1, :], vectors[:, 2, :]
-    square = x * x
-    square += y * y
-    square += z * z
-    return xp.sqrt(xp.maximum(square, SHORTEST))
+    return namespace(vectors).sqrt(squares(vectors))
+
+
+def monomials(directions: Array, *, room: int = 0) -> Array:
+    """(U, 9 + room, N) z = x, y, z, x², y², z², yz, xz, xy of (U, 3, N) directions, and rows for the caller to fill."""
+    rows = rows_like(directions, 9 + room)
+    rows[:, :3, :] = directions
+    rows[:, 3:6, :] = directions
+    rows[:, 3:6, :] *= directions
+    rows[:, 6, :] = directions[:, 1, :]
+    rows[:, 7, :] = directions[:, 0, :]
+    rows[:, 6:8, :] *= directions[:, 2:, :]
+    rows[:, 8, :] = directions[:, 0, :]
+    rows[:, 8, :] *= directions[:, 1, :]
+    return rows
+
+
+POWERS: Final = np.array(
+    [(1, 0, 0), (0, 1, 0), (0, 0, 1), (2, 0, 0), (0, 2, 0), (0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 0)]
+)
+"""(9, 3) int: those of x, y and z in each of `monomials`."""
+
+ENOUGH: Final = slice(3, 7)
+"""Rows of `monomials` whose products with all rows hold every product there is of degree three and four."""
+
+_ENTRIES: Final = np.zeros((3, 3), int)
+_ENTRIES[[0, 1, 2, 0, 1, 0, 2, 1, 2], [0, 1, 2, 1, 0, 2, 0, 2, 1]] = [0, 1, 2, 3, 3, 4, 4, 5, 5]
+
+
+def _carried() -> NDArray[np.float64]:
+    """(6, 36) which entry of V, as `upper`, carries which product of u to which entry of (V u) uᵀ + u (V u)ᵀ."""
+    table = np.zeros((6, 6, 6))
+    order = {tuple(power): row for row, power in enumerate(POWERS[3:].tolist())}
+    for row, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        for one, other in {(i, j), (j, i)}:
+            for axis in range(3):
+                column = order[tuple(np.eye(3, dtype=int)[[axis, other]].sum(axis=0).tolist())]
+                table[_ENTRIES[one, axis], row, column] += 1.0
+    return table.reshape(6, 36)
+
+
+def _spread() -> NDArray[np.float64]:
+    """(36, 81) which of the (9, 4) sums of `ENOUGH` are which entry of Σ w zzᵀ; where x² + y² + z² = 1."""
+    held: dict[tuple[int, ...], int] = {}
+    for row, power in enumerate(POWERS):
+        for column, other in enumerate(POWERS[ENOUGH]):
+            held.setdefault(tuple((power + other).tolist()), 4 * row + column)
+    table = np.zeros((36, 9, 9))
+    for row, column in np.ndindex(9, 9):
+        power = POWERS[row] + POWERS[column]
+        wanted = [power] if power.sum() > 2 else [power + 2 * axis for axis in np.eye(3, dtype=int)]
+        table[[held[tuple(each.tolist())] for each in wanted], row, column] = 1.0
+    return table.reshape(36, 81)
+
+
+_CARRIED: Final = _carried()
+_SPREAD: Final = _spread()
+
+
+def carriers(inverses: Array) -> Array:
+    """(U, 9, 9) matrices T for (U, 3, 3) symmetric V: T z are the coefficients of v·δb + vᵀ δS u with v = V u.
+
+    Here z are the `monomials` of u. With normals v/|v| these are the rows of a Jacobian, so its products JᵀJ are
+    T Σ zzᵀ/|v|² Tᵀ, and the sums of zzᵀ hold each product of directions once.
+
+    >>> v, u = np.array([[[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 1.5]]]), np.array([[[0.6], [0.0], [0.8]]])
+    >>> np.allclose(carriers(v) @ monomials(u), gathered(v @ u, u))
+    True
+    """
+    xp = namespace(inverses)
+    carried = xp.zeros((inverses.shape[0], 9, 9), dtype=inverses.dtype, device=inverses.device)
+    carried[:, :3, :3] = inverses
+    carried[:, 3:, 3:] = xp.reshape(upper(inverses) @ like(_CARRIED, inverses), (-1, 6, 6))
+    return carried
+
+
+def weighed(sums: Array) -> Array:
+    """(U, 9, 9) Σ w zzᵀ of `monomials` z of unit vectors, from (U, 9, 4) sums Σ w z qᵀ, q being those of `ENOUGH`.
+
+    >>> z = monomials(np.array([[[0.6, 0.0], [0.0, 0.6], [0.8, 0.8]]]))
+    >>> np.allclose(weighed(z @ z[:, ENOUGH].swapaxes(1, 2)), z @ z.swapaxes(1, 2))
+    True
+    """
+    xp = namespace(sums)
+    return xp.reshape(xp.reshape(sums, (-1, 36)) @ like(_SPREAD, sums), (-1, 9, 9))
 
 
 def gathered(vectors: Array, directions: Array, *, room: int = 0) -> Array:
@@ -108,8 +237,7 @@ def gathered(vectors: Array, directions: Array, *, room: int = 0) -> Array:
     room : int
         Rows left for the caller to fill.
     """
-    xp = namespace(vectors)
-    rows = xp.empty((vectors.shape[0], 9 + room, vectors.shape[2]), dtype=vectors.dtype, device=vectors.device)
+    rows = rows_like(vectors, 9 + room)
     rows[:, :3, :] = vectors
     rows[:, 3:6, :] = vectors
     rows[:, 3:6, :] *= directions
@@ -126,6 +254,47 @@ def scaled_solve(matrices: Array, gradients: Array) -> Array:
     xp = namespace(matrices)
     solution = xp.linalg.solve(matrices / outer(scale), (gradients / scale)[:, :, None])[:, :, 0]
     return solution / scale
+
+
+def lower_times_diagonal(matrices: Array) -> tuple[list[Array], Array]:
+    """Columns of L, ones on its diagonal, and the (k, U) diagonal D of matrices L D Lᵀ; both with the unit last.
+
+    Rows are not exchanged: for symmetric matrices whose leading ones are positive definite. Where that is not so, an
+    entry of D is negative or next to nothing, and the signs of D are those of the eigenvalues (Sylvester).
+
+    >>> columns, diagonal = lower_times_diagonal(np.array([[[4.0, 2.0], [2.0, 3.0]]]))
+    >>> columns[0][:, 0], diagonal[:, 0]
+    (array([0.5]), array([4., 2.]))
+    """
+    xp = namespace(matrices)
+    left = xp.asarray(xp.permute_dims(matrices, (1, 2, 0)), copy=True)
+    columns: list[Array] = []
+    diagonal: list[Array] = []
+    while True:
+        pivot = left[0, 0, :]
+        pivot = pivot + xp.astype(pivot == 0.0, pivot.dtype) * NEXT_TO_NOTHING
+        diagonal.append(pivot)
+        if left.shape[0] == 1:
+            return columns, xp.stack(diagonal)
+        column = left[1:, 0, :] / pivot
+        columns.append(column)
+        left = left[1:, 1:, :] - column[:, None, :] * left[0, None, 1:, :]
+
+
+def solved_with(columns: list[Array], diagonal: Array, vectors: Array) -> Array:
+    """(U, k) solutions of L D Lᵀ x = v for (U, k) v, see `lower_times_diagonal`.
+
+    >>> solved_with(*lower_times_diagonal(np.array([[[4.0, 2.0], [2.0, 3.0]]])), np.array([[8.0, 8.0]]))
+    array([[1., 2.]])
+    """
+    xp = namespace(vectors)
+    x = xp.asarray(xp.permute_dims(vectors, (1, 0)), copy=True)
+    for row, column in enumerate(columns):
+        x[row + 1 :, :] -= column * x[row, :]
+    x /= diagonal
+    for row, column in reversed(list(enumerate(columns))):
+        x[row, :] -= xp.sum(column * x[row + 1 :, :], axis=0)
+    return xp.permute_dims(x, (1, 0))
 
 
 def scaled_inverse(matrices: Array) -> Array:
@@ -204,12 +373,12 @@ def counted_in(places: Array, size: int, weights: Array | None = None) -> Array:
 def stretches(units: int, readings: int) -> Iterator[slice]:
     """Cut units of so many readings each into stretches that fit the cache.
 
-    >>> [stretch.stop for stretch in stretches(40, 500)]
-    [32, 40]
+    >>> [stretch.stop for stretch in stretches(60, 500)]
+    [30, 60]
     """
-    many = max(1, READINGS_AT_A_TIME // max(readings, 1))
-    for begin in range(0, units, many):
-        yield slice(begin, min(begin + many, units))
+    count = min(max(1, round(units * readings / READINGS_AT_A_TIME)), units)
+    edges = [units * place // count for place in range(count + 1)] if count else []
+    yield from (slice(begin, end) for begin, end in pairwise(edges))
 
 
 def in_stretches(kernel: Callable[..., Array], readings: Array, *others: Array | None) -> Array:

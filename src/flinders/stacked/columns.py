@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders import fitting
-from flinders.drivers import KINDS
+from flinders.drivers import known
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
 from flinders.stacked.lane import MOST, UPPER, Lane, through
-from flinders.stacked.stack import Stack
+from flinders.stacked.stack import Lined, Stack
 from flinders.summary import Summary
 
 if TYPE_CHECKING:
@@ -112,13 +112,13 @@ class Columns:
 
 
 def fit_stack(
-    units: Sequence[Samples] | Stack, *, target_deg: float = 1.0, dip_deg: float = 60.0, polish: bool = True
+    units: Sequence[Samples] | Lined | Stack, *, target_deg: float = 1.0, dip_deg: float = 60.0, polish: bool = True
 ) -> Columns:
     """Fit and judge many units at once, each as `flinders.fit` would by itself.
 
     Parameters
     ----------
-    units : sequence of Samples, or Stack
+    units : sequence of Samples, Lined or Stack
         The readings of each.
     target_deg : float
         Worst heading error that is good enough, in degrees.
@@ -155,7 +155,7 @@ def fit_stack(
     return columns
 
 
-def _stacks(units: Sequence[Samples] | Stack) -> Iterator[tuple[NDArray[np.intp], Stack]]:
+def _stacks(units: Sequence[Samples] | Lined | Stack) -> Iterator[tuple[NDArray[np.intp], Stack]]:
     """Cut units into stacks of like length and unit, with their places; those that no lane takes are left out."""
     if isinstance(units, Stack):
         if units.axes.is_mirror:
@@ -166,13 +166,20 @@ def _stacks(units: Sequence[Samples] | Stack) -> Iterator[tuple[NDArray[np.intp]
             part = Stack(units.readings[cut, ...], units.counts[cut], units.unit, units.axes, time)
             yield np.arange(begin, begin + len(part)), part
         return
+    if isinstance(units, Lined) and _is_plain(units.whole):
+        for alike in _of_like_length(np.arange(len(units)), units.counts):
+            yield from ((places, units.stack(places)) for places in _at_a_time(alike))
+        return
     for alike in _alike(units):
-        for begin in range(0, len(alike), AT_A_TIME):
-            places = alike[begin : begin + AT_A_TIME]
-            yield places, Stack.of([units[place] for place in places.tolist()])
+        yield from ((places, Stack.of([units[place] for place in places.tolist()])) for places in _at_a_time(alike))
 
 
-def _alike(units: Sequence[Samples]) -> Iterator[NDArray[np.intp]]:
+def _at_a_time(places: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """Cut places into those of units that go through the lane together."""
+    yield from (places[begin : begin + AT_A_TIME] for begin in range(0, len(places), AT_A_TIME))
+
+
+def _alike(units: Sequence[Samples] | Lined) -> Iterator[NDArray[np.intp]]:
     """Places of units that go into one stack, in order of length."""
     groups: dict[tuple[str, bool], list[int]] = {}
     for place, one in enumerate(units):
@@ -180,19 +187,24 @@ def _alike(units: Sequence[Samples]) -> Iterator[NDArray[np.intp]]:
             groups.setdefault((one.unit.inside, one.time is None), []).append(place)
     for members in groups.values():
         lengths = np.array([len(units[place]) for place in members])
-        order = np.argsort(lengths, kind="stable")
-        order = order[(lengths[order] > 0) & (lengths[order] <= MOST)]
-        while len(order):
-            many = int(np.searchsorted(lengths[order], ALIKE * lengths[order[0]], side="right"))
-            yield np.array(members, dtype=np.intp)[order[:many]]
-            order = order[many:]
+        yield from _of_like_length(np.array(members, dtype=np.intp), lengths)
+
+
+def _of_like_length(members: NDArray[np.intp], lengths: NDArray[np.int64]) -> Iterator[NDArray[np.intp]]:
+    """Places of those of K `members` with (K,) `lengths` that go into one stack, in order of length."""
+    order = np.argsort(lengths, kind="stable")
+    order = order[(lengths[order] > 0) & (lengths[order] <= MOST)]
+    while len(order):
+        many = int(np.searchsorted(lengths[order], ALIKE * lengths[order[0]], side="right"))
+        yield members[order[:many]]
+        order = order[many:]
 
 
 def _may_follow(one: Samples) -> bool:
     """Whether a driver changed while it was recorded: then it is looked whether readings follow it."""
-    columns = ((getattr(one, name), kind.least) for name, kind in KINDS.items())
-    known = ((values[np.isfinite(values)], least) for values, least in columns if values is not None)
-    return any(len(values) > 0 and np.ptp(values) >= least for values, least in known)
+    columns = ((one.driving(name), known(name).least) for name in one.drivers)
+    finite = ((values[np.isfinite(values)], least) for values, least in columns if values is not None)
+    return any(len(values) > 0 and np.ptp(values) >= least for values, least in finite)
 
 
 def _fill(columns: Columns, places: NDArray[np.intp], lane: Lane, inside: str) -> None:

@@ -28,19 +28,26 @@ from flinders.estimators.slips import BROKEN
 from flinders.stacked.algebra import (
     Array,
     applied,
+    carriers,
     counted_in,
     gathered,
     in_stretches,
+    lengths,
     like,
+    monomials,
+    moving,
     namespace,
     outer,
     picked,
     put,
     scale_of,
     scaled_inverse,
+    squares,
+    turned,
     upper,
+    weighed,
 )
-from flinders.stacked.solve import Ellipsoids, Fitted, surface
+from flinders.stacked.solve import Ellipsoids, Fitted, of_units, surface, weighing
 from flinders.verdict import CHANGED
 
 CREEPS: Final = NormalDist().inv_cdf(1.0 - correlation.BY_CHANCE)
@@ -61,9 +68,9 @@ class Residuals:
     cells : (U, N) int
         Of `flinders.coverage.CELLS`, into which their directions fall.
     gradients : (U, 8, 9)
-        Σ J s over each of eight blocks.
+        Σ z s/l over each of eight blocks, where T z/l are the rows of the Jacobian, see `carriers`.
     squares : (U, 8, 9, 9)
-        Σ JJᵀ over each.
+        Σ zzᵀ/l² over each.
     """
 
     distances: Array
@@ -88,18 +95,25 @@ def _residuals(
     readings: Array, inside: Array | None, count: Array, centre: Array, inverse: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Distances, cells, gradients and squares of one stretch of units."""
-    _, unit, normal, _, distances = surface(readings, centre, inverse)
-    rows = gathered(normal, unit, room=1)
-    rows[:, 9, :] = distances
+    xp = namespace(readings)
+    unit = turned(moving(inverse, centre), readings)
+    length = lengths(unit)
+    unit *= (1.0 / length)[:, None, :]
+    square = squares(turned(inverse, unit))
+    distances = length
+    distances -= 1.0
+    distances /= xp.sqrt(square)
     if inside is not None:
-        rows *= inside[:, None, :]
-        distances = distances * inside
-    products = _of_blocks(rows, count)
-    return distances, cells_of(unit), products[:, :, :9, 9], products[:, :, :9, :9]
+        distances *= inside
+    rows = monomials(unit, room=1)
+    products = _of_blocks(rows, weighing(rows, distances, square, inside), count)
+    units = products.shape[0]
+    blocks = weighed(xp.reshape(products[:, :, :9, :4], (units * correlation.BLOCKS, 9, 4)))
+    return distances, cells_of(unit), products[:, :, :9, 4], xp.reshape(blocks, (units, correlation.BLOCKS, 9, 9))
 
 
-def _of_blocks(rows: Array, count: Array) -> Array:
-    """(u, 8, k, k) products of (u, k, N) rows over eight blocks, cut as `numpy.array_split` cuts."""
+def _of_blocks(rows: Array, others: Array, count: Array) -> Array:
+    """(u, 8, k, m) products of (u, k, N) and (u, m, N) rows over eight blocks, cut as `numpy.array_split` cuts."""
     xp = namespace(rows)
     counts = np.unique(np.asarray(count))
     block = np.arange(correlation.BLOCKS + 1)
@@ -107,14 +121,15 @@ def _of_blocks(rows: Array, count: Array) -> Array:
     first, last = edges.min(axis=0).tolist(), edges.max(axis=0).tolist()
     products = []
     for begin, end in pairwise(range(correlation.BLOCKS + 1)):
-        part = rows[:, :, first[begin] : last[end]]
+        cut = slice(first[begin], last[end])
+        part = rows[:, :, cut]
         if len(counts) > 1:
             own = like(edges[np.searchsorted(counts, np.asarray(count))], rows)
             place = xp.arange(first[begin], last[end], device=rows.device)[None, :]
             part = (
                 part * xp.astype((place >= own[:, begin, None]) & (place < own[:, end, None]), rows.dtype)[:, None, :]
             )
-        products.append(part @ xp.matrix_transpose(part))
+        products.append(part @ xp.matrix_transpose(others[:, :, cut]))
     return xp.stack(products, axis=1)
 
 
@@ -125,12 +140,14 @@ def cells_of(directions: Array) -> Array:
     band = xp.zeros(z.shape, dtype=xp.int8, device=z.device)
     for edge in EDGES.tolist():
         band += xp.astype(z < edge, xp.int8)
-    turn = xp.atan2(y, x) * (0.5 / np.pi)
-    turn = xp.where(turn < 0.0, turn + 1.0, turn)
+    turn = xp.atan2(y, x)
+    turn *= 0.5 / np.pi
+    turn += xp.astype(turn < 0.0, turn.dtype)
     flat = xp.astype(xp.reshape(band, (-1,)), xp.int64)
     wide = xp.reshape(xp.take(like(BANDS.astype(float), z), flat), z.shape)
     first = xp.reshape(xp.take(like(STARTS, z), flat), z.shape)
-    return first + xp.astype(xp.minimum(xp.floor(turn * wide), wide - 1.0), xp.int64)
+    turn *= wide
+    return first + xp.astype(xp.minimum(xp.floor(turn), wide - 1.0), xp.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,16 +298,29 @@ def hung_together(readings: Array, inside: Array | None, count: Array, ellipsoid
     scatter = found.values[:, :1, None] * white
     (hangs,) = xp.nonzero(found.length > 1)
     if hangs.shape[0]:
-        some = xp.take(readings, hangs, axis=0), None if inside is None else xp.take(inside, hangs, axis=0)
-        rows = _rows(*some, ellipsoids.only(hangs))
+        rows = _monomials(*of_units(readings, inside, hangs), ellipsoids.only(hangs))
         part = scatters(rows, xp.take(white, hangs, axis=0), found.only(hangs))
         scatter = put(scatter, hangs, part)
     independent = readings_of / time
     freedom = xp.minimum(independent / xp.maximum(independent - 9.0, 1.0), correlation.MOST_FREEDOM)
     in_time = freedom[:, None, None] * scatter
-    creep = _creep(in_time, left)
+    inverse = scaled_inverse(white)
+    in_time_inverse = inverse / (freedom * found.values[:, 0])[:, None, None]
+    if hangs.shape[0]:
+        in_time_inverse = put(in_time_inverse, hangs, scaled_inverse(xp.take(in_time, hangs, axis=0)))
+    creep = _creep(in_time_inverse, inverse, left)
     direction = _belongs(left, count, found.length, time)
-    return Hung(creep[:, None, None] * in_time, found.lag_one, time, creep, ~direction)
+    carrier = carriers(ellipsoids.inverse)
+    scatter = carrier @ (creep[:, None, None] * in_time) @ xp.matrix_transpose(carrier)
+    return Hung(scatter, found.lag_one, time, creep, ~direction)
+
+
+def _monomials(readings: Array, inside: Array | None, ellipsoids: Ellipsoids) -> Array:
+    """(U, 9, N) z/l at readings, of which `carriers` make the rows of the Jacobian."""
+    _, unit, _, steepness, _ = surface(readings, ellipsoids.centre, ellipsoids.inverse)
+    rows = monomials(unit)
+    rows *= (1.0 / steepness if inside is None else inside / steepness)[:, None, :]
+    return rows
 
 
 def _rows(readings: Array, inside: Array | None, ellipsoids: Ellipsoids) -> Array:
@@ -300,15 +330,24 @@ def _rows(readings: Array, inside: Array | None, ellipsoids: Ellipsoids) -> Arra
     return rows if inside is None else rows * inside[:, None, :]
 
 
-def _creep(scatter: Array, left: Residuals) -> Array:
-    """(U,) factor by which blocks scatter more than (U, 9, 9) scatters of the whole allow, as `Residuals.creep`."""
-    xp = namespace(scatter)
-    gradients, squares = left.gradients, left.squares
-    inverse, whole = scaled_inverse(scatter), scaled_inverse(xp.sum(squares, axis=1))
-    largest = xp.ones_like(scatter[:, 0, 0])
+def _creep(inverse: Array, whole: Array, left: Residuals) -> Array:
+    """(U,) factor by which blocks scatter more than scatters of the whole allow, as `Residuals.creep`.
+
+    Parameters
+    ----------
+    inverse : (U, 9, 9)
+        Of those scatters.
+    whole : (U, 9, 9)
+        Inverse of the squares of the whole.
+    left : Residuals
+    """
+    xp = namespace(inverse)
+    gradients, blocks = left.gradients, left.squares
+    beside = xp.reshape(xp.permute_dims(blocks, (0, 2, 1, 3)), (blocks.shape[0], 9, -1))
+    shares = xp.reshape(whole @ beside, (blocks.shape[0], 9, -1, 9))
+    largest = xp.ones_like(inverse[:, 0, 0])
     while gradients.shape[1] >= 4:
-        shares = whole[:, None, :, :] @ squares
-        taken = xp.sum(shares * xp.matrix_transpose(shares), axis=(1, 2, 3))
+        taken = xp.sum(shares * xp.permute_dims(shares, (0, 3, 2, 1)), axis=(1, 2, 3))
         found = xp.sum(gradients * (gradients @ inverse), axis=(1, 2))
         expected = 9.0 - taken
         is_sure = expected > 0.0
@@ -316,7 +355,7 @@ def _creep(scatter: Array, left: Residuals) -> Array:
         unlikely = standard_deviations(found * expected / taken, freedom) > CREEPS
         largest = xp.where(is_sure & unlikely & (found > largest * expected), found / expected, largest)
         gradients = gradients[:, ::2, :] + gradients[:, 1::2, :]
-        squares = squares[:, ::2, :, :] + squares[:, 1::2, :, :]
+        shares = shares[:, :, ::2, :] + shares[:, :, 1::2, :]
     return largest
 
 
@@ -351,23 +390,25 @@ def _proven(distances: Array, cells: Array, count: Array, length: Array, time: A
     distances = distances[:, 0, :]
     bits = max(readings - 1, 1).bit_length()
     place = xp.arange(readings, device=cells.device)[None, :]
-    outside = place >= count[:, None]
-    keys = xp.sort((xp.where(outside, _CELLS, cells) << bits) | place, axis=1)
+    if not bool(xp.all(count == readings)):
+        cells = xp.where(place < count[:, None], cells, _CELLS)
+    keys = xp.sort((xp.astype(cells, xp.int32) << bits) | xp.astype(place, xp.int32), axis=1)
     cell, order = keys >> bits, keys & ((1 << bits) - 1)
-    changed = (cell[:, 1:] != cell[:, :-1]) | (order[:, 1:] - order[:, :-1] > 3 * length[:, None])
-    begins = xp.concat([xp.ones((units, 1), dtype=xp.bool), changed], axis=1)
-    visit = xp.cumulative_sum(xp.astype(xp.reshape(begins, (-1,)), xp.int64)) - 1
-    many = int(visit[-1]) + 1
-    sums = counted_in(visit, many, xp.reshape(picked(distances, order), (-1,)))
-    sizes = counted_in(visit, many)
-    unit = xp.arange(units)[:, None] * (_CELLS + 1)
-    at = xp.reshape(cell + unit, (-1,))[xp.reshape(begins, (-1,))]
+    apart = xp.astype(3 * length, xp.int32)[:, None]
+    changed = (cell[:, 1:] != cell[:, :-1]) | (order[:, 1:] - order[:, :-1] > apart)
+    begins = xp.reshape(xp.concat([xp.ones((units, 1), dtype=xp.bool), changed], axis=1), (-1,))
+    (first,) = xp.nonzero(begins)
+    visit = xp.cumulative_sum(xp.astype(begins, xp.int64)) - 1
+    end = xp.asarray([units * readings], dtype=first.dtype, device=first.device)
+    sums = counted_in(visit, first.shape[0], xp.reshape(picked(distances, order), (-1,)))
+    sizes = xp.astype(xp.concat([first[1:], end]) - first, distances.dtype)
+    own = xp.take(xp.reshape(cell + xp.arange(units)[:, None] * (_CELLS + 1), (-1,)), first)
 
     def between_visits(part: Array) -> tuple[Array, Array]:
-        whole, squares = (
-            xp.reshape(counted_in(at, units * (_CELLS + 1), each), (units, -1))[:, :_CELLS] for each in (part, part**2)
+        whole, several = (
+            xp.reshape(counted_in(own, units * (_CELLS + 1), each), (units, -1))[:, :_CELLS] for each in (part, part**2)
         )
-        return whole, whole**2 - squares
+        return whole, whole**2 - several
 
     counts, pairs = between_visits(sizes)
     counts = xp.maximum(counts, 1.0)
@@ -391,14 +432,14 @@ def may_have_changed(
     growth = xp.sum(rows[:, 3:, :] * upper(ellipsoids.shape)[:, :, None], axis=1)
     rows = xp.concat([rows, time[:, None, :] * rows[:, :3, :], (time * growth)[:, None, :]], axis=1)
     rows = rows / xp.sqrt(xp.sum(rows**2, axis=2, keepdims=True) / counts[:, None, None])
-    squares = rows @ xp.matrix_transpose(rows)
-    inverse = xp.linalg.inv(squares)
+    products = rows @ xp.matrix_transpose(rows)
+    inverse = xp.linalg.inv(products)
     found = applied(inverse, applied(rows, left.distances))
     rest = left.distances - applied(xp.matrix_transpose(rows), found)
     if inside is not None:
         rest = rest * inside
     hangs = Autocovariances.of(rest, count)
-    covariance = inverse @ scatters(rows, squares, hangs) @ inverse
+    covariance = inverse @ scatters(rows, products, hangs) @ inverse
     moved, spread = found[:, 9:], covariance[:, 9:, 9:]
     sigma = xp.sqrt(xp.linalg.diagonal(spread))
     chi = xp.sum((moved / sigma) * xp.linalg.solve(spread / outer(sigma), (moved / sigma)[:, :, None])[:, :, 0], axis=1)

@@ -22,7 +22,7 @@ import numpy as np
 from flinders.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
 from flinders.heading import HEADINGS, level_turn
 from flinders.health import RAIL_COUNT, RAIL_SHARE
-from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, signs
+from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
 from flinders.units import MICROTESLA
 from flinders.verdict import (
     ALTERNATING,
@@ -61,48 +61,59 @@ class Health:
 
     Attributes
     ----------
-    extent : (U, 3)
-        Range of each axis.
+    low, high : (U, 3)
+        Ends of each axis.
     repeats : (U,)
         Readings equal to the one before.
     are_sound : (U,) bool
         No axis is stuck, and too few readings share its end for a rail.
     """
 
-    extent: Array
+    low: Array
+    high: Array
     repeats: Array
     are_sound: Array
 
+    @property
+    def extent(self) -> Array:
+        """(U, 3) range of each axis."""
+        return self.high - self.low
+
     @classmethod
     def of(cls, readings: Array, inside: Array | None, count: Array) -> Self:
-        """Look at (U, 3, N) readings."""
+        """Look at (U, 3, N) readings, or those `with_ones`."""
         return cls(*in_stretches(_health, readings, inside, count))
 
     def only(self, which: Array) -> Self:
         """Those that (K,) integers name."""
         xp = namespace(which)
-        return type(self)(*(xp.take(part, which, axis=0) for part in (self.extent, self.repeats, self.are_sound)))
+        parts = (self.low, self.high, self.repeats, self.are_sound)
+        return type(self)(*(xp.take(part, which, axis=0) for part in parts))
 
 
-def _health(readings: Array, inside: Array | None, count: Array) -> tuple[Array, Array, Array]:
-    """Extent, repeats and soundness of one stretch of units; rows are filled up with their first reading."""
+def _health(readings: Array, inside: Array | None, count: Array) -> tuple[Array, Array, Array, Array]:
+    """Ends, repeats and soundness of one stretch of units; rows are filled up with their first reading."""
     xp = namespace(readings)
+    readings = readings[:, :3, :]
     low, high = xp.min(readings, axis=2), xp.max(readings, axis=2)
     there = None if inside is None else inside > 0.0
-    railed = xp.zeros(count.shape, dtype=xp.bool)
-    for end in (low, high):
-        same = readings == end[:, :, None]
-        same = same if there is None else same & there[:, None, :]
-        most = xp.max(xp.count_nonzero(same, axis=2), axis=1)
-        railed = railed | (
-            (most >= RAIL_COUNT) & (xp.astype(most, readings.dtype) > RAIL_SHARE * xp.astype(count, readings.dtype))
-        )
-    repeated = xp.all(readings[:, :, 1:] == readings[:, :, :-1], axis=1)
+    ends = [readings == end[:, :, None] for end in (low, high)]
+    railed = _are_many(ends[0] | ends[1], there, count)
+    if bool(xp.any(railed)):  # of either end, and it matters of which
+        railed = _are_many(ends[0], there, count) | _are_many(ends[1], there, count)
+    same = readings[:, :, 1:] == readings[:, :, :-1]
+    repeated = same[:, 0, :] & same[:, 1, :] & same[:, 2, :]
     if there is not None:
         repeated = repeated & there[:, 1:]
-    extent = high - low
     repeats = xp.astype(xp.count_nonzero(repeated, axis=1), readings.dtype)
-    return extent, repeats, xp.all(extent > 0.0, axis=1) & ~railed
+    return low, high, repeats, xp.all(high > low, axis=1) & ~railed
+
+
+def _are_many(same: Array, there: Array | None, count: Array) -> Array:
+    """(u,) whether so many readings of an axis share an end, (u, 3, N) bool, that it is a rail."""
+    xp = namespace(same)
+    most = xp.max(xp.count_nonzero(same if there is None else same & there[:, None, :], axis=2), axis=1)
+    return (most >= RAIL_COUNT) & (xp.astype(most, xp.float64) > RAIL_SHARE * xp.astype(count, xp.float64))
 
 
 def facings(counts: Array, dip_deg: float) -> tuple[Array, Array]:
@@ -155,11 +166,15 @@ def errors_facing(
     xp = namespace(covariance)
     facing, either = facings(counts, dip_deg)
     rms, worst = level_errors(ellipsoids, covariance, facing)
-    if bool(xp.any(either)):
-        other_rms, other_worst = level_errors(ellipsoids, covariance, -facing)
-        swap = either & (other_worst > worst)
-        rms, worst = xp.where(swap, other_rms, rms), xp.where(swap, other_worst, worst)
-        facing = xp.where(swap, -facing, facing)
+    (open_,) = xp.nonzero(either)
+    if open_.shape[0]:
+        some = xp.take(facing, open_), xp.take(rms, open_), xp.take(worst, open_)
+        other = -some[0], *level_errors(ellipsoids.only(open_), xp.take(covariance, open_, axis=0), -some[0])
+        swap = other[2] > some[2]
+        facing, rms, worst = (
+            put(whole, open_, xp.where(swap, theirs, ours))
+            for whole, theirs, ours in zip((facing, rms, worst), other, some, strict=True)
+        )
     return rms, worst, facing
 
 

@@ -25,21 +25,27 @@ from flinders.estimators.estimate import FINEST
 from flinders.estimators.likelihood import GLANCE
 from flinders.estimators.readings import LARGEST, SMALLEST
 from flinders.stacked.algebra import (
+    ENOUGH,
     Array,
+    carriers,
     diagonals,
-    gathered,
     in_stretches,
-    lengths,
     like,
+    monomials,
+    moving,
     namespace,
     put,
     scaled_inverse,
+    squares,
+    turned,
+    weighed,
+    with_ones,
 )
 from flinders.stacked.hung import Residuals, hung_together, may_have_changed, may_have_slipped
 from flinders.stacked.judge import Evidence, Health, errors_facing, found_in
 from flinders.stacked.places import Means, Sorted, covered, natural_sides
 from flinders.stacked.solve import DOUBTFUL, Ellipsoids, Supports, consistent, likelihood, of_units, pretended
-from flinders.stacked.strays import are_without
+from flinders.stacked.strays import looked_for, may_be_bent
 from flinders.stacked.sums import Sums
 from flinders.terms.support import FLATTEST
 
@@ -102,7 +108,7 @@ def through(stack: Stack, *, target_deg: float, dip_deg: float, polish: bool = T
 
 @dataclass(frozen=True, eq=False)
 class _Units:
-    """Units of a stack that are still in it: (U, 3, N) readings and what belongs to them."""
+    """Units of a stack that are still in it: (U, 4, N) readings `with_ones` and what belongs to them."""
 
     at: Array
     readings: Array
@@ -120,13 +126,17 @@ class _Units:
         finite = xp.all(xp.isfinite(xp.sum(stack.readings, axis=2)), axis=1)
         counts = like(stack.counts, stack.readings)
         (at,) = xp.nonzero(finite & (counts >= FEWEST) & (counts <= MOST))
-        chosen, there = of_units(stack.readings, None if inside is None else like(inside, stack.readings), at)
+        readings, inside = with_ones(stack.readings), None if inside is None else like(inside, stack.readings)
+        chosen, there = of_units(readings, inside, at)
         count = xp.take(counts, at)
         if not at.shape[0]:
             none = xp.zeros((0,), dtype=stack.readings.dtype)
-            return cls(at, chosen, there, count, Sums(none, none), Health(none, none, none), None)
-        steps = None if stack.steps is None else xp.take(like(stack.steps, stack.readings), at, axis=0)
-        return cls(at, chosen, there, count, Sums.of(chosen, there), Health.of(chosen, there, count), steps)
+            return cls(at, chosen, there, count, Sums(none, none), Health(none, none, none, none), None)
+        steps = stack.steps
+        steps = None if steps is None else xp.take(like(steps, stack.readings), at, axis=0)
+        health = Health.of(chosen, there, count)
+        sums = Sums.of(chosen, there, xp.max(xp.maximum(health.high, -health.low), axis=1))
+        return cls(at, chosen, there, count, sums, health, steps)
 
     @property
     def counted(self) -> Array:
@@ -209,9 +219,14 @@ def _of_readings(units: _Units) -> _Claimed:
     surfaces = found.ellipsoids
     left = Residuals.of(units.readings, units.inside, units.count, surfaces)
     hangs = hung_together(units.readings, units.inside, units.count, surfaces, left)
-    counts, has_hole, clear = in_stretches(
-        placed, units.readings, units.count, surfaces.centre, surfaces.inverse, surfaces.shape, left.distances
+    counts, has_hole, clear, open_, sigma = in_stretches(
+        placed, units.readings, units.count, surfaces.centre, surfaces.inverse, surfaces.radius, left.distances
     )
+    (doubtful,) = xp.nonzero(clear & open_)
+    if doubtful.shape[0]:
+        part = units.only(doubtful)
+        bent = in_stretches(may_be_bent, part.readings, part.count, xp.take(sigma, doubtful))
+        clear = put(clear, doubtful, ~bent)
     (coloured,) = xp.nonzero(~hangs.are_white)
     changed = xp.zeros(units.at.shape, dtype=xp.bool)
     if coloured.shape[0]:
@@ -228,14 +243,14 @@ def _of_readings(units: _Units) -> _Claimed:
 
 
 def placed(
-    readings: Array, count: Array, centre: Array, inverse: Array, shape: Array, distances: Array
-) -> tuple[Array, Array, Array]:
-    """Coverage, holes, and whether nothing asks for a robust fit, of one stretch of units."""
+    readings: Array, count: Array, centre: Array, inverse: Array, radius: Array, distances: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Coverage, holes, whether nothing asks for a robust fit and whether that is open, and standard deviations."""
     places = Sorted.of(readings, count, natural_sides(readings, count))
-    means = Means.of(inverse @ (readings - centre[:, :, None]), places)
+    means = Means.of(turned(moving(inverse, centre), readings), places)
     counts, has_hole = covered(means, readings.shape[0])
-    without = are_without(readings, count, Ellipsoids(centre, shape), distances, places)
-    return counts, has_hole, places.are_plain & without
+    asked, open_, sigma = looked_for(radius, distances, places)
+    return counts, has_hole, places.are_plain & ~asked, open_, sigma
 
 
 def _of_sums(units: _Units) -> _Claimed:
@@ -258,34 +273,48 @@ def _claimed_of_sums(
 ) -> tuple[Array, Array, Array, Array]:
     """Covariances as of `algebraic_covariance`, coverage, holes, and whether all was plain, of one stretch of units."""
     xp = namespace(readings)
-    places = Sorted.of(readings, count, natural_sides(readings, count))
-    means = Means.of(inverse @ (readings - centre[:, :, None]), places)
+    places = Sorted.of(readings, count, natural_sides(readings, count), ranked=False)
+    means = Means.of(turned(moving(inverse, centre), readings), places)
     units = readings.shape[0]
     counts, has_hole = covered(means, units)
     surfaces = Ellipsoids(centre, shape)
     directions, many = means.table(xp.arange(units), units)
     variance = (xp.maximum(noise, FINEST * surfaces.radius) ** 2)[:, None, None]
-    normal = inverse @ directions
-    length = lengths(normal)
-    rows = xp.sqrt(many)[:, None, :] * gathered(normal / length[:, None, :], directions)
-    weighted = (length * length * (surfaces.radius**2)[:, None])[:, None, :] * rows
-    both = xp.concat([rows, weighted], axis=1)
-    products = both @ xp.matrix_transpose(both)  # three of its blocks are wanted, and one product is faster than three
+    information, closed, middle = _weighed_thrice(directions, many, inverse, surfaces.radius)
 
     def pretence(weak: Array) -> Array:
         chosen = (xp.take(part, weak, axis=0) for part in (centre, shape, directions, many, inverse))
         return _pretended(*chosen)
 
-    supports = Supports.of(products[:, :9, :9] / variance, pretence)
-    middle = products[:, 9:, 9:]
-    closed = xp.where(supports.are_plain[:, None, None], products[:, :9, 9:], like(np.eye(9), readings))
+    supports = Supports.of(information / variance, pretence)
+    closed = xp.where(supports.are_plain[:, None, None], closed, like(np.eye(9), readings))
     back = scaled_inverse(closed)
     return variance * (back @ middle @ back), counts, has_hole, places.are_plain & supports.are_plain
 
 
+def _weighed_thrice(directions: Array, many: Array, inverse: Array, radius: Array) -> tuple[Array, Array, Array]:
+    """Σ n JJᵀ (u, 9, 9) of rows at (u, 3, W) directions, each n times; with weights l² R²; and with their squares.
+
+    l are the lengths of normals, see `carriers`.
+    """
+    xp = namespace(directions)
+    square = squares(turned(inverse, directions))
+    rows = monomials(directions)
+    carrier = carriers(inverse)
+    weight, scale = many / square, (radius**2)[:, None, None]
+    found = []
+    for part in range(3):
+        sums = rows @ xp.matrix_transpose(rows[:, ENOUGH, :] * weight[:, None, :])
+        found.append(scale**part * (carrier @ weighed(sums) @ xp.matrix_transpose(carrier)))
+        weight = weight * square
+    first, second, third = found
+    return first, second, third
+
+
 def _pretended(centre: Array, shape: Array, directions: Array, many: Array, inverse: Array) -> Array:
     """What noise pretends at (u, 3, W) directions with so many readings each, as `pretended`."""
-    return pretended(centre[:, :, None] + shape @ directions, namespace(many).sqrt(many), centre, inverse)
+    readings = with_ones(centre[:, :, None] + shape @ directions)
+    return pretended(readings, namespace(many).sqrt(many), centre, inverse)
 
 
 def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, dip_deg: float) -> Lane:

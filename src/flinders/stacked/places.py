@@ -4,12 +4,13 @@ Cells of raw space tell which readings count where a clump of them shall not (`f
 means tell which directions were seen (`flinders.coverage`). Both come from one sort of whole numbers: a reading's cell,
 then its rank in the order in which `Readings.spread_out` draws, then its place.
 
+>>> from flinders.stacked.algebra import with_ones
 >>> rng = np.random.default_rng(1)
->>> readings = rng.normal(size=(2, 3, 300))
+>>> readings = with_ones(rng.normal(size=(2, 3, 300)))
 >>> count = np.full(2, 300)
 >>> side = natural_sides(readings, count)
 >>> from flinders.cloud import natural_side
->>> [float(side[0]), natural_side(readings[0].T)]
+>>> [float(side[0]), natural_side(readings[0, :3].T)]
 [0.125, 0.125]
 >>> sorted_in = Sorted.of(readings, count, side)
 >>> int(sorted_in.kept[0].sum()) <= 300, sorted_in.order.shape
@@ -29,7 +30,17 @@ from flinders.coverage import CELLS, cells_of, fibonacci
 from flinders.estimators.readings import PER_CELL
 from flinders.estimators.robust import SEED
 from flinders.stacked import hung
-from flinders.stacked.algebra import Array, counted_in, like, namespace, picked, put
+from flinders.stacked.algebra import (
+    SHORTEST,
+    Array,
+    counted_in,
+    like,
+    moving,
+    namespace,
+    picked,
+    squares,
+    turned,
+)
 from flinders.verdict import HOLE_DEG
 
 if TYPE_CHECKING:
@@ -56,26 +67,31 @@ def ranks(count: int) -> NDArray[np.int64]:
 
 
 def natural_sides(readings: Array, count: Array) -> Array:
-    """(u,) edges of the cells of (u, 3, N) readings, as `flinders.cloud.natural_side`; NaN where there is none."""
+    """(u,) edges of the cells of (u, 4, N) readings, as `flinders.cloud.natural_side`; NaN where there is none."""
     xp = namespace(readings)
     if int(xp.min(count)) == readings.shape[2] < 2 * LOOKED_AT:
         looked_at, many = None, count
-        local = readings - xp.mean(readings, axis=2, keepdims=True)
-        largest = xp.max(xp.abs(readings), axis=(1, 2))
+        mean = xp.mean(readings[:, :3, :], axis=2)
+        largest = xp.max(xp.abs(mean), axis=1)  # within a radius or two of the largest reading
     else:
+        readings = readings[:, :3, :]
         place = xp.arange(readings.shape[2])[None, :]
         looked_at = (place % xp.maximum(count // LOOKED_AT, 1)[:, None] == 0) & (place < count[:, None])
         some = xp.astype(looked_at, readings.dtype)
         many = xp.count_nonzero(looked_at, axis=1)
         mean = xp.sum(readings * some[:, None, :], axis=2) / xp.sum(some, axis=1, keepdims=True)
-        local = readings - mean[:, :, None]
         largest = xp.max(xp.abs(readings) * some[:, None, :], axis=(1, 2))
-    square = local[:, 0, :] ** 2 + local[:, 1, :] ** 2 + local[:, 2, :] ** 2
+    square = squares(readings[:, :3, :] - mean[:, :, None] if looked_at is not None else _about(readings, mean))
     square = square if looked_at is None else xp.where(looked_at, square, xp.inf)
     radius = xp.sqrt(medians(square, many, roots=True))
     power = xp.log2(xp.maximum(radius, SMALLEST_SIDE * largest) / 12.0)
     is_clear = xp.abs(power - xp.floor(power) - 0.5) > 1e-6
     return xp.where(is_clear, 2.0 ** xp.round(power), xp.nan)
+
+
+def _about(readings: Array, mean: Array) -> Array:
+    """(u, 3, N) what (u, 4, N) readings are off (u, 3) means."""
+    return turned(moving(namespace(mean).zeros((mean.shape[0], 1, 1)) + like(np.eye(3), mean), mean), readings)
 
 
 def medians(values: Array, many: Array, *, roots: bool = False) -> Array:
@@ -112,50 +128,59 @@ class Sorted:
     are_plain: Array
 
     @classmethod
-    def of(cls, readings: Array, count: Array, side: Array) -> Self:
-        """Sort (U, 3, N) readings into cells with (U,) edges."""
+    def of(cls, readings: Array, count: Array, side: Array, *, ranked: bool = True) -> Self:
+        """Sort (U, 4, N) readings into cells with (U,) edges, and within them, if `ranked`, in the order of draws."""
         xp = namespace(readings)
         cells, plain = _flat_cells(readings, side)
         units, many = cells.shape
         bits = max(many - 1, 1).bit_length()
         place = xp.arange(many)[None, :]
-        counts = np.asarray(count).tolist()
-        rank = np.zeros((1 if len(set(counts)) == 1 else units, many), np.int64)
-        for row, own in enumerate(counts[: len(rank)]):
-            rank[row, :own] = ranks(own)
-        cells = xp.where(place < count[:, None], cells, LARGEST_KEY)
-        keys = xp.sort((cells << (2 * bits)) | (like(rank, readings) << bits) | place, axis=1)
-        cell = keys >> (2 * bits)
-        there = cell < LARGEST_KEY
+        full = bool(xp.all(count == many))
+        if not full:
+            cells = xp.where(place < count[:, None], cells, LARGEST_KEY)
+        within = place | (like(_ranks_of(np.asarray(count), many), readings) << bits) if ranked else place
+        shift = 2 * bits if ranked else bits
+        keys = xp.sort((cells << shift) | within, axis=1)
+        cell = keys >> shift
+        there = xp.ones((units, many), dtype=xp.bool) if full else cell < LARGEST_KEY
         first = xp.ones((units, 1), dtype=xp.bool)
         begins = xp.concat([first, cell[:, 1:] != cell[:, :-1]], axis=1)
         early = xp.ones((units, min(PER_CELL, many)), dtype=xp.bool)
-        kept = xp.concat([early, cell[:, PER_CELL:] != cell[:, :-PER_CELL]], axis=1) & there
-        return cls(keys & ((1 << bits) - 1), begins, kept, there, plain)
+        kept = xp.concat([early, cell[:, PER_CELL:] != cell[:, :-PER_CELL]], axis=1)
+        return cls(keys & ((1 << bits) - 1), begins, kept if full else kept & there, there, plain)
+
+
+def _ranks_of(counts: NDArray[np.int64], many: int) -> NDArray[np.int64]:
+    """(1, N) ranks of the readings of units that have as many, else (U, N)."""
+    rank = np.zeros((1 if (counts == counts[0]).all() else len(counts), many), np.int64)
+    for row, own in zip(rank, counts.tolist(), strict=False):
+        row[:own] = ranks(own)
+    return rank
 
 
 def _flat_cells(readings: Array, side: Array) -> tuple[Array, Array]:
     """(U, N) int cells within each unit's extent, and (U,) whether they can be told apart."""
     xp = namespace(readings)
     plain = xp.isfinite(side)
-    places = readings / xp.where(plain, side, 1.0)[:, None, None]
-    plain = plain & (xp.max(xp.abs(places), axis=(1, 2)) < 2.0**20)
-    index = xp.astype(xp.floor(xp.where(plain[:, None, None], places, 0.0)), xp.int64)
-    index = index - xp.min(index, axis=2, keepdims=True)
-    extent = xp.max(index, axis=2) + 1
-    plain = plain & (xp.prod(xp.astype(extent, readings.dtype), axis=1) < LARGEST_KEY)
-    flat = (index[:, 0, :] * extent[:, 1, None] + index[:, 1, :]) * extent[:, 2, None] + index[:, 2, :]
-    return xp.where(plain[:, None], flat, 0), plain
+    scale = xp.where(plain, 1.0 / side, 0.0)[:, None, None] * like(np.eye(3, 4), readings)
+    cells = xp.floor(turned(scale, readings))  # exact: edges are powers of two
+    low, high = xp.min(cells, axis=2), xp.max(cells, axis=2)
+    extent = high - low + 1.0
+    plain = plain & (xp.max(xp.maximum(-low, high), axis=1) < 2.0**20) & (xp.prod(extent, axis=1) < LARGEST_KEY)
+    weights = xp.stack([extent[:, 1] * extent[:, 2], extent[:, 2], xp.ones_like(extent[:, 0])], axis=1)
+    weights = xp.where(plain[:, None], weights, 0.0)
+    flat = turned(weights[:, None, :], cells)[:, 0, :]
+    flat -= xp.sum(weights * low, axis=1)[:, None]
+    return xp.astype(flat, xp.int64), plain
 
 
 def _by_row(values: Array, order: Array) -> Iterator[Array]:
-    """The x, y and z of (U, 3, N) values, (U, N) each, in an order of their readings."""
+    """The x, y and z of (U, 3, N) values, (U N,) each, in an order of their readings."""
     xp = namespace(values)
     units, axes, many = values.shape
-    flat = xp.reshape(values, (-1,))
-    at = order + axes * many * xp.arange(units, device=order.device)[:, None]
+    at = xp.reshape(order + many * xp.arange(units, device=order.device)[:, None], (-1,))
     for axis in range(axes):
-        yield xp.reshape(xp.take(flat, xp.reshape(at + many * axis, (-1,))), (units, many))
+        yield xp.take(xp.reshape(values[:, axis, :], (-1,)), at)
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +189,7 @@ class Means:
 
     Attributes
     ----------
-    directions : (K, 3)
+    directions : (3, K)
         Of length one.
     counts : (K,)
         Readings in each cell; 0 for what fills rows up.
@@ -185,15 +210,15 @@ class Means:
         (first,) = xp.nonzero(begins)
         cell = xp.cumulative_sum(xp.astype(begins, xp.int64)) - 1
         size = first.shape[0]
-        x, y, z = (counted_in(cell, size, xp.reshape(part, (-1,))) for part in _by_row(corrected, places.order))
-        length = xp.sqrt(x * x + y * y + z * z)  # rows of three, added up as such, would take as long as all the rest
-        length = xp.where(length > 0.0, length, 1.0)
+        x, y, z = (counted_in(cell, size, part) for part in _by_row(corrected, places.order))
+        shrink = 1.0 / xp.sqrt(x * x + y * y + z * z + SHORTEST)
+        units = xp.arange(begins.shape[0] // many, device=first.device)
         end = xp.concat([first[1:], xp.asarray([begins.shape[0]], dtype=first.dtype, device=first.device)])
-        counts = xp.where(xp.take(xp.reshape(places.there, (-1,)), first), end - first, 0)
+        counts = (end - first) * xp.astype(xp.take(xp.reshape(places.there, (-1,)), first), first.dtype)
         return cls(
-            xp.stack([x / length, y / length, z / length], axis=1),
+            xp.stack([x * shrink, y * shrink, z * shrink]),
             xp.astype(counts, corrected.dtype),
-            first // many,
+            xp.repeat(units, xp.count_nonzero(places.begins, axis=1)),
         )
 
     def table(self, which: Array, units: int) -> tuple[Array, Array]:
@@ -204,41 +229,44 @@ class Means:
         many = xp.take(first, which + 1) - begin
         place = xp.arange(int(xp.max(many)))[None, :]
         there = place < many[:, None]
-        at = xp.reshape(begin[:, None] + xp.where(there, place, 0), (-1,))
-        directions = xp.reshape(xp.take(self.directions, at, axis=0), (*there.shape, 3))
-        counts = xp.where(there, xp.reshape(xp.take(self.counts, at), there.shape), 0.0)
-        return xp.matrix_transpose(directions), counts
+        at = xp.reshape(begin[:, None] + place * xp.astype(there, place.dtype), (-1,))
+        directions = xp.reshape(xp.take(self.directions, at, axis=1), (3, *there.shape))
+        counts = xp.reshape(xp.take(self.counts, at), there.shape) * xp.astype(there, self.counts.dtype)
+        return xp.permute_dims(directions, (1, 0, 2)), counts
 
 
 def covered(means: Means, units: int) -> tuple[Array, Array]:
     """(U, 100) readings by direction, and (U,) whether the largest hole is as large as to be told of."""
     xp = namespace(means.directions)
-    cell = hung.cells_of(xp.matrix_transpose(means.directions)[None, :, :])[0, :]
+    cell = hung.cells_of(means.directions[None, :, :])[0, :]
     at = cell + _CELLS * means.units
     counts = xp.reshape(counted_in(at, units * _CELLS, means.counts), (units, _CELLS))
-    reached = xp.astype(counts > 0.0, counts.dtype) @ like(_within_reach(), counts)
-    (doubtful,) = xp.nonzero(~xp.all(reached > 0.0, axis=1))
-    if not doubtful.shape[0]:
-        return counts, xp.zeros((units,), dtype=xp.bool)
-    return counts, _has_hole(means, doubtful, units)
+    taken = xp.astype(counts > 0.0, counts.dtype)
+    surely, perhaps = (taken @ like(reach, counts) > 0.0 for reach in _within_reach())
+    hole = ~xp.all(perhaps, axis=1)
+    unit, empty = xp.nonzero(~surely & ~hole[:, None])
+    return counts, hole | _has_hole(means, unit, empty, units) if unit.shape[0] else hole
 
 
 @lru_cache(maxsize=1)
-def _within_reach() -> Floats:
-    """(100, 100) 1 where no direction in the first cell is so far from the middle of the second as to leave a hole."""
+def _within_reach() -> tuple[Floats, Floats]:
+    """(100, 100) each: 1 where all directions in a cell, or any, are so near the middle of another that no hole is."""
     everywhere = fibonacci(20_000)
     at = cells_of(everywhere)
-    off = np.arccos(np.clip(everywhere @ CELLS.T, -1.0, 1.0))
-    farthest = np.stack([off[at == cell].max(axis=0) for cell in range(_CELLS)])
-    reach: Floats = (np.rad2deg(farthest) < HOLE_DEG - 3.0).astype(float)
-    return reach
+    off = np.rad2deg(np.arccos(np.clip(everywhere @ CELLS.T, -1.0, 1.0)))
+    farthest, nearest = (np.stack([end(off[at == cell], axis=0) for cell in range(_CELLS)]) for end in (np.max, np.min))
+    return (farthest < HOLE_DEG - 3.0).astype(float), (nearest < HOLE_DEG + 3.0).astype(float)
 
 
-def _has_hole(means: Means, doubtful: Array, units: int) -> Array:
-    """(U,) whether the largest hole is too large, looked at for those units where it may be."""
+def _has_hole(means: Means, unit: Array, cell: Array, units: int) -> Array:
+    """(U,) whether the largest hole is too large: whether it is about the middle of any (K,) `cell` of (K,) `unit`.
+
+    Of others it is known that a direction lies nearer.
+    """
     xp = namespace(means.directions)
-    directions, counts = means.table(doubtful, units)
-    directions = xp.where(counts[:, None, :] > 0.0, directions, directions[:, :, :1])  # what fills rows up comes last
-    nearest = xp.min(xp.max(like(CELLS, directions) @ directions, axis=2), axis=1)
-    hole = xp.acos(xp.clip(nearest, -1.0, 1.0)) * (180.0 / np.pi) > HOLE_DEG
-    return put(xp.zeros((units,), dtype=xp.bool), doubtful, hole)
+    directions, counts = means.table(unit, units)  # what fills rows up comes last, and its first direction is one
+    middles = xp.take(like(CELLS, directions), cell, axis=0)[:, None, :]
+    across = (middles @ directions)[:, 0, :] - 3.0 * xp.astype(counts == 0.0, directions.dtype)
+    nearest = xp.clip(xp.max(across, axis=1), -1.0, 1.0)
+    hole = xp.astype(xp.acos(nearest) * (180.0 / np.pi) > HOLE_DEG, directions.dtype)
+    return counted_in(unit, units, hole) > 0.0

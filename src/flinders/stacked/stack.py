@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,7 +22,7 @@ from flinders.samples import Samples
 from flinders.units import Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -156,11 +156,75 @@ class Stack:
         if self.time is None:
             return None
         steps = np.diff(self.time, axis=1)
+        least = steps.min(axis=1, initial=np.inf)
+        if not np.isnan(least).any():
+            back = np.count_nonzero(steps < 0.0, axis=1) if (least < 0.0).any() else np.zeros(len(steps))
+            return np.stack([back, steps.max(axis=1, initial=0.0), steps.sum(axis=1) / max(steps.shape[1], 1)], axis=1)
         there = ~np.isnan(steps)
         total = np.where(there, steps, 0.0).sum(axis=1)
         back = np.count_nonzero(np.where(there, steps, 0.0) < 0.0, axis=1)
         longest = np.where(there, steps, 0.0).max(axis=1, initial=0.0)
         return np.stack([back, longest, total / np.maximum(there.sum(axis=1), 1)], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lined:
+    """Recordings that lie one after the other in the same columns, as in a table of a fleet.
+
+    A sequence of `Samples`, of which each is made when it is asked for.
+
+    Attributes
+    ----------
+    whole : Samples
+        The readings of all.
+    ends : (U,) int
+        Where those of each end.
+    sources : sequence of str
+        Where each came from, for messages.
+
+    Examples
+    --------
+    >>> lined = Lined(Samples.of(np.arange(18.0).reshape(6, 3)), np.array([2, 6]), ["A17", "B02"])
+    >>> lined[1].source, len(lined[1]), lined.stack(np.array([0, 1]))
+    ('B02', 4, Stack(2 units of up to 4 readings))
+    """
+
+    whole: Samples
+    ends: NDArray[np.int64]
+    sources: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def __getitem__(self, place: int) -> Samples:
+        """One of them."""
+        begin = int(self.ends[place - 1]) if place else 0
+        return replace(self.whole[begin : int(self.ends[place])], source=self.sources[place])
+
+    def __iter__(self) -> Iterator[Samples]:
+        return (self[place] for place in range(len(self)))
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(U,) how many readings each has."""
+        return np.diff(self.ends, prepend=0)
+
+    def stack(self, places: NDArray[np.intp]) -> Stack:
+        """Those at (K,) places, none of them empty; without a copy where all are alike and follow each other."""
+        counts = self.counts[places]
+        begins, longest = self.ends[places] - counts, int(counts.max())
+        field, time = self.whole.field.T, self.whole.time
+        if (np.diff(begins, append=begins[-1] + longest) == longest).all() and counts[-1] == longest:
+            cut = slice(int(begins[0]), int(begins[0]) + longest * len(places))
+            readings = np.ascontiguousarray(field[:, cut]).reshape(3, -1, longest)
+            when = None if time is None else time[cut].reshape(-1, longest)
+        else:
+            place = np.arange(longest)
+            there = place < counts[:, np.newaxis]
+            at = begins[:, np.newaxis] + np.where(there, place, 0)
+            readings = np.take(field, at, axis=1)
+            when = None if time is None else np.where(there, time[at], np.nan)
+        return Stack(readings.swapaxes(0, 1), counts, self.whole.unit, self.whole.axes, when)
 
 
 def _times(units: Sequence[Samples], longest: int) -> Floats | None:

@@ -26,34 +26,47 @@ from flinders.estimators.robust import (
     VERY_FAR_OUT,
 )
 from flinders.estimators.subsets import LONGEST_AXIS, POINTS, RIDGE
-from flinders.stacked.algebra import Array, applied, lengths, like, namespace, picked, put, symmetric
-from flinders.stacked.places import Sorted, medians
+from flinders.stacked.algebra import (
+    Array,
+    applied,
+    lengths,
+    like,
+    moving,
+    namespace,
+    picked,
+    symmetric,
+    turned,
+    with_ones,
+)
+from flinders.stacked.places import Sorted, medians, natural_sides
 from flinders.stacked.solve import Ellipsoids, surface
 from flinders.terms.equations import ROUNDING
 
 _ROOTS: Final = np.eye(9) * ROUNDING
 
+OUT_OF_THE_WAY: Final = 1e300
+"""Is added to distances that do not count."""
 
-def are_without(readings: Array, count: Array, ellipsoids: Ellipsoids, distances: Array, places: Sorted) -> Array:
-    """(U,) whether the residuals of (U, 3, N) readings give no reason to look for strays.
+
+def looked_for(radius: Array, distances: Array, places: Sorted) -> tuple[Array, Array, Array]:
+    """(U,) whether residuals ask for a robust fit, whether that is open, and their standard deviations.
 
     Parameters
     ----------
-    readings : (U, 3, N)
-    count : (U,) int
-    ellipsoids : Ellipsoids
-        The fit.
+    radius : (U,)
+        Of the fit.
     distances : (U, N)
         From it.
     places : Sorted
     """
-    xp = namespace(readings)
+    xp = namespace(distances)
     off = xp.abs(picked(distances, places.order))
     kept = xp.astype(places.kept, off.dtype)
     many = xp.sum(kept, axis=1)
-    sigma = _typical(xp.where(places.kept, off, xp.inf), many)
-    farthest = xp.max(off * kept, axis=1)
-    squares = off * off * kept
+    sigma = _typical(off + (1.0 - kept) * OUT_OF_THE_WAY, many)
+    off *= kept
+    farthest = xp.max(off, axis=1)
+    squares = off * off
     square = xp.sum(squares, axis=1) / many
     heavy = square > ((HEAVY_TAIL + 3.0 / xp.sqrt(many)) * sigma) ** 2
     kurtosis = xp.sum(squares * squares, axis=1) / many / xp.maximum(square * square, float(np.finfo(float).tiny))
@@ -61,14 +74,8 @@ def are_without(readings: Array, count: Array, ellipsoids: Ellipsoids, distances
     peaked = kurtosis > xp.maximum(3.0 + PEAKED_ERRORS * error, PEAKED)
     enough = many >= ENOUGH_TO_JUDGE
     asked = xp.where(enough, heavy | peaked | (farthest > FAR_OUT * sigma), farthest > VERY_FAR_OUT * sigma)
-    is_normal = (xp.abs(kurtosis - 3.0) < NORMAL * error) & (square < (QUIET * ellipsoids.radius) ** 2)
-    (open_,) = xp.nonzero(enough & ~asked & ~is_normal)
-    if not open_.shape[0]:
-        return ~asked
-    part = Sorted(*(xp.take(each, open_, axis=0) for each in
-                    (places.order, places.begins, places.kept, places.there, places.are_plain)))  # fmt: skip
-    bent = _may_be_bent(xp.take(readings, open_, axis=0), xp.take(count, open_), part, xp.take(sigma, open_))
-    return ~put(asked, open_, bent)
+    is_normal = (xp.abs(kurtosis - 3.0) < NORMAL * error) & (square < (QUIET * radius) ** 2)
+    return asked, enough & ~asked & ~is_normal, sigma
 
 
 def _typical(distances: Array, many: Array) -> Array:
@@ -87,9 +94,13 @@ def _drawn(count: int, kept: int) -> tuple[np.ndarray, np.ndarray]:
     return scored, np.argsort(rng.random((FEW_DRAWS, FEW_SCORED)), axis=1)[:, :POINTS]
 
 
-def _may_be_bent(readings: Array, count: Array, places: Sorted, sigma: Array) -> Array:
-    """(U,) whether an ellipsoid through a few readings explains the median one clearly better, or that is not known."""
+def may_be_bent(readings: Array, count: Array, sigma: Array) -> Array:
+    """(U,) whether an ellipsoid through a few of (U, 4, N) readings is clearly nearer to the median one than the fit.
+
+    From that they have (U,) standard deviations `sigma`. Also where it is not known.
+    """
     xp = namespace(readings)
+    places = Sorted.of(readings, count, natural_sides(readings, count))
     many = xp.sum(xp.astype(places.kept, xp.int64), axis=1)
     enough = many > FEW_SCORED
     pairs = zip(np.asarray(count).tolist(), np.asarray(many).tolist(), strict=True)
@@ -97,7 +108,7 @@ def _may_be_bent(readings: Array, count: Array, places: Sorted, sigma: Array) ->
     spread = xp.sort(xp.where(places.kept, places.order, readings.shape[2]), axis=1)
     order = xp.minimum(spread, readings.shape[2] - 1)
     scored = picked(order, like(np.stack([pair[0] for pair in drawn]), readings) % readings.shape[2])
-    some = picked(readings, scored)
+    some = picked(readings[:, :3, :], scored)
     middle = FEW_SCORED // 2
     ascending = xp.sort(some, axis=2)
     origin = 0.5 * (ascending[:, :, middle - 1] + ascending[:, :, middle])
@@ -118,16 +129,21 @@ def _best(local: Array, draws: Array) -> tuple[Ellipsoids, Array]:
     units, tried, points = draws.shape
     chosen = xp.reshape(picked(local, xp.reshape(draws, (units, -1))), (units, 3, tried, points))
     centres, inverses, closed = _ellipsoids(xp.reshape(xp.permute_dims(chosen, (0, 2, 1, 3)), (-1, 3, points)))
-    apart = xp.reshape(local, (units, 1, 3, -1)) - xp.reshape(centres, (units, tried, 3, 1))
-    inverses = xp.reshape(inverses, (units, tried, 3, 3))
-    y = xp.reshape(inverses @ apart, (units * tried, 3, -1))
-    length = xp.maximum(lengths(y), 1e-12)
-    steepness = xp.maximum(lengths(xp.reshape(inverses, (-1, 3, 3)) @ y), 1e-12)
-    off = xp.sort(xp.abs(length - 1.0) * length / steepness, axis=1)[:, FEW_SCORED // 2]
-    scores = xp.reshape(xp.where(closed, off, xp.inf), (units, tried))
+    moves, there = moving(inverses, centres), with_ones(local)
+    length, steepness = (_lengths_of_each(each, there, tried) for each in (moves, inverses @ moves))
+    off = xp.sort(xp.abs(length - 1.0) * length / steepness, axis=2)[:, :, FEW_SCORED // 2]
+    scores = xp.where(xp.reshape(closed, (units, tried)), off, xp.inf)
     at = xp.argmin(scores, axis=1) + tried * xp.arange(units)
-    shape = xp.linalg.inv(xp.take(xp.reshape(inverses, (-1, 3, 3)), at, axis=0))
+    shape = xp.linalg.inv(xp.take(inverses, at, axis=0))
     return Ellipsoids(xp.take(centres, at, axis=0), shape), xp.isfinite(xp.min(scores, axis=1))
+
+
+def _lengths_of_each(moves: Array, readings: Array, tried: int) -> Array:
+    """(U, H, N) lengths of (U, 4, N) readings as each of H (3, 4) matrices moves them, at least 1e-12."""
+    xp = namespace(readings)
+    moved = turned(xp.reshape(moves, (readings.shape[0], 3 * tried, 4)), readings)
+    square = moved[:, ::3, :] ** 2 + moved[:, 1::3, :] ** 2 + moved[:, 2::3, :] ** 2
+    return xp.maximum(xp.sqrt(square), 1e-12)
 
 
 def _ellipsoids(points: Array) -> tuple[Array, Array, Array]:

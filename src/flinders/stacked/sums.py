@@ -15,14 +15,26 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Self
 
-from flinders.moments import FORMS, SMALLEST_UNIT, packing
-from flinders.stacked.algebra import Array, in_stretches, like, namespace
+import numpy as np
+
+from flinders.moments import EXPONENTS, FORMS, SMALLEST_UNIT, packing
+from flinders.stacked.algebra import ENOUGH, POWERS, Array, in_stretches, like, monomials, namespace, rows_like, turned
 
 PACKING: Final = packing()
 _LARGEST: Final = 2.0**1023
 """Power of two that there is."""
 
 _DEGREES: Final = FORMS.sum(axis=1).astype(float)
+
+_ROWS: Final = np.concatenate([POWERS, np.zeros((1, 3), int)])
+_COLUMNS: Final = np.concatenate([POWERS[ENOUGH], np.zeros((1, 3), int)])
+_FROM_PRODUCTS: Final = np.array(
+    [
+        next(5 * row + column for row, column in np.ndindex(10, 5) if (_ROWS[row] + _COLUMNS[column] == e).all())
+        for e in EXPONENTS
+    ]
+)
+"""(35,) where each sum stands in the flat (10, 5) products of `monomials` and one with those of `ENOUGH` and one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +53,28 @@ class Sums:
     unit: Array
 
     @classmethod
-    def of(cls, readings: Array, inside: Array | None = None) -> Self:
-        """Add up (U, 3, N) finite readings; `inside` (U, N) is 1 for readings and 0 for what fills the rows up."""
-        values, unit = in_stretches(_summed, readings, inside)
+    def of(cls, readings: Array, inside: Array | None = None, largest: Array | None = None) -> Self:
+        """Add up finite readings.
+
+        Parameters
+        ----------
+        readings : (U, 3, N) or (U, 4, N)
+            The latter `with_ones`.
+        inside : (U, N), optional
+            1 for readings, 0 for what fills the rows up.
+        largest : (U,), optional
+            Absolute value of a coordinate, where that is known.
+        """
+        if largest is None:
+            xp = namespace(readings)
+            largest = xp.max(xp.abs(readings[:, :3, :]), axis=(1, 2))
+        values, unit = in_stretches(_summed, readings, inside, powers_of_two_above(largest))
         return cls(values, unit)
 
     def only(self, which: Array) -> Self:
-        """Those units that (K,) integers name."""
+        """Those units that (K,) ascending integers name."""
+        if which.shape[0] == self.unit.shape[0]:
+            return self
         xp = namespace(which)
         return type(self)(xp.take(self.values, which, axis=0), xp.take(self.unit, which))
 
@@ -84,22 +111,19 @@ class Sums:
         return scatter * like(PACKING.doubled, self.values)
 
 
-def _summed(readings: Array, inside: Array | None) -> tuple[Array, Array]:
+def _summed(readings: Array, inside: Array | None, unit: Array) -> tuple[Array, Array]:
     """(u, 35) sums and (u,) units of one stretch."""
     xp = namespace(readings)
-    unit = powers_of_two_above(xp.max(xp.abs(readings), axis=(1, 2)))
-    scaled = readings * (1.0 / unit)[:, None, None]
-    units, _, count = readings.shape
-    rows = xp.empty((units, 10, count), dtype=readings.dtype, device=readings.device)
-    rows[:, 0, :] = 1.0
-    rows[:, 1:4, :] = scaled
-    rows[:, 4:7, :] = scaled * scaled
-    rows[:, 7:9, :] = scaled[:, :1, :] * scaled[:, 1:, :]
-    rows[:, 9, :] = scaled[:, 1, :] * scaled[:, 2, :]
-    weighted = rows if inside is None else rows * inside[:, None, :]
-    products = xp.reshape(weighted @ xp.matrix_transpose(rows[:, 4:, :]), (units, 60))
-    high = xp.take(products, like(PACKING.from_block, readings), axis=1)
-    return xp.concat([xp.sum(weighted[:, :4, :], axis=2), high], axis=1), unit
+    scale = (1.0 / unit)[:, None, None] * like(np.eye(3), readings)
+    rows = monomials(turned(scale, readings[:, :3, :]), room=1)  # exact: units are powers of two
+    rows[:, 9, :] = 1.0
+    others = rows_like(readings, 5)
+    others[:, :4, :] = rows[:, ENOUGH, :]
+    others[:, 4, :] = 1.0
+    if inside is not None:
+        others *= inside[:, None, :]
+    products = xp.reshape(rows @ xp.matrix_transpose(others), (-1, 50))
+    return xp.take(products, like(_FROM_PRODUCTS, readings), axis=1), unit
 
 
 def powers_of_two_above(values: Array) -> Array:

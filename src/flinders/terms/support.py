@@ -120,7 +120,9 @@ class Support:
         share = np.zeros(len(values))
         if not values[0] > WELL_CONDITIONED:
             heard = np.where(mute, np.inf, scale)
-            noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(heard, heard), vectors)
+            with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is pretended as a whole
+                noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(heard, heard), vectors)
+            noise = np.nan_to_num(noise, nan=np.inf, posinf=np.inf)
             told = values > max(ROUNDING * float(values[-1]), np.finfo(float).tiny)
             share = np.ones(len(values))
             share[told] = np.clip(noise[told], 0.0, values[told]) / values[told]
