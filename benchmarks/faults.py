@@ -3,10 +3,11 @@
     python -m benchmarks.faults [--each 500] [--good 5000] [--workers 2]     # each fault and severity, so many units
     python -m benchmarks.faults --fleet 1000000 [--bad 0.03] --out runs/     # a fleet as it is drawn, to go on with
 
-Units are those of `flinders.simulate.fleet`, judged one by one by ``flinders.fit``. A unit is **found** where it is
-limited or refused, or gives no fit at all, or where a note names what is wrong (`TELLING`); a good unit that is found
-is a false alarm. Of those missed, **off** are the ones whose calibration is more than `HARM_DEG` off at the worst level
-heading, by the truth: a fault that leaves the calibration right does no harm in it.
+Units are those of `flinders.simulate.fleet`, judged by ``flinders.fit_many``, which says of each what ``flinders.fit``
+says. A unit is **found** where it is limited or refused, or gives no fit at all, or where a note names what is wrong
+(`TELLING`); a good unit that is found is a false alarm. It is told by its gravest finding, and by such notes. Of those
+missed, **off** are the ones whose calibration is more than `HARM_DEG` off at the worst level heading, by the truth: a
+fault that leaves the calibration right does no harm in it.
 
 A piece of `PIECE` units is one file under ``--out``, written under another name and then renamed; a piece that is
 there is not run again. Memory is bounded by a piece. Units follow from seed and number: with any number of workers the
@@ -27,15 +28,13 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from flinders import fit, simulate
-from flinders.errors import FitError
-from flinders.result import Refused
+from flinders import fit_many, simulate
 from flinders.simulate.fleet import BAD, DIP_DEG, FAULTS, Specimen, unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from flinders.result import Fit
+    from flinders.arrays import Floats
 
 SEED: Final = 20261122
 PIECE: Final = 500
@@ -85,30 +84,30 @@ class Piece:
             yield unit(number, seed=SEED, bad=self.bad, fault=self.fault, severity=self.severity)
 
 
-def judged(made: Specimen) -> Counter[str]:
-    """Count what is said of one unit: ``units``, its verdict, ``found``, and each code, with ! where it is no note."""
-    try:
-        fitted = fit(made.samples)
-    except Refused as error:
-        fitted = error.fit
-    except FitError as error:
-        return Counter(["units", "failed", "found", f"{error.code}!"])
-    codes = {finding.code + "!" * (finding.severity != "note") for finding in fitted.findings}
-    told = [fitted.verdict, *sorted(codes)]
-    if fitted.verdict != "good" or codes & TELLING:
-        told.append("found")
-    elif off_deg(made, fitted) > HARM_DEG:
-        told.append("off")
-    return Counter(["units", *told])
+def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
+    """Yield what is said of each unit: ``units``, its verdict, ``found``, and codes, that of the gravest with a !."""
+    rows = fit_many({f"{place:06d}": one.samples for place, one in enumerate(made)})
+    for place, one in enumerate(made):
+        verdict, codes = str(rows.verdict[place]), list(rows.findings[place])
+        if verdict == "failed" or not codes:
+            codes = [str(rows.code[place]) or "none", *codes]
+        if verdict != "good":
+            codes[0] += "!"
+        told = [verdict, *codes]
+        if verdict != "good" or not TELLING.isdisjoint(codes):
+            told.append("found")
+        elif off_deg(one, rows.offset[place], rows.matrix[place].reshape(3, 3)) > HARM_DEG:
+            told.append("off")
+        yield Counter(["units", *told])
 
 
-def off_deg(made: Specimen, fitted: Fit) -> float:
+def off_deg(made: Specimen, offset: Floats, matrix: Floats) -> float:
     """Worst error of a level heading, in degrees, by the truth; the mean over all headings taken off."""
     headings = np.radians(np.arange(0.0, 360.0, 3.0))
     attitudes = simulate.posed(headings, 0.0, 0.0)
     world = made.field_strength * simulate.north_and_down(DIP_DEG)
     raw = simulate.seen_from(attitudes, world) @ made.sensor.matrix.T + made.sensor.offset
-    x, y, _ = fitted.calibration.apply(raw @ made.lasting.T).T
+    x, y, _ = matrix @ (raw @ made.lasting.T - offset).T
     error = np.exp(1j * (np.arctan2(-y, x) - headings))
     return float(np.degrees(np.abs(np.angle(error * np.conj(error.mean())))).max())
 
@@ -121,8 +120,9 @@ def tallied(piece: Piece, folder: Path | None = None) -> Tally:
             (fault, severity): Counter(counts) for fault, severity, counts in json.loads(path.read_text())
         }  # fmt: skip
     tally: Tally = {}
-    for made in piece.units():
-        tally.setdefault((made.fault, made.severity), Counter()).update(judged(made))
+    made = list(piece.units())
+    for one, counts in zip(made, judged(made), strict=True):
+        tally.setdefault((one.fault, one.severity), Counter()).update(counts)
     if path is not None:
         begun = path.with_suffix(".part")
         begun.write_text(json.dumps([[*key, counts] for key, counts in tally.items()]))

@@ -22,7 +22,7 @@ from msgspec import to_builtins
 from flinders.arrays import Floats, floats, matrix, vectors
 from flinders.axes import Axes
 from flinders.document import Correction, Document, DriverRecord, Fitted, Provenance, Recorded, Rotation, read, write
-from flinders.drivers import KINDS, Driver, checked, effect, known
+from flinders.drivers import BY_KEY, Driver, checked, effect, known, named
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.notebook import correction
 from flinders.units import COUNTS, MICROTESLA, Unit, label
@@ -208,6 +208,7 @@ class Calibration:
         current: ArrayLike | None = None,
         throttle: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
+        **motors: ArrayLike | None,
     ) -> Floats:
         """Correct readings.
 
@@ -218,6 +219,9 @@ class Calibration:
         current, throttle, temperature : (...), A, 0 to 1 and °C, optional
             What the offset follows, where there are `drivers`: those of a driver with a lag are taken so much before
             the reading. What the calibration does not ask for is left alone.
+        **motors : (...) or (..., M)
+            The same of each motor, where each has an offset of its own: ``current1``, …, or all of M motors together as
+            ``currents`` or ``throttles``.
 
         Returns
         -------
@@ -244,7 +248,7 @@ class Calibration:
         >>> flown.apply([15, 20, 80], current=10.0)
         array([ 0.,  0., 50.])
         """
-        shift, gain = effect(self.drivers, {"current": current, "throttle": throttle, "temperature": temperature})
+        shift, gain = effect(self.drivers, named(current=current, throttle=throttle, temperature=temperature, **motors))
         with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
             readings = vectors(raw, "raw", finite=False)
             if not self.drivers:
@@ -259,13 +263,14 @@ class Calibration:
         current: ArrayLike | None = None,
         throttle: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
+        **motors: ArrayLike | None,
     ) -> Floats:
         """Tell what the sensor reads in a field: (..., 3) in `unit` to (..., 3) in `unit`, with the drivers of `apply`.
 
         >>> Calibration(np.diag([2.0, 1.0, 0.5]), [10, 20, 30], 50.0).unapply([0, 0, 50])
         array([ 10.,  20., 130.])
         """
-        shift, gain = effect(self.drivers, {"current": current, "throttle": throttle, "temperature": temperature})
+        shift, gain = effect(self.drivers, named(current=current, throttle=throttle, temperature=temperature, **motors))
         with np.errstate(invalid="ignore", over="ignore"):
             field = vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
             if not self.drivers:
@@ -511,9 +516,8 @@ def _record(driver: Driver) -> DriverRecord:
 
 def _drivers(correction: Correction) -> tuple[Driver, ...]:
     """The drivers that stand in a file."""
-    names = {kind.key: name for name, kind in KINDS.items()}
     return tuple(
-        Driver(names[key], np.array(one.offset_per_unit), one.reference, *one.recorded, one.lag_s, one.scale_per_unit)
+        Driver(BY_KEY[key], np.array(one.offset_per_unit), one.reference, *one.recorded, one.lag_s, one.scale_per_unit)
         for key, one in (correction.drivers or {}).items()
     )
 

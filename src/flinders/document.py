@@ -66,7 +66,7 @@ WIDTH: Final = 110
 """Characters of text on a line, up to which a group of plain values stays on one line."""
 
 Triple: TypeAlias = tuple[float, float, float]
-Driving: TypeAlias = Literal["current_A", "throttle", "temperature_C"]
+Driving: TypeAlias = Annotated[str, Meta(pattern="^(current([1-9][0-9]?)?_A|throttle([1-9][0-9]?)?|temperature_C)$")]
 Rotation: TypeAlias = Literal["symmetric", "estimated", "composed"]
 Positive: TypeAlias = Annotated[float, Meta(gt=0)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
@@ -114,7 +114,8 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     rotation : str
         ``symmetric``: not seen, set by convention; ``estimated`` by a fit that sees it; ``composed`` of others.
     drivers : name to DriverRecord, optional
-        What the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``.
+        What the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of motor 1 by itself
+        ``current1_A``, ``throttle1``.
     """
 
     matrix: tuple[Triple, Triple, Triple]

@@ -19,7 +19,7 @@ array([[50.,  0.,  0.],
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from flinders.errors import InputError, figures
 from flinders.samples import Joined, Recording, Samples, Wrapped
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
@@ -62,6 +62,8 @@ class Settler:
         drivers = self.calibration.drivers
         if not drivers or not len(samples):
             return samples
+        if lacking := [driver for driver in drivers if not _is_told(samples, driver)]:
+            raise InputError(lacking_words(self.calibration, lacking, samples.source))
         values = {driver.name: self._values(driver, samples) for driver in drivers}
         shift, gain = effect(drivers, values)
         offset = self.calibration.offset
@@ -79,9 +81,7 @@ class Settler:
 
     def _values(self, driver: Driver, samples: Samples) -> Floats:
         """(N,) what drives each reading: as much before it as the lag says, also where a block before has it."""
-        column: Floats | None = getattr(samples, driver.name)
-        if column is None or not np.isfinite(column).any():
-            raise InputError(lacking_words(self.calibration, driver, samples.source))
+        column = cast("Floats", samples.driving(driver.name))
         self.beyond[driver.name] = max(self.beyond.get(driver.name, 0.0), driver.beyond(column))
         if samples.time is None:
             return lagged(column, None, 0.0)
@@ -134,13 +134,23 @@ def settled(recording: Recording, calibration: Calibration) -> Recording:
     return Settled(recording, calibration)
 
 
-def lacking_words(calibration: Calibration, driver: Driver, source: str) -> str:
-    """Say what it costs that a recording lacks a column, and what can be done."""
-    cost = figures(min(calibration.driven_deg(driver), 180.0))
+def _is_told(samples: Samples, driver: Driver) -> bool:
+    """Whether a driver was recorded beside readings."""
+    column = samples.driving(driver.name)
+    return column is not None and bool(np.isfinite(column).any())
+
+
+def lacking_words(calibration: Calibration, lacking: Sequence[Driver], source: str) -> str:
+    """Say what it costs that a recording lacks columns, and what can be done."""
+    worst = max(lacking, key=calibration.driven_deg)
+    cost = figures(min(calibration.driven_deg(worst), 180.0))
+    names, one = " and ".join(driver.name for driver in lacking), len(lacking) == 1
+    at = worst.amount(worst.farthest) + ("" if one else f" of {worst.name}")
+    held = " ".join(f"--hold {driver.name}={driver.reference:g}" for driver in lacking)
     return (
-        f"{source} has no {driver.name}, which the calibration corrects for: without it headings are off by up to "
-        f"{cost}° at {driver.amount(driver.farthest)} (dip 60°). Record it beside the readings, or take "
-        f"the calibration at one value with --hold {driver.name}={driver.reference:g}"
+        f"{source} has no {names}, which the calibration corrects for: without {'it' if one else 'them'} headings are "
+        f"off by up to {cost}° at {at} (dip 60°). Record {'it' if one else 'them'} beside the readings, or take the "
+        f"calibration at one value with {held}"
     )
 
 

@@ -8,6 +8,9 @@ reference, and what the earth's field makes of it may grow with the temperature:
 The reference is where the offset b of the calibration holds: no current, no throttle, or a temperature in the middle
 of the recording. A lag says how much later the readings follow: c is what was logged so many seconds before.
 
+The current and the throttle of each motor may be followed by themselves: ``current1``, ``current2``, …, each with an
+offset of its own.
+
 Sources: the offset of motors as in ArduPilot's CompassMot and PX4's CAL_MAG_COMP; the temperature as in the HMC5883L's
 data sheet, p. 20, and Springmann, Cutler (2012) for currents.
 
@@ -21,7 +24,9 @@ current: 0.4, 0, -0.2 per A, from 0 A, recorded 0.5 to 27 A
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -67,6 +72,14 @@ KINDS: Final[Mapping[str, Kind]] = {
 }
 """By the names of the columns of `Samples`."""
 
+MOTORS: Final[Mapping[str, str]] = {"current": "currents", "throttle": "throttles"}
+"""What each motor may have of its own, and the column of `Samples` with one of each: motor 2 has ``current2``."""
+
+MOST: Final = 99
+"""Motors of one vehicle."""
+
+_NUMBERED: Final = re.compile(rf"({'|'.join(MOTORS)})([1-9]\d?)")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driver:
@@ -75,7 +88,8 @@ class Driver:
     Attributes
     ----------
     name : str
-        ``current``, ``throttle`` or ``temperature``: the column of `Samples` that it is multiplied by.
+        ``current``, ``throttle`` or ``temperature``: the column of `Samples` that it is multiplied by; of a motor by
+        itself ``current1``, ``throttle1`` and so on.
     per_unit : (3,) float
         By how much readings are off, in their unit, for each A, at full throttle, or for each °C; read-only.
     reference : float
@@ -122,7 +136,7 @@ class Driver:
     @property
     def kind(self) -> Kind:
         """What there is to know of all of its name."""
-        return KINDS[self.name]
+        return known(self.name)
 
     @property
     def has_range(self) -> bool:
@@ -175,6 +189,7 @@ class Driver:
         return f"{self.name}: {numbers} per {self.kind.per}{gain}{lag}, from {self.amount(self.reference)}, {span}"
 
 
+@cache
 def known(name: str) -> Kind:
     """Look a driver up.
 
@@ -182,26 +197,91 @@ def known(name: str) -> Kind:
     ------
     UsageError
         For a name that is none; names those there are.
+
+    Examples
+    --------
+    >>> known("current"), known("throttle2").key
+    (Kind(key='current_A', unit=' A', per='A', least=0.1, plausible=(-1000.0, 1000.0)), 'throttle2')
     """
-    if name not in KINDS:
-        raise UsageError(f"nothing is known of {name!r}: need {', '.join(KINDS)}")
-    return KINDS[name]
+    if name in KINDS:
+        return KINDS[name]
+    of, number = motor(name)
+    if not number:
+        each = ", ".join(f"{one}1, {one}2 …" for one in MOTORS)
+        raise UsageError(f"nothing is known of {name!r}: need {', '.join(KINDS)}, or of each motor {each}")
+    return KINDS[of]._replace(key=KINDS[of].key.replace(of, name))
+
+
+def motor(name: str) -> tuple[str, int]:
+    """What a driver is of, and of which motor; 0 for no motor by itself.
+
+    >>> motor("current12"), motor("current"), motor("current0")
+    (('current', 12), ('current', 0), ('current0', 0))
+    """
+    found = _NUMBERED.fullmatch(name)
+    return (found[1], int(found[2])) if found else (name, 0)
+
+
+def motors(of: str, count: int) -> tuple[str, ...]:
+    """Names of the first motors' own drivers.
+
+    >>> motors("current", 3)
+    ('current1', 'current2', 'current3')
+    """
+    return tuple(f"{of}{number + 1}" for number in range(count))
+
+
+BY_KEY: Final[Mapping[str, str]] = {
+    known(name).key: name for name in (*KINDS, *(name for of in MOTORS for name in motors(of, MOST)))
+}
+"""Names of all drivers by what they are called in files."""
+
+
+def place_of(name: str) -> tuple[int, int]:
+    """Where a driver stands among others: in the order of `KINDS`, a total before each motor.
+
+    >>> sorted(["temperature", "throttle", "current10", "current2", "current"], key=place_of)
+    ['current', 'current2', 'current10', 'throttle', 'temperature']
+    """
+    known(name)
+    of, number = motor(name)
+    return list(KINDS).index(of), number
 
 
 def checked(drivers: Iterable[Driver]) -> tuple[Driver, ...]:
-    """Let drivers through of which no two are of one name, in the order of `KINDS`.
+    """Let drivers through of which no two are of one name, in the order of `place_of`.
 
     Raises
     ------
     UsageError
         For two of one name.
     """
-    order = list(KINDS)
-    listed = sorted(drivers, key=lambda driver: order.index(driver.name))
+    listed = sorted(drivers, key=lambda driver: place_of(driver.name))
     for one, other in pairwise(listed):
         if one.name == other.name:
             raise UsageError(f"{one.name} is given twice: each drives the offset once")
     return tuple(listed)
+
+
+def named(**columns: ArrayLike | None) -> dict[str, ArrayLike]:
+    """Columns by the names of their drivers; of ``currents`` and ``throttles`` each motor's own, along the last axis.
+
+    Raises
+    ------
+    UsageError
+        For a name that is not known.
+
+    >>> named(current=None, throttle=0.5, currents=[1.0, 2.0])
+    {'throttle': 0.5, 'current1': array(1.), 'current2': array(2.)}
+    """
+    found: dict[str, ArrayLike] = {name: values for name, values in columns.items() if values is not None}
+    for of, many in MOTORS.items():
+        if many in found:
+            table = np.atleast_1d(floats(found.pop(many), many))
+            found |= {name: table[..., place] for place, name in enumerate(motors(of, table.shape[-1]))}
+    for name in found:
+        known(name)
+    return found
 
 
 def effect(drivers: Sequence[Driver], values: Mapping[str, ArrayLike | None]) -> tuple[Floats, Floats]:

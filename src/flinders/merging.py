@@ -334,10 +334,10 @@ def _claim(part: Judged) -> Floats:
 def _refuse_alone(part: Judged) -> None:
     """Refuse a calibration that cannot be merged with any other."""
     _claim(part)
-    for driver in part.calibration.drivers:
+    if names := [driver.name for driver in part.calibration.drivers]:
         raise UsageError(
-            f"{part.name} follows {driver.name}, and a mean of offset and matrix would lose that: fit the recordings "
-            f"together, flinders calibrate ONE TWO --with {driver.name}"
+            f"{part.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: fit the "
+            f"recordings together, flinders calibrate ONE TWO --with {','.join(names)}"
         )
     if part.calibration.rotation != "symmetric":
         raise UsageError(

@@ -464,8 +464,9 @@ class Fit(Outcome):
         `noise` of the best ellipsoid that follows nothing.
     aids : Aids, optional
         What was recorded beside the magnetometer and helped.
-    z_down : bool
-        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out.
+    z_down : bool, optional
+        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
+        that dip was used and neither an accelerometer nor anybody says which way z points.
     findings : tuple of Finding
         Gravest first.
     """
@@ -497,7 +498,7 @@ class Fit(Outcome):
     drivers_covariance: Floats | None = None
     noise_undriven: float | None = None
     aids: Aids | None = None
-    z_down: bool = True
+    z_down: bool | None = True
     findings: tuple[Finding, ...] = ()
 
     @property

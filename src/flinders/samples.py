@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
-from flinders.arrays import Floats, column, table
+from flinders.arrays import Floats, column, floats, table
 from flinders.axes import Axes
+from flinders.drivers import KINDS, MOST, MOTORS, motor, motors, place_of
 from flinders.errors import ArrayError, AxesError, UnitError
 from flinders.quaternions import attitudes, of_matrix, product
 from flinders.units import Unit
@@ -88,6 +89,8 @@ class Samples:
     current : (N,) float, A, optional
     throttle : (N,) float, 0 to 1, optional
         Share of full thrust that the motors were asked for; NaN where it is not known.
+    currents, throttles : (N, M) float, optional
+        The same of each of M motors by itself, the first motor first.
     attitude : (N, 4) float, optional
         Unit quaternion w, x, y, z that turns the axes of `field` into north, east, down: with a perfect sensor
         ``quaternions.rotated(attitude, field)`` is the field of the site. Where those are the axes of the vehicle,
@@ -114,6 +117,8 @@ class Samples:
     strength: Floats | None = None
     throttle: Floats | None = None
     attitude: Floats | None = None
+    currents: Floats | None = None
+    throttles: Floats | None = None
     source: str = "array"
     frame: str = "sensor"
     skipped: tuple[Skipped, ...] = ()
@@ -134,6 +139,8 @@ class Samples:
         strength: ArrayLike | None = None,
         throttle: ArrayLike | None = None,
         attitude: ArrayLike | None = None,
+        currents: ArrayLike | None = None,
+        throttles: ArrayLike | None = None,
         source: str = "array",
     ) -> Samples:
         """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
@@ -154,6 +161,8 @@ class Samples:
             As the attribute of the same name, in `unit`.
         throttle : (N,) array-like, optional
             As the attribute of the same name.
+        currents, throttles : (N, M) array-like, optional
+            As the attributes of the same names.
         attitude : (N, 4) array-like, optional
             As the attribute of the same name: of the recorded axes, and turned with them.
 
@@ -180,8 +189,10 @@ class Samples:
             temperature=None if temperature is None else column(temperature, rows, "temperature"),
             current=None if current is None else column(current, rows, "current"),
             strength=None if strength is None else column(strength, rows, "strength") * unit.scale,
-            throttle=None if throttle is None else _share(throttle, rows),
+            throttle=None if throttle is None else _share(column(throttle, rows, "throttle")),
             attitude=None if attitude is None else _of_axes(_attitude(attitude, rows), axes),
+            currents=None if currents is None else _of_motors(currents, rows, "currents"),
+            throttles=None if throttles is None else _share(_of_motors(throttles, rows, "throttles")),
             source=source,
         )
         return samples._without_gaps()
@@ -202,7 +213,31 @@ class Samples:
             strength=None if self.strength is None else self.strength[rows],
             throttle=None if self.throttle is None else self.throttle[rows],
             attitude=None if self.attitude is None else self.attitude[rows],
+            currents=None if self.currents is None else self.currents[rows],
+            throttles=None if self.throttles is None else self.throttles[rows],
         )
+
+    def driving(self, name: str) -> Floats | None:
+        """(N,) what stands beside the readings of a driver; None where nothing does.
+
+        >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
+        >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
+        (array([9.]), array([5.]), None)
+        """
+        of, number = motor(name)
+        if not number:
+            whole: Floats | None = getattr(self, name) if name in KINDS else None
+            return whole
+        each: Floats | None = getattr(self, MOTORS[of])
+        return None if each is None or number > each.shape[1] else each[:, number - 1]
+
+    @property
+    def drivers(self) -> tuple[str, ...]:
+        """Names of the drivers that stand beside the readings, those of each motor among them."""
+        each = {of: getattr(self, many) for of, many in MOTORS.items()}
+        numbered = [name for of, table in each.items() if table is not None for name in motors(of, table.shape[1])]
+        there = [name for name in KINDS if getattr(self, name) is not None]
+        return tuple(sorted([*there, *numbered], key=place_of))
 
     def turned(self, axes: Axes) -> Samples:
         """Map samples that are as recorded to other axes: field, acceleration, rate and attitude with them.
@@ -393,14 +428,23 @@ def _beside(values: ArrayLike, rows: int, name: str) -> Floats:
     return array
 
 
-def _share(values: ArrayLike, rows: int) -> Floats:
-    """Let through an (N,) throttle from 0 to 1, with its gaps."""
-    array = column(values, rows, "throttle")
-    beyond = np.flatnonzero((array < 0.0) | (array > 1.0))
+def _of_motors(values: ArrayLike, rows: int, name: str) -> Floats:
+    """Let through an (N, M) column of M motors, with its gaps."""
+    array = floats(values, name)
+    if array.ndim != 2 or not 1 <= array.shape[1] <= MOST:
+        raise ArrayError(f"{name} has shape {array.shape}: need ({rows}, M), a column for each of up to {MOST} motors")
+    column(array[:, 0], rows, name)
+    return array
+
+
+def _share(array: Floats) -> Floats:
+    """Let through throttles from 0 to 1, with their gaps."""
+    beyond = np.argwhere((array < 0.0) | (array > 1.0))
     if len(beyond):
+        first = beyond[0]
         raise ArrayError(
-            f"throttle is {array[beyond[0]]:g} at index {beyond[0]} ({len(beyond):,} such values): need 0 to 1, or NaN "
-            "where it is not known; divide per cent by 100"
+            f"throttle is {array[tuple(first)]:g} at index {first[0]} ({len(beyond):,} such values): need 0 to 1, or "
+            "NaN where it is not known; divide per cent by 100"
         )
     return array
 

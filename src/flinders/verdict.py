@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from flinders.driven import beyond_words
-from flinders.drivers import KINDS
+from flinders.drivers import known, motor
 from flinders.errors import counted, figures
 from flinders.guidance import guide
 from flinders.health import RAIL_SHARE
@@ -22,7 +22,7 @@ from flinders.terms.support import flatness_limit, is_flat
 from flinders.units import COUNTS, MICROTESLA, label
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from flinders.calibration import Calibration
     from flinders.coverage import Coverage
@@ -63,6 +63,7 @@ CODES: Final = {
     "driver-unfollowed": "a driver was recorded and not asked for, and moves the heading by `number` degrees",
     "driver-constant": "a driver that was asked for hardly changed: its range is `number`",
     "driver-entangled": "`number` of what tells about a driver could be the attitude as well",
+    "driver-alike": "drivers rise and fall together: `number` of the course of one follows from the others",
     "driver-one-way": "`number` of a driver's course goes one way: an offset that drifts would look the same",
     "driver-noisy": "the meter of a driver is noisy: its offset per unit is `number` too small",
     "driver-lag": "the end of the search for a lag, `number` seconds, is best",
@@ -164,10 +165,11 @@ UPSIDE_DOWN: Final = 180.0
 
 def of_drivers(fit: Fit) -> Iterator[Finding]:
     """What there is to know of each thing that the offset follows."""
+    yield from of_alike(fit.driven)
     for driven in fit.driven:
         driver = driven.driver
         if driver is None:
-            least = KINDS[driven.name]
+            least = known(driven.name)
             yield Finding(
                 "driver-constant", "limits", 0.0, least.least,
                 f"{driven.name} hardly changed (by less than {least.least:g}{least.unit}), so that nothing can be told "
@@ -199,6 +201,19 @@ def of_drivers(fit: Fit) -> Iterator[Finding]:
         yield from of_column(driven, unsaid_deg=UNFOLLOWED * fit.target_deg)
 
 
+def of_alike(driven: Sequence[Driven]) -> Iterator[Finding]:
+    """Whether drivers went along with each other, so that what one does cannot be told from what another does."""
+    together = [one for one in driven if one.alike > ENTANGLED]
+    if together:
+        names, most = ", ".join(one.name for one in together), max(one.alike for one in together)
+        yield Finding(
+            "driver-alike", "limits", most, ENTANGLED,
+            f"{names} rose and fell together ({most:.1%} of the course of one follows from the others): what they do "
+            "together is known, and what each does hardly, beyond what was thought likely before; use the calibration "
+            "where they go along as in the recording, follow one of them alone, or vary each by itself",
+        )  # fmt: skip
+
+
 def of_column(driven: Driven, *, unsaid_deg: float = 0.0) -> Iterator[Finding]:
     """Whether what was logged of a driver is fit to be followed; of a turned sensor or of one on a bench.
 
@@ -225,7 +240,7 @@ def of_column(driven: Driven, *, unsaid_deg: float = 0.0) -> Iterator[Finding]:
             f"readings follow {name} best at the end of the search for a lag ({driver.lag_s:+.2g} s): its clock is off "
             f"by more than a second, or it is not what moves the readings; check the times of the column {name}",
         )  # fmt: skip
-    other = "record the current instead, which the field follows, or " if name == "throttle" else ""
+    other = "record the current instead, which the field follows, or " if motor(name)[0] == "throttle" else ""
     if driven.curvature > CURVED and driven.curvature * driven.taken_deg >= unsaid_deg:
         yield Finding(
             "driver-curved", "limits", driven.curvature, CURVED,
@@ -244,7 +259,7 @@ def _of_reference(driver: Driver) -> Iterator[Finding]:
     outside = max(driver.lowest - driver.reference, driver.reference - driver.highest)
     share = outside / (driver.highest - driver.lowest)
     if share > OUTSIDE:
-        straight = driver.name == "current"  # a field goes in proportion to the current that makes it
+        straight = motor(driver.name)[0] == "current"  # a field goes in proportion to the current that makes it
         yield Finding(
             "driver-reference", "note" if straight else "limits", share, OUTSIDE,
             f"the offset is told for {driver.amount(driver.reference)} of {driver.name}, and it was recorded from "
@@ -264,11 +279,11 @@ def _of_range(driver: Driver) -> Iterator[Finding]:
             f"{driver.name} was recorded at up to {driver.amount(far)}: it is in another unit than {driver.kind.per}; "
             f"convert the column, or what is exported is off by as much",
         )  # fmt: skip
-    elif driver.name == "current" and -driver.lowest > max(driver.highest, driver.kind.least):
+    elif motor(driver.name)[0] == "current" and -driver.lowest > max(driver.highest, driver.kind.least):
         yield Finding(
             "driver-range", "limits", driver.lowest, 0.0,
-            f"current was recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}: what is drawn counts "
-            "negative there, and positive for autopilots; turn the sign of the column round",
+            f"{driver.name} was recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}: what is drawn "
+            "counts negative there, and positive for autopilots; turn the sign of the column round",
         )  # fmt: skip
 
 
@@ -335,6 +350,16 @@ def _flat(fit: Fit, moments: Moments) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+Z_ELSEWHERE: Final = (
+    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so that "
+    "it does (--axes)"
+)
+Z_OPEN: Final = (
+    "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
+    "accelerometer as well, or map the axes so that z points down (--axes, x,y,z where it does already)"
+)
+
+
 def _level(fit: Fit) -> Iterator[Finding]:
     """What a turn in one plane is good for."""
     if fit.plane:
@@ -342,14 +367,9 @@ def _level(fit: Fit) -> Iterator[Finding]:
         across = order_of(fit.plane)[2]
         placed, radius = fit.offset_sigma[across] < PLACED * fit.ellipsoid.radius, fit.ellipsoid.radius
         how = f"and in {'xyz'[across]} by the site's field" if placed else "only"
-        taken = "" if not placed else (
-            f" (which takes {'xyz'[across]} to point down and the floor to be level, unless an accelerometer was "
-            "recorded)"
-        )  # fmt: skip
-        up = (
-            "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the "
-            "axes so that it does (--axes)"
-        ) if not fit.z_down else ""  # fmt: skip
+        side = f"{'xyz'[across]} down, and " if fit.z_down else ""
+        taken = f" (with {side}the floor level unless an accelerometer was recorded)" if placed else ""
+        up = "" if fit.z_down else Z_OPEN if fit.z_down is None else Z_ELSEWHERE
         skewed = float(np.sqrt(np.diag(fit.covariance)[[6, 7, 8]].max())) > SKEWED * radius
         mounting = "say how well the mounting is known (--alignment-sigma), or " if placed and skewed else ""
         yield Finding(
@@ -383,7 +403,8 @@ def _seated(fit: Fit) -> Iterator[Finding]:
             "rotation-uncertain", "limits", error, target,
             f"how the sensor sits on the body was found, and what is not known of it adds {_angle(error)} to a level "
             f"heading (1 σ; the target is {target:g}°), which the heading error does not know of: tilt the body far "
-            "about two axes while recording, or calibrate without aids and measure the mounting",
+            "about two axes while recording, say how well the accelerometer is calibrated (--accelerometer-bias), or "
+            "calibrate without aids and measure the mounting",
         )  # fmt: skip
 
 

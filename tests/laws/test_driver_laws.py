@@ -18,7 +18,7 @@ from flinders.conventions.ardupilot import Parameters as ArduPilot
 from flinders.conventions.px4 import Parameters as Px4
 from flinders.document import dumps, loads
 from flinders.driven import Settler, settled
-from flinders.drivers import KINDS, Driver, lagged
+from flinders.drivers import KINDS, Driver, lagged, motors
 from flinders.errors import ArrayError, UsageError
 from flinders.exporters import Asked, find, read_back
 from flinders.samples import Joined, Samples
@@ -34,7 +34,9 @@ triples = st.tuples(numbers, numbers, numbers)
 @st.composite
 def driven(draw: st.DrawFn) -> Calibration:
     """A calibration that follows one to three things."""
-    names = draw(st.lists(st.sampled_from(list(KINDS)), min_size=1, max_size=3, unique=True))
+    names = draw(
+        st.lists(st.sampled_from([*KINDS, "current1", "current12", "throttle2"]), min_size=1, max_size=3, unique=True)
+    )
     drivers = tuple(
         Driver(
             name,
@@ -116,11 +118,14 @@ def test_settled_blocks_are_the_settled_whole(calibration: Calibration, rows: in
     rng = np.random.default_rng(seed)
     samples = Samples.of(rng.normal(scale=50.0, size=(120, 3)), unit="uT", time=np.arange(120) / 10.0)
     values = values_of(calibration, rng, 120)
+    nothing = np.full(120, np.nan)
     samples = replace(
         samples,
         current=values.get("current"),
         temperature=values.get("temperature"),
         throttle=values.get("throttle"),
+        currents=np.stack([values.get(name, nothing) for name in motors("current", 12)], axis=1),
+        throttles=np.stack([values.get(name, nothing) for name in motors("throttle", 2)], axis=1),
     )
     whole = Settler(calibration)(samples).field
     settle = Settler(calibration)

@@ -456,6 +456,44 @@ def test_attitudes_of_a_log_that_was_hit_anywhere_are_attitudes_or_not_known(see
         npt.assert_allclose(length[np.isfinite(length)], 1.0, atol=1e-12)
 
 
+def controllers(names: Callable[[int], str], *, instance: bool) -> Written:
+    """A flight with four speed controllers, of which each draws one A more than that before it."""
+    log, _, times = flight(rows=60)
+    for number in range(4):
+        if names(number) not in log.formats:
+            log.describe(
+                names(number), 150 + number, "QBff" if instance else "Qff", f"TimeUS,{'Instance,' * instance}RPM,Curr"
+            )
+    for time in times:
+        for number in range(4):
+            log.add(names(number), int(1e6 * time), *([number] if instance else []), 5000.0, number + time)
+    return log
+
+
+@pytest.mark.parametrize("instance", [True, False])
+def test_each_motor_has_the_current_that_its_speed_controller_says(instance: bool, tmp_path: Path) -> None:
+    log = controllers(lambda number: "ESC" if instance else f"ESC{number + 1}", instance=instance)
+    found = all_of(opened(log.content, tmp_path).instruments[0], "currents")
+    npt.assert_allclose(found, np.arange(4) + (10.0 + 0.1 * np.arange(60))[:, np.newaxis], atol=1e-4)
+
+
+def test_outputs_are_throttles_of_the_motors_that_parameters_name(tmp_path: Path) -> None:
+    """Motors 1 and 2 are on outputs 2 and 1; output 3 is a servo; before arming nothing goes out."""
+    functions = {"SERVO1_FUNCTION": 34.0, "SERVO2_FUNCTION": 33.0, "SERVO3_FUNCTION": 4.0, "MOT_PWM_MIN": 1100.0}
+    for values, wanted in ((functions | {"MOT_PWM_MAX": 1900.0}, [0.75, 0.25]), ({}, None)):
+        log, _, times = flight(EXAMPLE | values, rows=60)
+        log.describe("RCOU", 150, "QHHH", "TimeUS,C1,C2,C3")
+        for place, time in enumerate(times):
+            log.add("RCOU", int(1e6 * time), *((0, 1000, 1500) if place < 20 else (1300, 1700, 1500)))
+        (block,) = opened(log.content, tmp_path).instruments[0].columns(False)
+        if wanted is None:
+            assert block.throttles is None
+            continue
+        assert block.throttles is not None
+        npt.assert_allclose(block.throttles[20:], [wanted] * 40, atol=1e-9)
+        npt.assert_array_equal(np.isnan(block.throttles[:19]), True)
+
+
 def test_characters_where_numbers_belong_are_no_numbers(tmp_path: Path) -> None:
     log, _, times = flight(rows=20)
     log.describe("CTUN", 150, "QZ", "TimeUS,ThO")

@@ -26,6 +26,7 @@ from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators import Likelihood, Readings
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
+from flinders.estimators.followed import earned
 from flinders.exporters import EXPORTERS, Asked, find
 from flinders.result import Refused
 from flinders.samples import Samples
@@ -424,3 +425,149 @@ def test_a_current_that_moves_nothing_is_not_named() -> None:
         amperes = 10.0 + 9.0 * np.sin(np.arange(len(quiet)) / (50.0 + 20.0 * seed))
         codes = [finding.code for finding in flinders.fit(replace(quiet, current=amperes)).findings]
         assert "driver-unfollowed" not in codes
+
+
+# several motors
+
+ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
+"""µT/A of four motors."""
+
+
+def flown_by_four(seed: int, apart: float, n: int = 1500) -> Samples:
+    motors = simulate.Motors(ARMS, apart=apart)
+    return simulate.tumble(seed=seed, n=n, sensor=SENSOR, disturbances=[motors]).samples
+
+
+def test_what_each_of_four_motors_does_is_found_within_what_is_claimed() -> None:
+    """Seeds 0 to 5: twelve numbers each; 60 seeds of twice the length in `benchmarks.drivers`."""
+    nees = []
+    for seed in range(6):
+        found = driving_of([flown_by_four(seed, 0.1)], ("currents",))
+        assert [driver.name for driver in found.drivers] == ["current1", "current2", "current3", "current4"]
+        error = np.concatenate([driver.per_unit for driver in found.drivers]) - ARMS.ravel()
+        nees.append(error**2 / np.diag(found.covariance))
+    assert 0.4 < np.mean(nees) < 1.8
+
+
+def test_one_motor_of_four_is_followed_where_it_is_asked_for() -> None:
+    fit = flinders.fit(flown_by_four(1, 0.1), drivers=("current3", "current1"))
+    assert [driver.name for driver in fit.calibration.drivers] == ["current1", "current3"]
+
+
+def test_motors_that_go_together_are_named_and_what_they_do_together_is_known() -> None:
+    """Half a per cent apart: each offset is known to 0.2 µT/A and more, and all together to a hundredth."""
+    fit = flinders.fit(flown_by_four(2, 0.005, n=3000), drivers=("currents",))
+    alike = next(finding for finding in fit.findings if finding.code == "driver-alike")
+    assert alike.severity == "limits"
+    assert alike.number > 0.99
+    assert "current1, current2, current3, current4 rose and fell together" in alike.advice
+    assert "driver-entangled" not in {finding.code for finding in fit.findings}
+    assert fit.drivers_covariance is not None
+    together = np.tile(np.eye(3), 4)
+    covariance = fit.drivers_covariance[9:, 9:]
+    total = sum(driver.per_unit for driver in fit.calibration.drivers)
+    sigma = np.sqrt(np.diag(together @ covariance @ together.T))
+    assert np.all(np.abs(total - ARMS.sum(axis=0)) < 4.0 * sigma)
+    assert np.all(np.sqrt(np.diag(covariance)) > 5.0 * np.tile(sigma, 4) / 4.0)
+    assert max(driven.left_deg for driven in fit.driven) < 0.5  # where they go along as in the recording
+
+
+def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
+    samples = flown_by_four(3, 0.1)
+    whole, each = (flinders.fit(samples, drivers=(name,)) for name in ("current", "currents"))
+    assert each.noise == pytest.approx(SENSOR.noise, rel=0.05)
+    assert whole.noise > 1.1 * each.noise
+
+
+def test_motors_earn_their_place_one_by_one_where_they_make_fields_of_their_own() -> None:
+    """And not where all make the same, for which the battery's current is enough."""
+    samples = flown_by_four(6, 0.2, n=800)
+    names, reports = earned(samples)
+    assert names == ("current1", "current2", "current3", "current4")
+    assert [(one.name, one.kept) for one in reports] == [("current", False), ("currents", True)]
+    alike = simulate.Motors(np.tile(ARMS[0], (4, 1)), apart=0.2)
+    names, _ = earned(simulate.tumble(seed=6, n=800, sensor=SENSOR, disturbances=[alike]).samples)
+    assert names == ("current",)
+
+
+def test_motors_have_one_lag() -> None:
+    samples = flown_by_four(4, 0.1, n=3000)
+    assert samples.currents is not None
+    early = replace(samples, currents=np.concatenate([samples.currents[10:], np.tile(samples.currents[-1], (10, 1))]))
+    found = driving_of([early], ("currents",))
+    assert len({driver.lag_s for driver in found.drivers}) == 1
+    assert found.drivers[0].lag_s == pytest.approx(0.2, abs=0.02)
+
+
+def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Path) -> None:
+    samples = flown_by_four(5, 0.1)
+    rows = list(table.lines(samples))
+    names = {4: "flight.csv", 3: "three.csv", 2: "two.csv"}
+    for motors, name in names.items():
+        text = "\n".join(row.rsplit(",", 4 - motors)[0] for row in rows)
+        (tmp_path / name).write_text(text)
+    three = str(tmp_path / "three.csv")
+    saved = str(tmp_path / "calibration.json")
+    made = CliRunner().invoke(main, ["calibrate", str(tmp_path / "flight.csv"), "--with", "currents", "-o", saved])
+    assert made.exit_code == 0, made.output
+    judged = flinders.Judged.load(saved)
+    assert [driver.name for driver in judged.calibration.drivers] == ["current1", "current2", "current3", "current4"]
+    corrected = judged.calibration.apply(samples.field, currents=samples.currents)
+    assert np.linalg.norm(corrected, axis=1).std() < 1.2 * SENSOR.noise
+    one_by_one = {driver.name: samples.driving(driver.name) for driver in judged.calibration.drivers}
+    npt.assert_array_equal(judged.calibration.apply(samples.field, **one_by_one), corrected)
+    told = CliRunner().invoke(main, ["info", str(tmp_path / "flight.csv"), "--json"])
+    assert json.loads(told.output)["sensors"][0]["beside"][-4:] == ["current1", "current2", "current3", "current4"]
+    refused = CliRunner().invoke(main, ["apply", saved, three])
+    assert refused.exit_code == InputError.exit_code
+    assert "has no current4, which the calibration corrects for" in refused.output
+    page = CliRunner().invoke(main, ["report", saved, str(tmp_path / "flight.csv"), "-o", str(tmp_path / "page.html")])
+    assert page.exit_code == 0, page.output
+    both = CliRunner().invoke(main, ["apply", saved, str(tmp_path / "two.csv")])
+    assert "has no current3 and current4, which the calibration corrects for" in both.output
+    held = CliRunner().invoke(main, ["apply", saved, three, "--hold", "current4=2", "-o", str(tmp_path / "out.csv")])
+    assert held.exit_code == 0, held.output
+    none = CliRunner().invoke(main, ["calibrate", three, "--with", "throttles"])
+    assert "has no throttles: record it beside the readings (current, current1, current2, current3 were)" in none.output
+
+
+def test_motors_run_one_after_the_other_on_a_bench_are_told_apart_and_all_at_once_not() -> None:
+    rng = np.random.default_rng(4)
+    run = 10.0 - 10.0 * np.cos(np.arange(300) / 300 * 4.0 * np.pi)
+    apart, at_once = np.zeros((600, 2)), np.tile(np.tile(run, 2)[:, np.newaxis], 2)
+    apart[:300, 0] = apart[300:, 1] = run
+    for drawn, is_alike in ((apart, False), (at_once, True)):
+        field = np.array([20.0, -5.0, 43.0]) + drawn @ ARMS[:2] + rng.normal(scale=0.2, size=(600, 3))
+        metered = drawn + rng.normal(scale=0.01, size=drawn.shape)
+        found = still([Samples.of(field, unit="uT", time=np.arange(600) / 50.0, currents=metered)], ("currents",))
+        assert found is not None
+        error = np.concatenate([driver.per_unit for driver in found.drivers]) - ARMS[:2].ravel()
+        assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(found.covariance)))
+        assert [driven.alike > 0.99 for driven in found.driven] == [is_alike, is_alike]
+        assert bool(np.sqrt(found.covariance[0, 0]) > 0.1) == is_alike
+
+
+# what a claim leans on
+
+
+def test_a_claim_that_leans_on_one_reading_says_so() -> None:
+    """Readings of one half, and one of the other that is off by 0.6 µT: nees of z 23 without, 2.6 with, 16 seeds."""
+    sensor = replace(SENSOR, noise=0.1)
+    claimed, leant = [], []
+    for seed in range(6):
+        simulated = simulate.tumble(seed=seed, sensor=sensor, disturbances=[MOTORS])
+        down = simulated.directions[:, 2]
+        over = np.flatnonzero(down < -0.9)[:1]
+        rows = np.sort(np.concatenate([np.flatnonzero(down > 0.6), over]))
+        field = simulated.samples.field.copy()
+        field[over] += np.random.default_rng(seed).normal(scale=0.6, size=(1, 3))
+        samples = replace(simulated.samples, field=field)[rows]
+        samples = replace(samples, time=np.arange(len(rows)) / 50.0)
+        fit, found = flinders.fit(samples, drivers=("current",)), driving_of([samples], ("current",))
+        assert fit.drivers_covariance is not None
+        square = (fit.calibration.offset[2] - sensor.offset[2]) ** 2
+        claimed.append(square / fit.drivers_covariance[2, 2])
+        leant.append(square / (fit.drivers_covariance[2, 2] - found.leaning[2, 2]))
+    assert np.mean(leant) > 10.0
+    assert np.mean(claimed) < 4.0
+    assert not driving_of([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ("current",)).leaning.any()

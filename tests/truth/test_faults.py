@@ -83,8 +83,8 @@ def test_what_is_not_known_is_refused() -> None:
 @pytest.mark.parametrize("fault", TOLD)
 def test_the_larger_severity_is_found(fault: str) -> None:
     """Each of a few units; `benchmarks/faults.py` has the rates."""
-    for number in range(1 if fault == "level-turn" else 2):
-        said = judged(unit(number, seed=5, fault=fault))
+    made = [unit(number, seed=5, fault=fault) for number in range(1 if fault == "level-turn" else 2)]
+    for number, said in enumerate(judged(made)):
         assert said["found"] == 1, f"unit {number}: {sorted(said)}"
 
 
@@ -100,7 +100,7 @@ def test_what_is_so_throughout_cannot_be_told_from_the_readings(fault: str) -> N
 
 def test_good_units_are_not_called_bad() -> None:
     """Of sixty at most one: more are as rare as one in twenty-five where 0.5 % are."""
-    said = [judged(made) for made in fleet(60, seed=6, bad=0.0)]
+    said = judged(list(fleet(60, seed=6, bad=0.0)))
     assert len([sorted(each) for each in said if each["found"]]) <= 1
 
 
@@ -108,7 +108,8 @@ def test_good_units_are_as_good_as_they_claim() -> None:
     """Errors of level headings by the truth, within three times the worst that is claimed at 1 σ."""
     for made in fleet(20, seed=6, bad=0.0):
         fitted = flinders.fit(made.samples)
-        assert off_deg(made, fitted) < 3.0 * fitted.heading_error_deg.worst
+        off = off_deg(made, fitted.calibration.offset, fitted.calibration.matrix)
+        assert off < 3.0 * fitted.heading_error_deg.worst
 
 
 @pytest.mark.parametrize("fault", ["flipped-sign", "swapped-axes"])

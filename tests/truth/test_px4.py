@@ -257,6 +257,12 @@ FORMATS = {
     "vehicle_attitude": ("uint64_t timestamp;uint64_t timestamp_sample;float[4] q;", "<QQ4f"),
     "vehicle_thrust_setpoint": ("uint64_t timestamp;float[3] xyz;", "<Q3f"),
     "actuator_controls_0": ("uint64_t timestamp;float[8] control;", "<Q8f"),
+    "esc_status": (
+        "uint64_t timestamp;esc_report[8] esc;uint8_t esc_count;",
+        "<Q" + 8 * "Qf" + "B",
+    ),
+    "esc_report": ("uint64_t timestamp;float esc_current;", ""),
+    "actuator_motors": ("uint64_t timestamp;float[12] control;", "<Q12f"),
     "sensor_gps": (
         "uint64_t timestamp;uint64_t time_utc_usec;double latitude_deg;double longitude_deg;double altitude_msl_m;",
         "<QQddd",
@@ -391,6 +397,28 @@ def test_throttle_is_the_length_of_the_thrust_or_of_old_its_control(tmp_path: Pa
         known = found.throttle[np.isfinite(found.throttle)]
         assert len(known) == (39 if topic == "vehicle_thrust_setpoint" else 19)
         npt.assert_allclose(known, wanted, atol=1e-6)
+
+
+def test_each_motor_has_its_current_and_throttle(tmp_path: Path) -> None:
+    """Four speed controllers of eight places; motor 3 is stopped, and four of twelve motors are used."""
+    times = [1_000_000 + 100_000 * row for row in range(40)]
+    topics: dict[tuple[str, int], Sequence[tuple[float, ...]]] = {
+        ("esc_status", 0): [
+            (time, *(value for place in range(8) for value in (time, place + 1e-6 * time if place < 4 else 0.0)), 4)
+            for time in times
+        ],
+        ("actuator_motors", 0): [(time, 0.5, 0.25, np.nan, 0.75, *[np.nan] * 8) for time in times],
+    }
+    formats = {
+        name: FORMATS[name][0]
+        for name in ("sensor_mag", "sensor_combined", "esc_status", "esc_report", "actuator_motors")
+    }
+    (found,) = rows(opened(tmp_path, ulog(still() | topics, MODERN, formats=formats)).instruments[0])
+    assert found.currents is not None
+    assert found.throttles is not None
+    assert found.time is not None
+    npt.assert_allclose(found.currents[1:], np.arange(4) + found.time[1:, np.newaxis], atol=1e-4)
+    npt.assert_allclose(found.throttles[1:], np.tile([0.5, 0.25, 0.0, 0.75], (39, 1)), atol=1e-6)
 
 
 def test_the_field_of_real_flights_is_constant_in_north_east_down(recordings: Callable[[str], Path]) -> None:

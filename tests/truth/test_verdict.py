@@ -302,7 +302,9 @@ ELSEWHERE: Final = {
     "test_minmax.py": ("typed-extremes",),
     "test_filters.py": ("filtered",),
     "test_two_axis.py": ("composed",),
-    "test_drivers.py": ("driver", "driver-unfollowed", "driver-constant", "driver-entangled", "driver-uncertain"),
+    "test_drivers.py": (
+        "driver", "driver-unfollowed", "driver-constant", "driver-entangled", "driver-alike", "driver-uncertain",
+    ),
     "test_driver_findings.py": (
         "driver-one-way", "driver-noisy", "driver-lag", "driver-range", "driver-beyond", "bench-moved", "bench-tilted",
         "driver-reference", "driver-curved",

@@ -49,7 +49,7 @@ def add(
 ) -> tuple[str, ...]:
     """Put aids and site among the options of a fit, and give back what else stood after ``--with``.
 
-    The dip is that of the site, unless ``--dip`` was given.
+    The dip is that of the site, unless ``--dip`` was given; axes that were typed are those of the vehicle, z down.
 
     Raises
     ------
@@ -81,10 +81,15 @@ def add(
     from flinders.terms.site import Site
 
     site = Site.of(_field_of(place, date))
-    options["site"] = site if gain_sigma is None else replace(site, gain_sigma=gain_sigma)
     context = click.get_current_context(silent=True)
-    source = None if context is None else context.get_parameter_source("dip_deg")
-    if source is not click.core.ParameterSource.COMMANDLINE:
+
+    def is_typed(name: str) -> bool:
+        typed = click.core.ParameterSource.COMMANDLINE
+        return context is not None and context.get_parameter_source(name) is typed
+
+    site = replace(site, z_down=is_typed("axes"))
+    options["site"] = site if gain_sigma is None else replace(site, gain_sigma=gain_sigma)
+    if not is_typed("dip_deg"):
         options["dip_deg"] = site.inclination_deg
     return rest
 

@@ -36,15 +36,17 @@ def values_of(held: Iterable[str]) -> dict[str, float]:
 
     Examples
     --------
-    >>> values_of(["current=12.5"])
-    {'current': 12.5}
+    >>> values_of(["current=12.5", "throttle1=0"])
+    {'current': 12.5, 'throttle1': 0.0}
     """
-    from flinders.drivers import KINDS
+    from flinders.drivers import BY_KEY, KINDS
+
+    names = set(BY_KEY.values())
 
     values: dict[str, float] = {}
     for text in held:
         name, separator, number = (part.strip() for part in text.partition("="))
-        if name not in KINDS or not separator:
+        if name not in names or not separator:
             raise UsageError(f"--hold {text!r}: need {', '.join(KINDS)} with a value, such as current=0")
         try:
             values[name] = float(number)
@@ -117,14 +119,16 @@ def say_difference(a: Judged, b: Judged) -> None:
 def asked_for(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Split what ``--with`` names into drivers and all else.
 
-    >>> asked_for(["current,rate", "temperature"])
-    (('current', 'temperature'), ('rate',))
+    >>> asked_for(["currents,rate", "temperature,throttle2"])
+    (('currents', 'temperature', 'throttle2'), ('rate',))
     """
-    from flinders.drivers import KINDS
+    from flinders.drivers import BY_KEY, MOTORS
+
+    known = {*BY_KEY.values(), *MOTORS.values()}
 
     names = [name.strip() for text in words for name in text.split(",") if name.strip()]
-    drivers = tuple(dict.fromkeys(name for name in names if name in KINDS))
-    return drivers, tuple(dict.fromkeys(name for name in names if name not in KINDS))
+    drivers = tuple(dict.fromkeys(name for name in names if name in known))
+    return drivers, tuple(dict.fromkeys(name for name in names if name not in known))
 
 
 def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> None:
@@ -135,15 +139,21 @@ def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> 
     UsageError
         For what nothing is known of, or ``--previous`` with no driver.
     """
-    from flinders.drivers import KINDS
+    from flinders.drivers import KINDS, MOTORS
 
     drivers, others = asked_for(words)
     if others:
         from flinders.estimators.aids import AIDS, AUTO
 
-        raise UsageError(f"--with {others[0]}: need one of {', '.join((AUTO, *AIDS, *KINDS))} (rate is that of a gyro)")
+        allowed = ", ".join((AUTO, *AIDS, *KINDS, *MOTORS.values()))
+        raise UsageError(
+            f"--with {others[0]}: need one of {allowed} (rate is that of a gyro; currents and throttles are those of "
+            "each motor, and current2 that of one)"
+        )
     if previous is not None and not drivers:
-        raise UsageError("--previous goes with --with current, throttle or temperature: say which of them to find")
+        raise UsageError(
+            "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
+        )
     if drivers:
         options["drivers"] = drivers
 
@@ -165,7 +175,7 @@ def bench(
     from flinders.judged import Judged
     from flinders.samples import singles
     from flinders.units import label
-    from flinders.verdict import of_column
+    from flinders.verdict import of_alike, of_column
 
     parts = list(singles(recording))
     found = still(parts, drivers)
@@ -181,7 +191,11 @@ def bench(
         left = figures(_left_deg(found, calibration, driver.name))
         far = driver.amount(driver.farthest)
         say(f"{driver} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°)")
-    findings = [*found.findings, *(finding for driven in found.driven for finding in of_column(driven))]
+    findings = [
+        *found.findings,
+        *of_alike(found.driven),
+        *(finding for driven in found.driven for finding in of_column(driven)),
+    ]
     for finding in findings:
         say(f"! {finding.advice}")
     _save(calibration, known, output, force=force)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.summary import Summary
 
 BESIDE = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
-"""What may stand beside a reading, as `Samples` calls it."""
+"""What may stand beside a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
 READ_BY: Final = {
     "columns": None, "unit": None, "scale": None, "axes": "x,y,z", "topic": None, "start": None, "end": None,
     "as_logged": False,
@@ -215,7 +215,8 @@ class _Watched:
     def blocks(self) -> Any:  # noqa: ANN401 - an iterator of blocks
         """Go through the readings."""
         for block in self._instrument.blocks():
-            self.beside = tuple(name for name in BESIDE if name in self.beside or _has(block, name))
+            names = dict.fromkeys((*BESIDE, *block.drivers))
+            self.beside = tuple(name for name in names if name in self.beside or _has(block, name))
             yield block
 
 
@@ -223,5 +224,5 @@ def _has(block: Samples, name: str) -> bool:
     """Whether a column is there, and says anything."""
     import numpy as np
 
-    column = getattr(block, name)
+    column = block.driving(name) if name in block.drivers else getattr(block, name)
     return column is not None and bool(np.isfinite(column).any())

@@ -33,9 +33,10 @@ from flinders.drivers import Driver
 from flinders.errors import counted, figures
 from flinders.estimators.correlation import Residuals
 from flinders.estimators.curves import curvature
-from flinders.estimators.lags import UNLAGGED, grid_of, profile
+from flinders.estimators.lags import grid_of, kept, lagging, profile
 from flinders.estimators.logged import Logged
-from flinders.estimators.meters import attenuation, one_way
+from flinders.estimators.meters import alike, attenuation, noise_of, one_way, rounding
+from flinders.estimators.settling import WEAK
 from flinders.result import Driven, Finding
 from flinders.terms.equations import NormalEquations
 
@@ -142,20 +143,24 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()
     lags = _lags(logged, moving)
-    seconds = {name: lag.seconds for name, lag in lags.items() if lag.is_proven}
+    seconds = kept(lags)
     departures = logged.departures(moving, seconds)
-    left, shifts, design = _line(logged.field, departures)
+    left, _, design = _line(logged.field, departures)
     noise = float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
     if not _is_still(logged.field, noise):
         return None
+    believed = noise**2 * _precision(logged.field, departures)
+    shifts = np.linalg.solve(design.T @ design + believed, design.T @ logged.field)[:-1]
+    left = logged.field - logged.field.mean(axis=0) - (departures - departures.mean(axis=0)) @ shifts
     drivers = tuple(
         Driver(name, shifts[place], logged.reference(name), *logged.range(name), seconds.get(name, 0.0))
         for place, name in enumerate(moving)
     )
     made = float(np.sqrt(np.var(departures @ shifts, axis=0).sum()))
-    driven = tuple(_driven(driver, departures[:, place], left, design, lags) for place, driver in enumerate(drivers))
+    driven = tuple(_driven(driver, place, departures, left, lags) for place, driver in enumerate(drivers))
+    covariance = _covariance(left, design, believed) + _metered(logged, departures, left, drivers)
     tilted = _tilted_deg(_felt(recordings, logged), departures)
-    return Still(drivers, _covariance(left, design), noise, made, constant, driven, _step(left), tilted)
+    return Still(drivers, covariance, noise, made, constant, driven, _step(left), tilted)
 
 
 def described(found: Still, unit: str) -> str:
@@ -184,34 +189,65 @@ def _line(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floats]
     return readings - design @ found, found[:-1], design
 
 
-def _covariance(left: Floats, design: Floats) -> Floats:
-    """(3 K, 3 K) of the slopes, each driver's three together; residuals that hang together count for fewer."""
+def _precision(readings: Floats, departures: Floats) -> Floats:
+    """(K + 1, K + 1) of what is thought likely of the slopes: what drivers make is no longer than the readings."""
+    length = max(float(np.linalg.norm(readings.mean(axis=0))), np.finfo(float).tiny)
+    return np.diag(np.append((np.abs(departures).max(axis=0, initial=0.0) / (WEAK * length)) ** 2, 0.0))
+
+
+def _covariance(left: Floats, design: Floats, believed: Floats | None = None) -> Floats:
+    """(3 K, 3 K) of the slopes, each driver's three together; residuals that hang together count for fewer.
+
+    `believed` (K + 1, K + 1) is what was thought likely before, in the variance of the noise: it alone speaks of what
+    drivers that rise and fall together do one by one.
+    """
     count = design.shape[1] - 1
-    inverse = NormalEquations(design.T @ design, np.zeros(count + 1), 0.0, len(left)).inverse()
+    before = np.zeros((count + 1, count + 1)) if believed is None else believed
+    inverse = NormalEquations(design.T @ design + before, np.zeros(count + 1), 0.0, len(left)).inverse()
+    noise = float(np.mean(left**2))
     blocks = np.zeros((count, 3, count, 3))
     rows = [np.arange(len(left))]
     for axis in range(3):
         residuals = Residuals(left[:, axis], design, rows)
-        covariance = inverse @ residuals.scatter(residuals.autocovariance()) @ inverse
+        covariance = inverse @ (residuals.scatter(residuals.autocovariance()) + noise * before) @ inverse
         blocks[:, axis, :, axis] = covariance[:count, :count]
     return blocks.reshape(3 * count, 3 * count)
+
+
+def _metered(logged: Logged, departures: Floats, left: Floats, drivers: Sequence[Driver]) -> Floats:
+    """(3 K, 3 K) by what the noise of meters moves the slopes, squared, as in `flinders.estimators.driving`."""
+    about = departures - departures.mean(axis=0)
+    inverse = np.linalg.pinv(about.T @ about, hermitian=True)
+    widening = np.zeros((3 * len(drivers), 3 * len(drivers)))
+    for place, driver in enumerate(drivers):
+        off = np.outer(len(left) * inverse[:, place], driver.per_unit).ravel()
+        meter = noise_of(departures[:, place], *_along(driver, left))
+        rounded, _ = rounding(logged.values[driver.name])
+        widening += (meter.square + rounded**2) * np.outer(off, off)
+    return widening
+
+
+def _along(driver: Driver, left: Floats) -> tuple[Floats, Floats]:
+    """(N,) what is left along what a driver makes, and by how much that moves with one unit of it."""
+    size = float(np.linalg.norm(driver.per_unit))
+    along = left @ driver.per_unit / size if size > 0.0 else np.zeros(len(left))
+    return along, np.full(len(left), size)
 
 
 def _lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
     """The best lag of each motor."""
     lags: dict[str, Lag] = {}
-    for name in names if logged.is_timed else ():
-        if name not in UNLAGGED:
-            seconds = {other: lag.seconds for other, lag in lags.items() if lag.is_proven}
-            lags[name] = profile(name, _Cost(logged, names, name, seconds), grid_of(logged.step_s))
+    for late in lagging(names) if logged.is_timed else ():
+        lag = profile(late[0], _Cost(logged, names, late, kept(lags)), grid_of(logged.step_s))
+        lags |= {name: replace(lag, name=name) for name in late}
     return lags
 
 
 class _Cost:
     """χ² that a straight line leaves, in the variance that the best lag leaves."""
 
-    def __init__(self, logged: Logged, names: tuple[str, ...], name: str, lags: dict[str, float]) -> None:
-        self._logged, self._names, self._name, self._lags = logged, names, name, lags
+    def __init__(self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float]) -> None:
+        self._logged, self._names, self._late, self._lags = logged, names, late, lags
         least = min(float(np.sum(self._left(lag) ** 2)) for lag in grid_of(logged.step_s))
         self._variance = max(least / (3.0 * len(logged.field)), 1e-300)
 
@@ -221,22 +257,23 @@ class _Cost:
 
     def _left(self, lag_s: float) -> Floats:
         """(N, 3) what a line leaves."""
-        return _line(self._logged.field, self._logged.departures(self._names, {**self._lags, self._name: lag_s}))[0]
+        lags = self._lags | dict.fromkeys(self._late, lag_s)
+        return _line(self._logged.field, self._logged.departures(self._names, lags))[0]
 
 
-def _driven(driver: Driver, departures: Floats, left: Floats, design: Floats, lags: dict[str, Lag]) -> Driven:
-    """What is known of a driver beside its numbers."""
-    size = float(np.linalg.norm(driver.per_unit))
-    along = left @ driver.per_unit / size if size > 0.0 else np.zeros(len(left))
+def _driven(driver: Driver, place: int, drivers: Floats, left: Floats, lags: dict[str, Lag]) -> Driven:
+    """What is known of one of the drivers beside its numbers."""
+    departures, design = drivers[:, place], np.column_stack([drivers, np.ones(len(left))])
     lag = lags.get(driver.name)
     return Driven(
         driver.name,
         driver,
         one_way=one_way(departures),
-        attenuation=attenuation(departures, along, np.full(len(left), size)),
+        attenuation=attenuation(departures, *_along(driver, left)),
         lag_sigma_s=np.nan if lag is None else lag.sigma_s,
         lag_is_beyond=lag is not None and lag.is_beyond,
         curvature=_curvature(driver, departures, left, design),
+        alike=alike(departures, np.delete(drivers, place, axis=1)),
     )
 
 

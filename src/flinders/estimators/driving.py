@@ -28,20 +28,20 @@ True
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
 from flinders.calibration import Calibration
 from flinders.driven import settled
-from flinders.drivers import Driver
+from flinders.drivers import Driver, motor
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.bench import still
 from flinders.estimators.curves import curvature
 from flinders.estimators.lags import kept, lags_of, residuals_of
 from flinders.estimators.logged import Logged
-from flinders.estimators.meters import attenuation, one_way
+from flinders.estimators.meters import alike, attenuation, noise_of, one_way, rounding
 from flinders.estimators.settling import Problem, Solver, settle
 from flinders.heading import HeadingError, level_error
 from flinders.planar import down_of
@@ -64,6 +64,13 @@ if TYPE_CHECKING:
     from flinders.samples import Recording
 
 
+LEANT: Final = 0.5
+"""Leverage from which on a reading says more of the surface through it than all others say there."""
+
+MOST_LEVERAGE: Final = 0.99
+"""More would say anything of what the reading is off."""
+
+
 @dataclass(frozen=True, slots=True)
 class Found:
     """What is known of one driver beside its numbers.
@@ -72,8 +79,7 @@ class Found:
     ----------
     name : str
     shared : float
-        Share of what readings tell about it, in the worst direction, that offset, shape and other drivers could explain
-        as well.
+        Share of what readings tell about it, in the worst direction, that offset and shape could explain as well.
     one_way : float
         Share of its course that a monotone function of time explains.
     attenuation : float
@@ -86,6 +92,8 @@ class Found:
         The end of the search for a lag is best.
     curvature : float
         How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
+    alike : float
+        Share of its course that the other drivers explain.
     """
 
     name: str
@@ -96,6 +104,7 @@ class Found:
     chi_square: float
     is_beyond: bool = False
     curvature: float = 0.0
+    alike: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,6 +128,10 @@ class Driving:
         One for each driver.
     constant : tuple of str
         Drivers that hardly changed, of which nothing was found.
+    along : (D, D) float
+        What a unit of one driver goes with of another motor's, in its unit, row by row; ones on the diagonal.
+    leaning : (9, 9) float
+        Covariance of offset and shape from what single readings may be off on which they lean.
     """
 
     drivers: tuple[Driver, ...]
@@ -129,6 +142,8 @@ class Driving:
     noise_without: float
     found: tuple[Found, ...]
     constant: tuple[str, ...] = ()
+    along: Floats = field(default_factory=lambda: np.eye(0))
+    leaning: Floats = field(default_factory=lambda: np.zeros((9, 9)))
 
     @property
     def calibration(self) -> Calibration:
@@ -137,7 +152,7 @@ class Driving:
 
     def widened(self, covariance: Floats) -> Floats:
         """(9, 9) covariance of offset and shape at the references, from that which takes the drivers as known."""
-        wider: Floats = covariance + self.carried @ self.covariance @ self.carried.T
+        wider: Floats = covariance + self.leaning + self.carried @ self.covariance @ self.carried.T
         return wider
 
     def joint(self, covariance: Floats) -> Floats:
@@ -146,10 +161,11 @@ class Driving:
         return np.block([[covariance, across], [across.T, self.covariance]])
 
     def at_end(self, covariance: Floats, place: int) -> Floats:
-        """(9, 9) the same at the far end of the range of one driver, the others at their references."""
+        """(9, 9) the same at the far end of the range of one driver, all but motors beside it at their references."""
         driver = self.drivers[place]
         carried = self.carried.copy()
-        carried[:3, 3 * place : 3 * place + 3] += (driver.farthest - driver.reference) * np.eye(3)
+        away = (driver.farthest - driver.reference) * self.along[place]
+        carried[:3, : 3 * len(away)] += np.kron(away, np.eye(3))
         wider: Floats = covariance + carried @ self.covariance @ carried.T
         return wider
 
@@ -168,7 +184,8 @@ def driving_of(
     recordings : sequence of Recording
         Of one sensor; a lag does not reach from one into the next.
     names : sequence of str
-        ``current``, ``throttle``, ``temperature``.
+        ``current``, ``throttle``, ``temperature``; of one motor ``current1`` or ``throttle1``, of all ``currents`` or
+        ``throttles``.
     spread : float, optional
         As for `flinders.terms.prior`, on the shape; None for the default, as a solver needs a hold.
 
@@ -203,7 +220,7 @@ def _told(
     residuals = residuals_of(solved)
     scatter = residuals.scatter(residuals.autocovariance()) / solved.noise**4
     believed = solver.equations(solved, np.zeros(len(solved.distances))).matrix
-    covariance = inverse @ (scatter + believed) @ inverse
+    covariance = inverse @ (scatter + believed) @ inverse + _metered(problem, solved, inverse)
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
     return Driving(
         _drivers(problem, solved),
@@ -214,7 +231,58 @@ def _told(
         _noise_on(without, solved.used),
         tuple(_found(problem, solved, inverse, name, lags.get(name)) for name in problem.names),
         constant,
+        _along(problem),
+        _leaning(solved, matrix),
     )
+
+
+def _leaning(solved: Solved, matrix: Floats) -> Floats:
+    """(9, 9) covariance of offset and shape, the drivers as found, from readings that the fit leans on.
+
+    A reading of leverage h pulls the surface to itself, and its distance s says s/(1 − h) of what it may be off. The
+    others of its kind tell nothing of that: a fit that was told by one reading across a gap of directions would claim
+    the usual noise for it. Source: J. G. MacKinnon, H. White, J. Econometrics 29 (1985) 305–325, their HC3.
+    """
+    rows, distances = solved.jacobian[solved.used], solved.distances[solved.used]
+    inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, len(rows)).inverse() / solved.noise**2
+    leverage = np.minimum(np.einsum("ij,jk,ik->i", rows, inverse, rows), MOST_LEVERAGE)
+    leant = leverage > LEANT
+    off = distances[leant] / (1.0 - leverage[leant])
+    plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, len(rows)).inverse() / solved.noise**2
+    moved = (rows[leant, :9] * off[:, np.newaxis]) @ plain
+    found: Floats = moved.T @ moved
+    return found
+
+
+def _metered(problem: Problem, solved: Solved, inverse: Floats) -> Floats:
+    """(9 + K, 9 + K) by what the noise of meters moves all parameters: squares of it, as its size is known roughly.
+
+    White noise of variance v in a driver adds v Σ n nᵀ to the normal matrix, which no reading tells: the solution is
+    off by the inverse times that times P. What was rounded off is the same throughout a setting, and pulls as one.
+    """
+    used, departures = solved.used, problem.departures
+    normals, widening = solved.jacobian[used, :3], np.zeros_like(inverse)
+    for place, name in enumerate(problem.names):
+        per_unit = solved.driven[3 * place : 3 * place + 3]
+        off = inverse[:, 9 + 3 * place : 12 + 3 * place] @ normals.T @ (normals @ per_unit) / solved.noise**2
+        meter = noise_of(departures[used, place], solved.distances[used], normals @ per_unit)
+        rounded, setting = rounding(problem.logged.values[name])
+        widening += (meter.square + rounded**2) * np.outer(off, off)
+        pulled = solved.jacobian[used] * (normals @ per_unit)[:, np.newaxis]
+        pulls = np.stack([np.bincount(setting[used], weights=column) for column in pulled.T], axis=1)
+        moved = pulls @ inverse / solved.noise**2
+        widening += rounded * moved.T @ moved
+    return widening
+
+
+def _along(problem: Problem) -> Floats:
+    """(D, D) slopes through no current of each motor's column over another's, in one family; else the unit matrix."""
+    departures = problem.departures
+    products = departures.T @ departures
+    slopes = products / np.diag(products)[:, np.newaxis]
+    family = [motor(name) for name in problem.names]
+    beside = [[one[0] == other[0] and bool(one[1] and other[1]) for other in family] for one in family]
+    return np.where(np.array(beside) | np.eye(len(family), dtype=bool), slopes, 0.0)
 
 
 def _drivers(problem: Problem, solved: Solved) -> tuple[Driver, ...]:
@@ -239,17 +307,17 @@ def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: La
     values = problem.departures[used, place]
     normals = solved.jacobian[used, :3]
     driven = normals * (values - values.mean())[:, np.newaxis]
-    others = np.delete(solved.jacobian[used], np.arange(rows.start, rows.stop), axis=1)
     per_unit = solved.driven[3 * place : 3 * place + 3]
     return Found(
         name,
-        shared=term.shared(others, driven),
+        shared=term.shared(solved.jacobian[used, :9], driven),
         one_way=one_way(values),
         attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
         lag_sigma_s=np.nan if lag is None else lag.sigma_s,
         chi_square=float(per_unit @ np.linalg.solve(inverse[rows, rows], per_unit)),
         is_beyond=lag is not None and lag.is_beyond,
         curvature=curvature(values, residuals_of(solved), normals, per_unit),
+        alike=alike(values, np.delete(problem.departures[used], place, axis=1)),
     )
 
 
@@ -296,6 +364,7 @@ def told(fitted: Fit, driving: Driving) -> Fit:
             attenuation=found.attenuation,
             lag_is_beyond=found.is_beyond,
             curvature=found.curvature,
+            alike=found.alike,
             chi_square=found.chi_square,
             lag_sigma_s=found.lag_sigma_s,
         )

@@ -1,6 +1,7 @@
 """Which drivers of a recording earn their place: those that explain readings which they were not fitted to.
 
-Current, throttle and temperature are tried one after the other, each beside those that were kept. The recording is cut
+Current, throttle and temperature are tried one after the other, each beside those that were kept; then currents and
+throttles of all motors one by one, in place of those of all together. The recording is cut
 in twelve stretches; a third of them, spread over the recording, is left out in turn. A driver is kept if the strength
 of the field there scatters less for it, by two per cent at least.
 
@@ -16,12 +17,13 @@ When to use it: ``--with auto``. A driver that is known to matter is better name
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.driven import settled
-from flinders.drivers import KINDS
+from flinders.drivers import KINDS, MOTORS, motor
 from flinders.errors import FitError, InputError, figures
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
@@ -49,6 +51,8 @@ WORTH: Final = 0.98
 ENTANGLED: Final = 0.95
 """Of what tells about a driver: where the attitude explains more, what it explains elsewhere is the attitude."""
 
+APART: Final = "each motor by itself explains more"
+
 STRAY: Final = 5.0
 """Robust standard deviations beyond which a distance counts for no more."""
 
@@ -69,40 +73,87 @@ def earned(
     """
     parts = [_in_memory(part) for part in singles(source)]
     parts = [part for part in parts if len(part)]
-    there = [name for name in KINDS if parts and all(_has(part, name) for part in parts)]
-    if not there:
+    if not parts or not _of_all(parts):
         return (), ()
+    there = [name for name in _of_all(parts) if name in KINDS]
     kept: tuple[str, ...] = ()
     reports = []
     for name in there:
-        try:
-            reports.append(_tried(parts, kept, name, spread, dip_deg))
-        except (FitError, InputError) as refusal:
-            reports.append(Aid(name, kept=False, words=str(refusal)))
+        reports.append(_asked(parts, _Trial(name, kept, (name,)), spread, dip_deg))
         if reports[-1].kept:
             kept = (*kept, name)
+    for of, many in MOTORS.items():
+        each = tuple(name for name in _of_all(parts) if motor(name)[0] == of and motor(name)[1])
+        others = tuple(name for name in kept if name != of)
+        if len(each) < 2:
+            continue
+        reports.append(_asked(parts, _Trial(many, kept, each, instead=of), spread, dip_deg))
+        if reports[-1].kept:
+            kept = (*others, *each)
+            reports = [replace(one, kept=False, words=APART) if one.name == of else one for one in reports]
     return kept, tuple(reports)
 
 
-def _tried(parts: Sequence[Samples], kept: tuple[str, ...], name: str, spread: float | None, dip_deg: float) -> Aid:
-    """What there is to say of one driver beside those that were kept."""
-    logged = Logged.of(parts, (name,))
-    values = logged.values[name]
-    _, constant = logged.split()
-    if constant:
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """What is tried.
+
+    Attributes
+    ----------
+    name : str
+        What it is called.
+    kept : tuple of str
+        Drivers that were kept before.
+    names : tuple of str
+        Those that come.
+    instead : str
+        The one that goes for them.
+    """
+
+    name: str
+    kept: tuple[str, ...]
+    names: tuple[str, ...]
+    instead: str = ""
+
+    @property
+    def tried(self) -> tuple[str, ...]:
+        """All that are followed then."""
+        return (*(name for name in self.kept if name != self.instead), *self.names)
+
+
+def _of_all(parts: Sequence[Samples]) -> tuple[str, ...]:
+    """Names of drivers that each recording has."""
+    return tuple(name for name in parts[0].drivers if all(_has(part, name) for part in parts))
+
+
+def _asked(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> Aid:
+    """What there is to say of a trial, also where it is refused."""
+    try:
+        return _tried(parts, trial, spread, dip_deg)
+    except (FitError, InputError) as refusal:
+        return Aid(trial.name, kept=False, words=str(refusal))
+
+
+def _tried(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> Aid:
+    """What there is to say of drivers beside those that were kept."""
+    name, logged = trial.name, Logged.of(parts, trial.names)
+    moving, _ = logged.split()
+    if not moving:
+        low = min(float(np.nanmin(values)) for values in logged.values.values())
+        high = max(float(np.nanmax(values)) for values in logged.values.values())
         return Aid(name, kept=False, words=f"it hardly changed, from {low:.3g} to {high:.3g}")
-    if still(parts, (*kept, name)) is not None:
+    if still(parts, trial.tried) is not None:
         return Aid(name, kept=False, words="the sensor was not turned: name it to find what it does on a bench")
-    before, after = left_over(parts, kept, (*kept, name), spread)
+    before, after = left_over(parts, trial.kept, trial.tried, spread)
     if after > WORTH * before:
         words = "the strength of the field scatters as much with it as without, where it was left out"
         return Aid(name, kept=False, words=words)
-    driving = driving_of(parts, (*kept, name), spread=spread)
-    entangled = driving.found[-1].shared
+    driving = driving_of(parts, trial.tried, spread=spread)
+    ours = [one for one in driving.drivers if one.name in trial.names]
+    entangled = max(one.shared for one in driving.found if one.name in trial.names)
     if entangled > ENTANGLED:
         return Aid(name, kept=False, words=f"{entangled:.1%} of what tells about it could be the attitude as well")
-    taken = driving.calibration.driven_deg(driving.drivers[-1], dip_deg=dip_deg)
+    taken = max(driving.calibration.driven_deg(one, dip_deg=dip_deg) for one in ours)
     strength = driving.ellipsoid.radius
     words = (
         f"the strength of the field scatters by {figures(100.0 * after / strength)} % with it and by "
@@ -149,5 +200,5 @@ def _in_memory(part: Recording) -> Samples:
 
 def _has(part: Samples, name: str) -> bool:
     """A column is there, and something in it."""
-    column: Floats | None = getattr(part, name)
+    column = part.driving(name)
     return column is not None and bool(np.isfinite(column).any())

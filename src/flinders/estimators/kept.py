@@ -87,6 +87,8 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         strength=_whole([block.strength for block in filled]),
         throttle=_whole([block.throttle for block in filled]),
         attitude=_whole([block.attitude for block in filled]),
+        currents=_whole([block.currents for block in filled]),
+        throttles=_whole([block.throttles for block in filled]),
         source=recording.source,
     )
 

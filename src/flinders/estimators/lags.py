@@ -8,7 +8,7 @@ whose curvature at the least is that of 1/σ²(lag). A lag is kept only where it
 deviations. Residuals that hang together count for as many as are independent.
 
 When to use it: for motors, whose meter is filtered or whose clock is another one. Not for a temperature, which follows
-in minutes.
+in minutes. Motors of which each has a column of its own are logged by one meter, and have one lag.
 
 >>> time = np.arange(600) / 50.0
 >>> current = 10.0 + 5.0 * np.sin(3.0 * time)
@@ -21,16 +21,17 @@ in minutes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.drivers import motor
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.settling import Problem, settle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
     from flinders.estimators.logged import Logged
@@ -120,14 +121,28 @@ def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict
     """The best lag of each motor, and the last solution on the way there; none without times."""
     lags: dict[str, Lag] = {}
     solved: Solved | None = None
-    for name in names if logged.is_timed else ():
-        if name not in UNLAGGED:
-            for _ in range(2):  # the second time with the noise that the first lag leaves
-                solved = settle(Problem(logged, names, spread, kept(lags)), solved)
-                lags[name] = profile(name, _Cost(logged, names, name, kept(lags), solved), grid_of(logged.step_s))
-                if not lags[name].is_proven:
-                    break
+    for late in lagging(names) if logged.is_timed else ():
+        for _ in range(2):  # the second time with the noise that the first lag leaves
+            solved = settle(Problem(logged, names, spread, kept(lags)), solved)
+            lag = profile(late[0], _Cost(logged, names, late, kept(lags), solved), grid_of(logged.step_s))
+            lags |= {name: replace(lag, name=name) for name in late}
+            if not lag.is_proven:
+                break
     return lags, solved
+
+
+def lagging(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Drivers that may come late, those together that have one lag.
+
+    >>> lagging(["current1", "current2", "throttle", "temperature"])
+    [('current1', 'current2'), ('throttle',)]
+    """
+    families: dict[tuple[str, bool], list[str]] = {}
+    for name in names:
+        of, number = motor(name)
+        if of not in UNLAGGED:
+            families.setdefault((of, number > 0), []).append(name)
+    return [tuple(family) for family in families.values()]
 
 
 def kept(lags: dict[str, Lag]) -> dict[str, float]:
@@ -142,15 +157,15 @@ def residuals_of(solved: Solved) -> Residuals:
 
 
 class _Cost:
-    """χ² that another lag of one driver leaves, with the surface as it is and all parameters free to first order.
+    """χ² that another lag of some drivers leaves, with the surface as it is and all parameters free to first order.
 
     Distances with what the drivers take off put back, s + J_P P, by least squares on the columns of the other lags.
     """
 
     def __init__(
-        self, logged: Logged, names: tuple[str, ...], name: str, lags: dict[str, float], solved: Solved
+        self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float], solved: Solved
     ) -> None:
-        self._logged, self._names, self._name, self._lags, self._used = logged, names, name, lags, solved.used
+        self._logged, self._names, self._late, self._lags, self._used = logged, names, late, lags, solved.used
         places = 3 * len(names)
         self._shape = solved.jacobian[self._used, :9]
         self._target = solved.distances[self._used]
@@ -159,7 +174,7 @@ class _Cost:
 
     def __call__(self, lag_s: float) -> float:
         """χ² at a lag in s."""
-        departures = self._logged.departures(self._names, {**self._lags, self._name: lag_s})[self._used]
+        departures = self._logged.departures(self._names, self._lags | dict.fromkeys(self._late, lag_s))[self._used]
         normals = self._shape[:, :3]
         moved = (departures[:, :, np.newaxis] * normals[:, np.newaxis]).reshape(len(normals), -1)
         design = np.column_stack([self._shape, moved])

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.drivers import KINDS, known, lagged
+from flinders.drivers import MOTORS, known, lagged, place_of
 from flinders.errors import InputError, TooFewSamples
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Logged:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], names: tuple[str, ...]) -> Self:
-        """Go through the recordings once.
+        """Go through the recordings once; of ``currents`` and ``throttles`` take each motor's.
 
         Raises
         ------
@@ -63,9 +63,7 @@ class Logged:
         TooFewSamples
             For fewer readings than anything can be told from.
         """
-        for name in names:
-            known(name)
-        names = tuple(name for name in KINDS if name in names)  # the order of a calibration's drivers
+        names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's drivers
         wholes = [Part.of(recording, names) for recording in recordings]
         total = sum(len(part.field) for part in wholes)
         if total < FEWEST:
@@ -135,13 +133,11 @@ class Part:
     def of(cls, recording: Recording, names: tuple[str, ...]) -> Self:
         """Read a recording through; raises `InputError` where it lacks a column."""
         blocks: list[Samples] = [block for block in recording.blocks() if len(block)]
-        columns = {}
+        columns: dict[str, Floats] = {}
         for name in names:
-            pieces = [getattr(block, name) for block in blocks]
-            if not blocks or any(piece is None for piece in pieces) or not np.isfinite(np.concatenate(pieces)).any():
-                raise InputError(
-                    f"{recording.source} has no {name}: record it beside the readings, or leave --with {name} out"
-                )
+            pieces = [piece for block in blocks if (piece := block.driving(name)) is not None]
+            if not blocks or len(pieces) < len(blocks) or not np.isfinite(np.concatenate(pieces)).any():
+                raise InputError(_lacking(recording.source, name, blocks[0].drivers if blocks else ()))
             columns[name] = np.concatenate(pieces)
         times = [block.time for block in blocks]
         time = None if any(each is None for each in times) else np.concatenate([t for t in times if t is not None])
@@ -150,6 +146,44 @@ class Part:
     def lagged(self, name: str, lag_s: float) -> Floats:
         """(M / stride,) what was logged so much earlier."""
         return lagged(self.columns[name], self.time, lag_s)[:: self.stride]
+
+
+def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
+    """Names of drivers, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
+
+    Raises
+    ------
+    UsageError
+        For a name that is not known.
+    InputError
+        For those of motors where none was recorded.
+
+    Examples
+    --------
+    >>> from flinders.samples import Samples
+    >>> spelled_out([Samples.of([[1, 2, 3]], currents=[[4.0, 5.0]])], ["temperature", "currents"])
+    ('temperature', 'current1', 'current2')
+    """
+    found: list[str] = []
+    for name in names:
+        of = next((of for of, many in MOTORS.items() if many == name), None)
+        if of is None:
+            known(name)
+            found.append(name)
+            continue
+        for recording in recordings:
+            there = next(iter(recording.blocks())).drivers
+            each = [one for one in there if one != of and one.startswith(of)]
+            if not each:
+                raise InputError(_lacking(recording.source, name, there))
+            found += each
+    return tuple(dict.fromkeys(found))
+
+
+def _lacking(source: str, name: str, there: Sequence[str]) -> str:
+    """Say that a recording lacks a column, and what it has."""
+    has = f" ({', '.join(there)} were)" if there else ""
+    return f"{source} has no {name}: record it beside the readings{has}, or leave --with {name} out"
 
 
 def _changes(name: str, values: Floats) -> bool:

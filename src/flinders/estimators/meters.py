@@ -1,12 +1,17 @@
-"""Whether what was logged of a driver is fit to be followed: noise of its meter, and a course that only goes one way.
+"""Whether what was logged of a driver is fit to be followed.
+
+Its meter may be noisy, its course only go one way, and others may go along with it.
 
 **Noise.** Least squares takes the driver as known. White noise e of its meter makes P too small, by the share
-var e / var c, and no residual is larger for it. It shows in fast changes: with h = c − (mean of 15 about it), a
+var e / var c, and no residual is larger for it. It shows in fast changes: with h = c − (mean of some about it), a
 reading whose sensitivity to the driver is q = n·P leaves
 
     ρ = −Σ r q h / Σ (q h)²
 
-which is the share of fast changes that readings do not follow: 0 for an exact meter, 1 where all of it is noise.
+which is the share of fast changes that readings do not follow: 0 for an exact meter, 1 where all of it is noise. As P
+is too small, readings follow real changes more than the fit does; with both, and means of w,
+
+    var e = ρ var h / (1 − 1/w − (1 − ρ) var h / var c)
 
 **One way.** What only rises, or is switched on once, goes with time as well: an offset that drifts, or a sensor that
 moved, would look the same. `one_way` is the share of its variance that a monotone function of time explains.
@@ -23,32 +28,75 @@ adjacent violators, Barlow et al. (1972).
 ...     too_small = attenuation(logged, readings - slope * logged - level, np.full(1200, slope))
 ...     print(f"{slope:.2f} {too_small:.1%}")
 0.50 0.0%
-0.39 19.1%
+0.39 20.9%
 >>> one_way(np.linspace(0.0, 1.0, 100) ** 2), round(one_way(np.sin(np.linspace(0.0, 20.0, 1000))), 1)
 (1.0, 0.2)
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from flinders.estimators.robust import TO_SIGMA
+
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from flinders.arrays import Floats
 
-WINDOW: Final = 15
-"""Readings whose mean is taken off: what is left is fast. Real changes in it are followed, and do not count."""
+WINDOWS: Final = (15, 45, 135)
+"""Readings whose mean is taken off: what is left is fast. Real changes in it are followed, and do not count.
+
+The longer ones see a meter that holds its value; the longest stays far from the whole course, which every fit follows.
+"""
+
+LEFT: Final = 0.25
+"""Share of a course that at least has to be slow."""
 
 SIGNIFICANT: Final = 4.0
 """Standard deviations beyond which fast changes are missing."""
+
+FURTHER: Final = 3.0
+"""Standard deviations by which a longer window has to tell more than a shorter one: chance makes one of them most."""
 
 STRETCHES: Final = 100
 """Means of which a course is made up."""
 
 
-def attenuation(values: Floats, residuals: Floats, sensitivity: Floats) -> float:
-    """By which share an offset per unit is too small, as the meter is noisy; 0 where nothing of it shows.
+class Noise(NamedTuple):
+    """What a meter adds to a driver.
+
+    Attributes
+    ----------
+    variance : float
+        In the square of the driver's unit; below zero where readings follow fast changes more than others, as they do
+        where the meter is slow.
+    sigma : float
+        Standard deviation of that.
+    own : float
+        The most that the column itself allows for white noise and rounding, in that square.
+    """
+
+    variance: float
+    sigma: float
+    own: float = np.inf
+
+    @property
+    def is_proven(self) -> bool:
+        """No chance makes so much of it."""
+        return self.variance > SIGNIFICANT * self.sigma
+
+    @property
+    def square(self) -> float:
+        """Expected square of the variance: of what readings show of it, or else of what the column allows."""
+        shown = self.variance**2 + self.sigma**2
+        return shown if abs(self.variance) > SIGNIFICANT * self.sigma else min(shown, self.own**2)
+
+
+def noise_of(values: Floats, residuals: Floats, sensitivity: Floats) -> Noise:
+    """Noise of a meter, by the shortest window that tells as much of it as longer ones.
 
     Parameters
     ----------
@@ -59,19 +107,60 @@ def attenuation(values: Floats, residuals: Floats, sensitivity: Floats) -> float
     sensitivity : (N,) float
         By how much each of them moves with one unit of the driver.
     """
-    half = WINDOW // 2
+    found = [_noise_by(window, values, residuals, sensitivity) for window in WINDOWS if 2 * window < len(values)]
+    most = found[0] if found else Noise(0.0, 0.0)
+    for one in found[1:]:
+        if abs(one.variance) > max(SIGNIFICANT * one.sigma, abs(most.variance) + FURTHER * one.sigma):
+            most = one
+    return most._replace(own=_white(values))
+
+
+def _white(values: Floats) -> float:
+    """Variance of white noise in (N,) values, at most: by second differences, robustly, as real changes are steps.
+
+    >>> course = np.repeat([0.0, 9.0, 4.0], 2000) + np.random.default_rng(1).normal(scale=0.5, size=6000)
+    >>> round(_white(course), 2)
+    0.25
+    """
+    bends = np.abs(np.diff(values, 2))
+    return (TO_SIGMA * float(np.median(bends))) ** 2 / 6.0 if len(bends) else 0.0
+
+
+def rounding(values: Floats) -> tuple[float, NDArray[np.intp]]:
+    """Variance of what was rounded off (N,) values of a driver, and (N,) the number of the setting of each.
+
+    The step is the smallest between two of them. What was rounded off is about the same for as long as one holds.
+
+    >>> rounding(np.array([1.0, 3.0, 3.0, 4.0, 9.0]))
+    (0.08333333333333333, array([0, 1, 1, 2, 3]))
+    """
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    step = float(steps.min()) if len(steps) else 0.0
+    return step**2 / 12.0, np.append(0, np.cumsum(np.diff(values) != 0.0))
+
+
+def _noise_by(window: int, values: Floats, residuals: Floats, sensitivity: Floats) -> Noise:
+    """The same by what is left of means of so many readings."""
+    half = window // 2
     fast = np.zeros(len(values))
-    fast[half:-half] = values[half:-half] - np.convolve(values, np.full(WINDOW, 1.0 / WINDOW), mode="valid")
+    fast[half:-half] = values[half:-half] - np.convolve(values, np.full(window, 1.0 / window), mode="valid")
     moved = sensitivity * fast
     square = float(moved @ moved)
-    variance = float(np.var(values))
-    if square <= 0.0 or variance <= 0.0:
-        return 0.0
-    missing = -float(residuals @ moved) / square
-    if missing * np.sqrt(square) < SIGNIFICANT * float(np.std(residuals)):
-        return 0.0
-    noise = min(missing, 1.0) * float(np.mean(fast[half:-half] ** 2)) * WINDOW / (WINDOW - 1.0)
-    return min(noise / variance, 1.0)
+    if square <= 0.0:
+        return Noise(0.0, 0.0)
+    size, whole = float(np.mean(fast[half:-half] ** 2)), float(np.var(values))
+    missing = -size * float(residuals @ moved) / square
+    slow = max(1.0 - 1.0 / window - (size - missing) / whole, LEFT)
+    return Noise(missing / slow, size * float(np.std(residuals)) / np.sqrt(square) / slow)
+
+
+def attenuation(values: Floats, residuals: Floats, sensitivity: Floats) -> float:
+    """By which share an offset per unit is too small, as the meter is noisy; 0 where nothing of it shows.
+
+    Of (N,) values, residuals and sensitivities as in `noise_of`.
+    """
+    noise, variance = noise_of(values, residuals, sensitivity), float(np.var(values))
+    return min(noise.variance / variance, 1.0) if noise.is_proven and variance > 0.0 else 0.0
 
 
 def one_way(values: Floats) -> float:
@@ -81,6 +170,22 @@ def one_way(values: Floats) -> float:
     if total <= 0.0:
         return 0.0
     return float(max(np.var(_rising(course)), np.var(_rising(-course)))) / total
+
+
+def alike(values: Floats, others: Floats) -> float:
+    """Share of the variance of (N,) values that a straight line in (N, K) other drivers explains, 0 to 1.
+
+    >>> drawn = np.random.default_rng(1).uniform(0.0, 20.0, (500, 3))
+    >>> round(alike(drawn[:, 0], drawn[:, 1:]), 1), round(alike(drawn.sum(axis=1), drawn), 3)
+    (0.0, 1.0)
+    """
+    about = values - values.mean()
+    total = float(about @ about)
+    if not (total > 0.0 and others.shape[1]):
+        return 0.0
+    beside = others - others.mean(axis=0)
+    left = about - beside @ np.linalg.lstsq(beside, about, rcond=None)[0]
+    return min(max(1.0 - float(left @ left) / total, 0.0), 1.0)
 
 
 def _rising(course: Floats) -> Floats:

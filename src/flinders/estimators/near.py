@@ -14,8 +14,9 @@ nothing of their neighbours; so a run is where more of eleven readings are far t
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
-from itertools import tee
+from itertools import islice
 from math import comb
 from typing import TYPE_CHECKING, Final
 
@@ -117,11 +118,15 @@ def left_out(
 
     Every reading is judged together with its neighbours, so where one block ends and the next begins has no say.
     """
-    ahead, behind = tee(blocks)
-    known: Floats = np.zeros(_REACH)  # distances; before the first reading nothing is far
-    for block in behind:
+    ahead = iter(blocks)
+    held = deque(islice(ahead, 1))  # not `itertools.tee`, which lets go of blocks by 57
+    begun: Floats = np.zeros(_REACH)  # before the first reading nothing is far
+    known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in held)])
+    while held:
+        block = held.popleft()
         needed = _REACH + len(block) + _REACH
         while len(known) < needed and (following := next(ahead, None)) is not None:
+            held.append(following)
             known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
         here = slice(_REACH, _REACH + len(block))
         far = known[:needed] > limit

@@ -120,8 +120,10 @@ class Readings:
         """Take at most about `limit` readings, spread evenly over the recording."""
         stride = max(1, -(-len(self) // limit))
         seen, taken = 0, []
+        is_held = isinstance(self.recording, Samples)
         for block in self.blocks(method):
-            taken.append(block[-seen % stride :: stride])
+            some = block[-seen % stride :: stride]
+            taken.append(some if is_held else some.copy())  # a view would hold the whole block, of all of them
             seen += len(block)
         return taken[0] if len(taken) == 1 else np.concatenate(taken)
 

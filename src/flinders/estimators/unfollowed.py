@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.coverage import directions_of
-from flinders.drivers import KINDS
+from flinders.drivers import known
 from flinders.result import Unfollowed
 from flinders.terms import magnitude
 
@@ -54,18 +54,18 @@ def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, tim
         Readings that say as much as one independent reading.
     """
     some = samples[:: max(1, len(samples) // MOST)]
-    found = [one for name in KINDS if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
+    found = [one for name in samples.drivers if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
     return max(found, key=lambda one: one.chi_square, default=None)
 
 
 def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float) -> Unfollowed | None:
     """What one driver explains; None where it was not recorded, hardly changed, or explains nothing."""
-    values: Floats | None = getattr(samples, name)
+    values = samples.driving(name)
     if values is None:
         return None
-    known = np.isfinite(values)
-    values, field = values[known], samples.field[known]
-    if len(values) < FEWEST or np.ptp(values) < KINDS[name].least:
+    finite = np.isfinite(values)
+    values, field = values[finite], samples.field[finite]
+    if len(values) < FEWEST or np.ptp(values) < known(name).least:
         return None
     about = values - values.mean()
     jacobian = magnitude.information(directions_of(field, ellipsoid), ellipsoid)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.conventions._affine import OWN, Affine
 from flinders.conventions._driven import in_recorded_axes
 from flinders.conventions._parsing import listed, loaded, numbers
-from flinders.drivers import KINDS, Driver
+from flinders.drivers import BY_KEY, Driver
 from flinders.errors import DocumentError
 from flinders.exporters._export import Written
 from flinders.exporters._sheet import HASH, Sheet
@@ -119,12 +119,12 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 def _read(fields: dict[str, Any], source: str) -> tuple[Driver, ...]:
     """What the offset follows, where the file says so."""
     drivers = []
-    for name, kind in KINDS.items():
-        if kind.key not in fields:
+    for key, name in BY_KEY.items():
+        if key not in fields:
             continue
-        if not isinstance(fields[kind.key], dict):
-            raise DocumentError(f"{source}: {kind.key} needs offset_per_unit, reference, recorded and lag_s")
-        record = fields[kind.key]
+        record = fields[key]
+        if not isinstance(record, dict):
+            raise DocumentError(f"{source}: {key} needs offset_per_unit, reference, recorded and lag_s")
         reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
         low, high = listed(record, "recorded", 2, source)
         per_unit = listed(record, "offset_per_unit", 3, source)

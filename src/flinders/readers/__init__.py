@@ -357,6 +357,8 @@ def read(
         strength=_joined([block.strength for block in blocks]),
         throttle=_joined([block.throttle for block in blocks]),
         attitude=_joined([block.attitude for block in blocks]),
+        currents=_joined([block.currents for block in blocks]),
+        throttles=_joined([block.throttles for block in blocks]),
         source=recording.source,
         skipped=(),
     )

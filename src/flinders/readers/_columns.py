@@ -22,12 +22,15 @@ from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
     CURRENT,
+    CURRENTS,
     FACTORS,
+    FACTORS_OF_MOTORS,
     FIELD,
     RATE,
     STRENGTH,
     TEMPERATURE,
     THROTTLE,
+    THROTTLES,
     TIME,
     Meaning,
     meaning,
@@ -42,6 +45,14 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.axes import Axes
 
+OF_MOTORS: Final = (CURRENTS, THROTTLES)
+"""Kinds of which there may be a column for each motor."""
+SHARES: Final = ("share", "percent", "pct", "%")
+"""Units of a throttle that count from none; pulses count from `REST_US`."""
+REST_US: Final = 1000.0
+"""Width of the pulse that asks a motor for nothing; a thousand more asks for all."""
+PULSES_US: Final = (800.0, 2200.0)
+"""Widths that such pulses have."""
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
 """From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096."""
 LONG: Final = 1e8
@@ -50,14 +61,14 @@ LONG: Final = 1e8
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column, or three of one sensor.
+    """One column, or three of one sensor, or one of each motor.
 
     Attributes
     ----------
     kind : str
         As in `Meaning`.
     cells : tuple of int
-        Places in a line, counted from 0; x, y, z.
+        Places in a line, counted from 0; x, y, z, or motor by motor.
     names : tuple of str
         As the header has them, or their numbers counted from 1.
     factor : float
@@ -174,6 +185,7 @@ class Columns:
             level[:, self.field.axes] = field
             field = level
         throttle, attitude = self._beside(values, THROTTLE), self._beside(values, ATTITUDE)
+        throttles = self._beside(values, THROTTLES)
         found = Samples.of(
             field,
             unit=unit,
@@ -186,6 +198,8 @@ class Columns:
             strength=self._beside(values, STRENGTH),
             throttle=None if throttle is None else shares(throttle),
             attitude=None if attitude is None else quaternions.known(attitude),
+            currents=self._beside(values, CURRENTS),
+            throttles=None if throttles is None else shares(throttles),
             source=source,
         )
         return found if frame == found.frame else replace(found, frame=frame)
@@ -198,7 +212,7 @@ class Columns:
         with np.errstate(over="ignore"):
             taken = (self.taken(values, column) - column.start) * column.factor
         taken[np.isinf(taken)] = np.nan
-        return taken[:, 0] if len(column.cells) == 1 else taken
+        return taken[:, 0] if len(column.cells) == 1 and kind not in OF_MOTORS else taken
 
 
 def names_magnetometer(names: Sequence[str]) -> bool:
@@ -498,6 +512,10 @@ def _beside(
                 found.append(Column(kind, (place,), (names[place].strip(),)))
                 break
             left_out.append(f"{names[place].strip()} (not numbers)")
+    for kind in OF_MOTORS:
+        column, reason = _of_motors(names, meanings, values, kind)
+        found += [column] if column else []
+        left_out += [reason] if reason else []
     scaled: list[Column] = []
     for column in found:
         unit = meanings[column.cells[0]].unit
@@ -505,11 +523,45 @@ def _beside(
             scaled.append(_time(column, unit, values[:, column.cells[0]]))
         elif column.kind == STRENGTH:
             scaled.append(replace(column, unit=unit))
+        elif column.kind == THROTTLES:
+            scaled.append(
+                replace(column, factor=FACTORS_OF_MOTORS[THROTTLES][unit], start=0.0 if unit in SHARES else REST_US)
+            )
+        elif column.kind == CURRENTS:
+            scaled.append(replace(column, factor=FACTORS_OF_MOTORS[CURRENTS][unit]))
         elif column.kind == RATE and not unit:
             left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
         else:
             scaled.append(replace(column, factor=FACTORS.get(column.kind, {}).get(unit, 1.0)))
     return tuple(scaled), tuple(left_out)
+
+
+def _of_motors(
+    names: Sequence[str], meanings: Sequence[Meaning], values: Floats, kind: str
+) -> tuple[Column | None, str]:
+    """The columns of single motors, from the first motor on; and why there are none, where some are named so."""
+    numbered = {int(known.axis): place for place, known in enumerate(meanings) if known.kind == kind}
+    if not numbered:
+        return None, ""
+    cells = tuple(numbered[number] for number in sorted(numbered))
+    column = Column(kind, cells, tuple(names[cell].strip() for cell in cells))
+    told = ", ".join(column.names)
+    if sorted(numbered) != list(range(min(numbered), max(numbered) + 1)) or min(numbered) > 1:
+        return None, f"{told} (motors are missing between: need each from the first on)"
+    if not all(_numeric(values[:, cell]) for cell in cells):
+        return None, f"{told} (not numbers)"
+    units = {meanings[cell].unit for cell in cells}
+    if len(units) > 1:
+        return None, f"{told} (in more than one unit)"
+    if kind == THROTTLES and units == {""} and not _are_pulses(values[:, cells]):
+        return None, f"{told} (neither shares nor µs: say so in the names, as throttle1_share)"
+    return column, ""
+
+
+def _are_pulses(values: Floats) -> bool:
+    """Tell whether numbers are the widths of pulses that a speed controller takes, in µs."""
+    told = values[np.isfinite(values)]
+    return len(told) > 0 and bool(np.all((told >= PULSES_US[0]) & (told <= PULSES_US[1])))
 
 
 def _numeric(values: Floats) -> bool:

@@ -28,6 +28,8 @@ CURRENT: Final = "current"
 STRENGTH: Final = "strength"
 THROTTLE: Final = "throttle"
 ATTITUDE: Final = "attitude"
+CURRENTS: Final = "currents"
+THROTTLES: Final = "throttles"
 
 _DEGREES = math.pi / 180
 
@@ -112,6 +114,24 @@ _WRITTEN_HERE: Final = {
 A ``throttle`` may be per cent or microseconds, and an attitude that of any axes."""
 
 
+FACTORS_OF_MOTORS: Final[dict[str, dict[str, float]]] = {
+    CURRENTS: {"": 1.0, "a": 1.0, "ma": 1e-3},
+    THROTTLES: {"share": 1.0, "percent": 0.01, "pct": 0.01, "%": 0.01, "": 1e-3, "us": 1e-3, "µs": 1e-3},
+}
+"""Spellings of units in the names of single motors' columns, and the factor to A and shares; none of pulses in µs."""
+_OF_MOTOR: Final = {
+    CURRENTS: re.compile(
+        r"(?:(?:esc|motor|mot|m)[ _.]?\[?(\d{1,2})\]?[ _.](?:esc[ _])?(?:current|curr|amps?)"
+        r"|(?:(?:esc|motor)[ _.])?(?:current|curr)[ _.]?\[?(\d{1,2})\]?)(?:[ _]?[(\[]?(a|ma)[)\]]?)?"
+    ),
+    THROTTLES: re.compile(
+        r"(?:(?:throttle|motor)[ _.]?\[?(\d{1,2})\]?|(?:motor|esc)[ _.]?\[?(\d{1,2})\]?[ _.](?:throttle|pwm))"
+        r"(?:[ _]?[(\[]?(share|percent|pct|%|us|µs)[)\]]?)?"
+    ),
+}
+"""Columns of single motors, by their whole name: which motor, and in which unit."""
+
+
 class Meaning(NamedTuple):
     """What a name says.
 
@@ -119,8 +139,9 @@ class Meaning(NamedTuple):
     ----------
     kind : str
         ``field``, ``acceleration``, ``rate``, ``time``, ``temperature``, ``current``, ``strength``, ``throttle``,
-        ``attitude``, or nothing.
+        ``attitude``, ``currents`` or ``throttles`` of a motor, or nothing.
     axis : str
+        Of a motor its number, as it is counted there; else
         ``x``, ``y`` or ``z``, of an attitude also ``w``; ``0`` to ``3`` where axes are counted; or nothing.
     unit : str
         In lower case, as found in `FACTORS`; that of a field or a strength as `Unit` calls it; or nothing.
@@ -135,9 +156,16 @@ class Meaning(NamedTuple):
 
 
 def meaning(name: str) -> Meaning:
-    """Tell what a column name says; the kind is empty where nothing is recognised."""
+    """Tell what a column name says; the kind is empty where nothing is recognised.
+
+    >>> meaning("esc[0].esc_current"), meaning("motor2").kind, meaning("current3_A").unit, meaning("current").kind
+    (Meaning(kind='currents', axis='0', unit='', rank=0), 'throttles', 'a', 'current')
+    """
     if written := _WRITTEN_HERE.get(name.strip().casefold()):
         return Meaning(*written)
+    for kind, pattern in _OF_MOTOR.items():
+        if of := pattern.fullmatch(name.strip().casefold()):
+            return Meaning(kind, of[1] or of[2], of[3] or "")
     words, units = _words(name)
     folded = [word.casefold() for word in words]
     if not folded and not units:

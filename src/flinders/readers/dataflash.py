@@ -35,7 +35,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
@@ -71,9 +71,19 @@ PRIMARY: Final = {"XKQ": "XKF4", "NKQ": "NKF4"}
 """Where each estimator says which of its cores is used."""
 THROTTLES: Final = {"CTUN": ("ThO", "ThrOut"), "THR": ("ThrOut",)}
 """Messages with the throttle that goes to the motors, and what it is called."""
+CONTROLLERS: Final = ("ESC", *(f"ESC{number}" for number in range(1, 9)))
+"""Messages of speed controllers: of all in ESC with an instance, or, in older logs, one name each."""
+OUTPUTS: Final = "RCOU"
+"""Message with what goes to each output, as the width of a pulse in µs."""
+MOTOR_FUNCTIONS: Final = {float(code): place for place, code in enumerate((*range(33, 41), *range(82, 86)))}
+"""Which motor, from 0, an output drives whose ``SERVOn_FUNCTION`` is this."""
+PULSES_US: Final = (1000.0, 2000.0)
+"""Widths that ask a motor for nothing and for all, where ``MOT_PWM_MIN`` and ``MOT_PWM_MAX`` do not say."""
+NO_PULSE_US: Final = 500.0
+"""Below is no pulse."""
 WANTED: Final = (
     *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
-    *PRIMARY.values(), *THROTTLES,
+    *PRIMARY.values(), *THROTTLES, *CONTROLLERS, OUTPUTS,
 )  # fmt: skip
 CLOCKS: Final = ("TimeUS", "TimeMS")
 INSTANCE: Final = ("I", "Instance", "Inst")
@@ -94,6 +104,7 @@ GPS_EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
 LEAPS: Final = ((datetime(2017, 1, 1, tzinfo=UTC), 18), (datetime(2015, 7, 1, tzinfo=UTC), 17))
 """Seconds by which GPS time is ahead of UTC from a day on; before, 16 (since July 2012)."""
 EARLIER_LEAP: Final = 16
+MOST_MOTORS: Final = 32
 UNITY, PER_CENT, PER_MILLE = 1.0, 0.01, 0.001
 MOST_THROTTLE: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
 """Up to which largest value of a log a throttle is a share, per cent or per mille: no message says it."""
@@ -149,14 +160,14 @@ class _Compass:
         How many changes of parameters came before each.
     parameters : dict of Parameters
         By number of changes.
-    beside : tuple of _Others or _Attitude
+    beside : tuple of _Beside
     """
 
     source: str
     mag: Table
     version: NDArray[np.intp]
     parameters: dict[int, Parameters]
-    beside: tuple[_Others | _Attitude, ...]
+    beside: tuple[_Beside, ...]
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""
@@ -233,6 +244,55 @@ class _Others:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Currents:
+    """What speed controllers say of the current of each motor.
+
+    Attributes
+    ----------
+    tables : tuple of Table
+        One for each motor, the first motor first.
+    """
+
+    tables: tuple[Table, ...]
+
+    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
+        """(N, M) A of each motor at these times; readings are at `where`."""
+        each = [_Others(table, {"current": (("Curr",), 1.0)}).at(where, time)["current"] for table in self.tables]
+        return {"currents": np.column_stack(each)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Throttles:
+    """What each motor was asked for.
+
+    Attributes
+    ----------
+    table : Table
+    labels : tuple of str
+        Its outputs that drive motors, the first motor first.
+    pulses : (2,) float, µs
+        Widths that ask for nothing and for all.
+    """
+
+    table: Table
+    labels: tuple[str, ...]
+    pulses: tuple[float, float]
+
+    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
+        """(N, M) shares at these times, none where a pulse is shorter than the shortest; readings are at `where`."""
+        near, clock = _near(self.table, where, time)
+        least, most = self.pulses
+        widths = np.column_stack([near.column(label) for label in self.labels])
+        asked = np.where(widths < NO_PULSE_US, np.nan, np.maximum(widths - least, 0.0) / (most - least))
+        measured = Beside.of(clock, asked)
+        return {
+            "throttles": np.full((len(time), len(self.labels)), np.nan)
+            if measured is None
+            else shares(measured.at(time))
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Attitude:
     """What an estimator says of the vehicle's attitude.
 
@@ -253,6 +313,10 @@ class _Attitude:
         told = np.column_stack([near.column(label) for label in self.labels])
         turning = Turning.of(clock, told if len(self.labels) == 4 else of_angles(np.deg2rad(told)))
         return {"attitude": np.full((len(time), 4), np.nan) if turning is None else turning.at(time)}
+
+
+_Beside: TypeAlias = "_Others | _Attitude | _Currents | _Throttles"
+"""What stands beside readings."""
 
 
 def _near(table: Table, where: NDArray[np.int64], time: Floats) -> tuple[Table, Floats]:
@@ -310,7 +374,7 @@ def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
 
 
 def _instrument(
-    file: File, name: str, number: int, mag: Table, history: History, beside: tuple[_Others | _Attitude, ...]
+    file: File, name: str, number: int, mag: Table, history: History, beside: tuple[_Beside, ...]
 ) -> Instrument:
     """Make an instrument of a compass."""
     mag, ill = _healthy(mag)
@@ -381,9 +445,9 @@ def _history(parm: Table | None, source: str) -> History:
     return History.of(zip(parm.where.tolist(), parm.texts("Name"), parm.column("Value").tolist(), strict=True), source)
 
 
-def _beside(messages: Messages, values: dict[str, float]) -> tuple[_Others | _Attitude, ...]:
-    """Find what stands beside readings: the first IMU, the first battery, throttle and attitude."""
-    found: list[_Others | _Attitude] = []
+def _beside(messages: Messages, values: dict[str, float]) -> tuple[_Beside, ...]:
+    """Find what stands beside readings: the first IMU, the first battery, throttle, motors and attitude."""
+    found: list[_Others | _Attitude | _Throttles] = []
     if (imu := _first(messages.get("IMU"))) is not None:
         columns = {
             name: (tuple(f"{prefix}{axis}" for axis in "XYZ"), 1.0)
@@ -400,7 +464,50 @@ def _beside(messages: Messages, values: dict[str, float]) -> tuple[_Others | _At
         found.append(throttle)
     if (attitude := _attitude(messages, values)) is not None:
         found.append(attitude)
-    return tuple(each for each in found if len(each.table) and _clock(each.table) is not None)
+    if (outputs := _throttles(messages)) is not None:
+        found.append(outputs)
+    known = tuple(each for each in found if len(each.table) and _clock(each.table) is not None)
+    currents = _currents(messages)
+    return known if currents is None else (*known, currents)
+
+
+def _currents(messages: Messages) -> _Currents | None:
+    """The current of each motor, from the first on, where a speed controller ever says that any flows."""
+    tables: list[Table] = []
+    for place in range(MOST_MOTORS):
+        table = (
+            messages.get(f"ESC{place + 1}") if (of_all := messages.get("ESC")) is None else _of_instance(of_all, place)
+        )
+        if table is None or not len(table) or "Curr" not in table.labels or _clock(table) is None:
+            break
+        tables.append(table)
+    flows = any(np.nan_to_num(table.column("Curr")).any() for table in tables)
+    return _Currents(tuple(tables)) if flows else None
+
+
+def _of_instance(table: Table, instance: int) -> Table | None:
+    """Messages of one instance; None where the table does not tell them apart."""
+    label = _label(table, INSTANCE)
+    return None if label is None else table.only(table.column(label) == instance)
+
+
+def _throttles(messages: Messages) -> _Throttles | None:
+    """What each motor was asked for, where parameters say which outputs drive the motors, from the first on."""
+    table, parm = messages.get(OUTPUTS), messages.get("PARM")
+    if table is None or parm is None or not {"Name", "Value"} <= set(parm.labels):
+        return None
+    values = {
+        name: value
+        for name, value in zip(parm.texts("Name"), parm.column("Value").tolist(), strict=True)
+        if name.startswith(("SERVO", "MOT_PWM"))
+    }
+    of_output = {number: MOTOR_FUNCTIONS.get(values.get(f"SERVO{number}_FUNCTION", 0.0)) for number in range(1, 33)}
+    outputs = {motor: f"C{number}" for number, motor in of_output.items() if motor is not None}
+    labels = tuple(outputs[motor] for motor in range(len(outputs)) if motor in outputs)
+    if not labels or len(labels) < len(outputs) or not set(labels) <= set(table.labels):
+        return None
+    told = values.get("MOT_PWM_MIN", 0.0), values.get("MOT_PWM_MAX", 0.0)
+    return _Throttles(table, labels, told if 0.0 < told[0] < told[1] else PULSES_US)
 
 
 def _throttle(messages: Messages) -> _Others | None:

@@ -28,7 +28,7 @@ from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._log import FIRST, Choice
 from flinders.readers._magcc import is_magcc, table_of_datagrams
-from flinders.readers._names import CURRENT, TEMPERATURE, THROTTLE, TIME
+from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._paparazzi import is_paparazzi, table_of_messages
 from flinders.readers._replay import FRAME, is_replay, table_of_replay
@@ -180,7 +180,8 @@ class TextRecording:
         timed : bool
             Give `correct` the (N,) times of the readings too, or None where there are none.
         driven : bool
-            Give `correct` `Samples` in place of the readings, with time, current, throttle and temperature.
+            Give `correct` `Samples` in place of the readings, with time, temperature, and current and throttle,
+            of all motors and of each.
 
         Raises
         ------
@@ -203,7 +204,7 @@ class TextRecording:
         time = self.layout.columns.time if timed else None
         alone = replace(self.layout.columns, beside=() if time is None else (time,))
         if driven:
-            alone = self.layout.columns.only(TIME, CURRENT, THROTTLE, TEMPERATURE)
+            alone = self.layout.columns.only(TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES)
         for lines, rows, usable, _ in self._pass(alone):  # a reading without time is corrected all the same
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any() and driven:

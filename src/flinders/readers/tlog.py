@@ -8,8 +8,9 @@ logging, motor compensation with the current or the throttle that was sent. **PX
 HIGHRES_IMU**, which is corrected with CAL_MAG, less what its estimator learned in flight: of which compass is not
 said, and readings are as they were sent. Of other autopilots it is not known here, and they are as well.
 
-Beside a reading stand acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, where readings are in the axes
-of the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
+Beside a reading stand acceleration, rate, current (SYS_STATUS), that of each motor (ArduPilot's ESC_TELEMETRY_1_TO_4
+and those after it; ESC_STATUS, which PX4 sends, is not in the dialect that unpacks them), throttle (VFR_HUD) and, where
+readings are in the axes of the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
 
 The packets are found here and unpacked by pymavlink, which also checks their sums. Its times are those of the
 vehicle; the date is that of the ground station's clock.
@@ -65,6 +66,10 @@ MAY_BEGIN: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 
 HEARTBEAT, SYS_STATUS, PARAM_VALUE, RAW_IMU, GPS_RAW_INT, GLOBAL_POSITION_INT = 0, 1, 22, 27, 24, 33
 ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, HIGHRES_IMU = 30, 31, 74, 105
+CONTROLLERS: Final = {11030: 0, 11031: 4, 11032: 8}
+"""ESC_TELEMETRY_1_TO_4 and so on: number of a message, and the first of its motors, from 0."""
+OF_FOUR: Final = 4
+"""Motors of one message."""
 COMPASS_MESSAGES: Final = {
     RAW_IMU: ("RAW_IMU", 1),
     26: ("SCALED_IMU", 1),
@@ -74,7 +79,7 @@ COMPASS_MESSAGES: Final = {
 }
 """Number of a message: its name, and which compass it holds."""
 WANTED: Final = frozenset({HEARTBEAT, SYS_STATUS, PARAM_VALUE, GPS_RAW_INT, GLOBAL_POSITION_INT, ATTITUDE,
-                           ATTITUDE_QUATERNION, VFR_HUD, *COMPASS_MESSAGES})  # fmt: skip
+                           ATTITUDE_QUATERNION, VFR_HUD, *CONTROLLERS, *COMPASS_MESSAGES})  # fmt: skip
 MAG_UPDATED: Final = 0b1_1100_0000
 """Bits of HIGHRES_IMU.fields_updated that say that its compass was read anew."""
 ARDUPILOT, PX4 = 3, 12
@@ -88,6 +93,7 @@ WIDTH: Final = 3 + len(FIELDS)
 """Numbers kept of a reading: its place in the log, s of the vehicle, s of the ground station since 1970, and fields."""
 ATTITUDE_FIELDS: Final = {ATTITUDE_QUATERNION: ("q1", "q2", "q3", "q4"), ATTITUDE: ("roll", "pitch", "yaw")}
 """What is kept of an attitude, after s of the vehicle and s of the ground station since 1970: w, x, y, z, or rad."""
+MOST_MOTORS: Final = 12
 SAME_CLOCK: Final = 1.0
 """Seconds by which the clocks of two messages may differ, seen from the ground station, and be the same."""
 
@@ -193,6 +199,8 @@ class _Heard:
         By system.
     currents, throttles : dict of array
         By system: s since 1970, and A or a share, in turn.
+    controllers : dict of array
+        By system and first of four motors, from 0: s since 1970, and A of each.
     attitudes : dict of array
         By system and number of the message: two clocks, and `ATTITUDE_FIELDS`.
     position, fix : Position, optional
@@ -207,6 +215,7 @@ class _Heard:
     autopilots: dict[int, int] = field(default_factory=dict)
     currents: dict[int, array[float]] = field(default_factory=dict)
     throttles: dict[int, array[float]] = field(default_factory=dict)
+    controllers: dict[tuple[int, int], array[float]] = field(default_factory=dict)
     attitudes: dict[tuple[int, int], array[float]] = field(default_factory=dict)
     position: Position | None = None
     fix: Position | None = None
@@ -254,6 +263,9 @@ class _Heard:
             self.currents.setdefault(system, array("d")).extend((packet.since, 0.01 * message.current_battery))
         elif number == VFR_HUD:
             self.throttles.setdefault(system, array("d")).extend((packet.since, 0.01 * message.throttle))
+        elif number in CONTROLLERS:
+            told = self.controllers.setdefault((system, CONTROLLERS[number]), array("d"))
+            told.extend((packet.since, *(0.01 * value for value in message.current)))
         elif number in (ATTITUDE, ATTITUDE_QUATERNION):
             fields = (getattr(message, name) for name in ATTITUDE_FIELDS[number])
             told = self.attitudes.setdefault((system, number), array("d"))
@@ -271,6 +283,20 @@ class _Heard:
         """Current of a system's battery, unless it never says that any flows."""
         told = np.frombuffer(self.currents.get(system, array("d"))).reshape(-1, 2)
         return Beside.of(told[:, 0], told[:, 1:]) if told[:, 1].any() else None
+
+    def of_motors(self, system: int) -> tuple[Beside, ...]:
+        """Current of a system's motors, four by four, as far as they say that any flows."""
+        found: list[Beside] = []
+        for first in range(0, MOST_MOTORS, OF_FOUR):
+            told = np.frombuffer(self.controllers.get((system, first), array("d"))).reshape(-1, 1 + OF_FOUR)
+            used = np.flatnonzero(np.nan_to_num(told[:, 1:]).any(axis=0))
+            if not len(used):
+                break
+            beside = Beside.of(told[:, 0], told[:, 1 : 2 + used[-1]])
+            found += [beside] if beside is not None else []
+            if used[-1] + 1 < OF_FOUR:
+                break
+        return tuple(found)
 
     def throttle(self, system: int) -> Beside | None:
         """Throttle of a system, where it is sent."""
@@ -306,6 +332,8 @@ class _Compass:
         By number of changes; empty where they are not known.
     current, throttle : Beside, optional
         By the clock of the ground station.
+    currents : tuple of Beside
+        Those of the motors, four by four, by that clock.
     attitude : Turning, optional
     attitude_by : int
         Column of the table with the clock that the attitude goes by.
@@ -318,6 +346,7 @@ class _Compass:
     parameters: dict[int, Parameters]
     current: Beside | None
     throttle: Beside | None
+    currents: tuple[Beside, ...]
     attitude: Turning | None
     attitude_by: int
     units: Units
@@ -336,6 +365,7 @@ class _Compass:
                 temperature=self.units.temperature * rows[:, TEMPERATURE] if warm else None,
                 current=_alone(self.current, rows),
                 throttle=_alone(self.throttle, rows),
+                currents=np.hstack([each.at(rows[:, SINCE]) for each in self.currents]) if self.currents else None,
                 attitude=None if self.attitude is None else self.attitude.at(rows[:, self.attitude_by]),
                 source=self.source,
             )
@@ -383,7 +413,7 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     is_ardupilot = known or autopilot == ARDUPILOT
     is_turned = is_ardupilot or (autopilot == PX4 and each[1] == HIGHRES_IMU)
     units = IN_SI if each[1] == HIGHRES_IMU else WHOLE
-    beside = heard.current(system), heard.throttle(system)
+    beside = heard.current(system), heard.throttle(system), heard.of_motors(system)
     attitude = heard.attitude(system, table) if is_turned else (None, SINCE)
     compass = _Compass(file.name, table, version, parameters, *beside, *attitude, units)
     in_force = parameters[int(version[-1])] if parameters else None

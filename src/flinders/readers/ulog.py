@@ -12,7 +12,8 @@ Four topics may hold a magnetometer, and each is offered where it holds more tha
 
 Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the attitude
 (``vehicle_attitude``), the current of the first battery that knows one and the throttle (length of
-``vehicle_thrust_setpoint.xyz``, in older logs ``actuator_controls_0.control[3]``), all at the time of the reading, and
+``vehicle_thrust_setpoint.xyz``, in older logs ``actuator_controls_0.control[3]``), current and throttle of each motor
+(``esc_status``, ``actuator_motors``; field order not verified on a log), all at the time of the reading, and
 the compass's own temperature. Acceleration is specific force in axes forward, right, down, as `Samples` wants it;
 where the sensor is turned against the vehicle it, rate and attitude are turned into its axes, and left out where
 nothing says how it sits.
@@ -63,7 +64,7 @@ GAUSS: Final = Unit.of("G")
 TOPICS: Final = (
     "sensor_mag", "vehicle_magnetometer", "sensor_combined", "mag_worker_data", "sensor_selection", "vehicle_imu",
     "battery_status", "vehicle_gps_position", "sensor_gps", "vehicle_attitude", "vehicle_thrust_setpoint",
-    "actuator_controls_0",
+    "actuator_controls_0", "esc_status", "actuator_motors",
 )  # fmt: skip
 """All that is read of a log: the rest never comes into memory."""
 
@@ -71,6 +72,8 @@ INVALID_RELATIVE: Final = 0x7FFFFFFF
 """``magnetometer_timestamp_relative`` of a row without a magnetometer."""
 RAW_SINCE: Final = (1, 12)
 """Version from which on ``sensor_mag`` is what the compass read."""
+MOST_CONTROLLERS, MOST_MOTORS = 8, 12
+"""Places of ``esc_status``, and of ``actuator_motors``."""
 MOST_FIELDS: Final = 20_000
 """Columns of all topics together, beyond which definitions are those of no autopilot."""
 DEEPEST: Final = 8
@@ -240,6 +243,8 @@ class _Flight:
     rate: Beside | None = None
     current: Beside | None = None
     throttle: Beside | None = None
+    currents: Beside | None = None
+    throttles: Beside | None = None
     attitude: Turning | None = None
     notes: tuple[str, ...] = field(default=())
 
@@ -248,8 +253,8 @@ class _Flight:
         """Take what pyulog read."""
         topics = {(one.name, one.multi_id): one.data for one in log.data_list}
         acceleration, rate = _imu(topics)
-        beside = acceleration, rate, _current(topics), _throttle(topics), _attitude(topics)
-        return cls(log, topics, _stages(log), *beside)
+        beside = acceleration, rate, _current(topics), _throttle(topics), _currents(topics), _throttles(topics)
+        return cls(log, topics, _stages(log), *beside, _attitude(topics))
 
     def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         """Go through the instances of a topic, in order."""
@@ -351,6 +356,26 @@ def _throttle(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | N
     return None if controls is None else Beside.of(_seconds(controls), shares(_stack(controls, "control[3]")))
 
 
+def _currents(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+    """A of each motor, by its speed controller; None where none ever says that any flows."""
+    columns = topics.get(("esc_status", 0))
+    if columns is None:
+        return None
+    count = min(int(np.max(columns.get("esc_count", 0), initial=0)), MOST_CONTROLLERS)
+    amperes = _stack(columns, *(f"esc[{place}].esc_current" for place in range(count)))
+    return Beside.of(_seconds(columns), amperes) if np.nan_to_num(amperes).any() else None
+
+
+def _throttles(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+    """What each motor was asked for, 0 to 1; one that is stopped, which PX4 writes as NaN, was asked for nothing."""
+    columns = topics.get(("actuator_motors", 0))
+    if columns is None:
+        return None
+    asked = _stack(columns, *(f"control[{place}]" for place in range(MOST_MOTORS)))
+    used = np.flatnonzero((np.nan_to_num(asked) != 0.0).any(axis=0))
+    return Beside.of(_seconds(columns), np.nan_to_num(asked[:, : used[-1] + 1])) if len(used) else None
+
+
 def _attitude(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Turning | None:
     """From the axes of the vehicle to north, east, down, as the estimator that is used has it."""
     columns = topics.get(("vehicle_attitude", 0))
@@ -398,6 +423,7 @@ class _Readings:
             time = self.time[rows]
             known = turn is not None
             current, throttle = along(self.flight.current, time), along(self.flight.throttle, time)
+            throttles = along(self.flight.throttles, time)
             samples = Samples.of(
                 self.field[rows] if as_logged else self.unapplied(time, self.field[rows]),
                 unit=GAUSS,
@@ -406,6 +432,8 @@ class _Readings:
                 rate=along(self.flight.rate, time, back, until_next=True) if known else None,
                 current=None if current is None else current[:, 0],
                 throttle=None if throttle is None else throttle[:, 0],
+                currents=along(self.flight.currents, time),
+                throttles=None if throttles is None else shares(throttles),
                 attitude=None if turn is None else self.attitude(time, turn),
                 temperature=None if self.temperature is None else self.temperature[rows],
                 source=self.source,

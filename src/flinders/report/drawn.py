@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 
 from flinders.driven import settled
+from flinders.estimators.walk import FEWEST, walk_of
 from flinders.report.view import lengths_off, view
 from flinders.samples import Samples, singles
 from flinders.units import label
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.estimators.walk import Walk
     from flinders.planar import Plane
     from flinders.report.view import View
     from flinders.result import Fit
@@ -43,8 +45,10 @@ class Drawn:
     ----------
     view : View or None
         None where there is no fit at all.
+    whole : Samples
+        All readings, without what the calibration follows.
     raw : (n, 3) float, in `unit`
-        Every `stride`-th reading, without what the calibration follows.
+        Every `stride`-th of them.
     recorded : (n, 3) float, in `unit`
         The same as they were recorded.
     driving : dict of str to (n,) float
@@ -65,6 +69,7 @@ class Drawn:
     """
 
     view: View | None
+    whole: Samples
     raw: Floats
     recorded: Floats
     driving: dict[str, Floats]
@@ -105,6 +110,7 @@ class Drawn:
         when, clock = _when(samples, is_one=len(list(singles(recording))) == 1)
         return cls(
             seen,
+            samples,
             samples.field[::stride],
             recorded.field[::stride],
             {name: values[::stride] for name, values in driving.items()},
@@ -151,6 +157,14 @@ class Drawn:
         strengths: Floats = np.linalg.norm((field - shown.offset) @ np.transpose(shown.matrix), axis=1)
         return strengths
 
+    def walk(self, fit: Fit) -> Walk | None:
+        """How the offset moved over the seconds of one recording; None without times, or for few readings."""
+        time = self.whole.time
+        if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:
+            return None
+        dip = fit.heading_error_deg.dip_deg
+        return walk_of(self.whole.field, time - time[0], fit.ellipsoid, plane=self.plane, dip_deg=dip)
+
     @property
     def shape(self) -> Floats | None:
         """(3, 3) S of the ellipsoid raw = offset + S u that the correction makes a sphere; None where there is none."""
@@ -192,7 +206,8 @@ def _whole(recording: Recording) -> Samples:
 
 def _column(recording: Recording, name: str) -> Floats:
     """(N,) what drives the offset, of all readings."""
-    return np.concatenate([getattr(block, name) for block in recording.blocks()] or [np.empty(0)])
+    columns = (block.driving(name) for block in recording.blocks())
+    return np.concatenate([column for column in columns if column is not None] or [np.empty(0)])
 
 
 def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:

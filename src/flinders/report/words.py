@@ -133,6 +133,10 @@ FINDINGS: Final = {
         "be told from the other.",
         "Record again, and change it in each position, not in step with the turning.",
     ),
+    "driver-alike": Words(
+        "Several things that the compass follows rose and fell together, so that nobody knows which of them does what.",
+        "Use the correction where they go along as in the recording, or record again and vary each by itself.",
+    ),
     "driver-one-way": Words(
         "What the compass follows only went one way while the recording was made. A compass that changes by itself, or "
         "that was moved, would look the same.",

@@ -66,6 +66,7 @@ from flinders.simulate.disturbances import Disturbance as Disturbance
 from flinders.simulate.disturbances import Effect as Effect
 from flinders.simulate.disturbances import FieldStep as FieldStep
 from flinders.simulate.disturbances import MotorCurrent as MotorCurrent
+from flinders.simulate.disturbances import Motors as Motors
 from flinders.simulate.disturbances import PassingMagnet as PassingMagnet
 from flinders.simulate.disturbances import Step as Step
 from flinders.simulate.disturbances import ThermalDrift as ThermalDrift

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
+from flinders.arrays import table
 from flinders.errors import UsageError
 from flinders.simulate._checks import not_negative, positive, share, triple
 from flinders.simulate.directions import uniform
@@ -46,6 +47,8 @@ class Effect:
         By how much the raw readings are off.
     current : (N,) float, A, optional
         What a meter of the motors' current says.
+    currents : (N, M) float, A, optional
+        What the meter of each motor says.
     temperature : (N,) float, °C, optional
         What the sensor's thermometer says.
     strays : (N,) bool, optional
@@ -59,6 +62,7 @@ class Effect:
     temperature: Floats | None = None
     strays: NDArray[np.bool_] | None = None
     gain: Floats | None = None
+    currents: Floats | None = None
 
 
 class Disturbance(Protocol):
@@ -106,6 +110,64 @@ class MotorCurrent:
         drawn = positive(self.amperes, "amperes") * (throttle[setting] * (1 - eased) + throttle[setting + 1] * eased)
         noise = not_negative(self.noise, "noise", "A") * rng.standard_normal(len(time))
         return Effect(np.outer(drawn, direction), current=drawn + noise)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motors:
+    """Motors that each make a field of their own, as those of a multicopter.
+
+    All follow one throttle, set anew every few seconds. What rolls, pitches and yaws the vehicle parts them: what one
+    is asked for more, the others are asked for less, set anew three times as often. With the throttle at none all rest.
+
+    Attributes
+    ----------
+    per_ampere : (M, 3) array-like, µT/A
+        One row a motor, in sensor axes.
+    amperes : float, A
+        The most that one of them is asked for together with all others.
+    apart : float
+        By which share of that, one σ, each is asked for more or less than the others.
+    hold : float, s
+        How long a setting of the throttle lasts.
+    noise : float, A
+        Of each meter, one σ.
+
+    Examples
+    --------
+    >>> arms = [[0.5, 0.0, -0.3], [-0.5, 0.0, -0.3], [0.0, 0.5, 0.3], [0.0, -0.5, 0.3]]
+    >>> flown = Motors(arms).on(np.arange(100) / 50, np.random.default_rng(0))
+    >>> flown.currents.shape, bool(np.allclose(flown.currents.sum(axis=1), flown.current))
+    ((100, 4), True)
+    """
+
+    kind: ClassVar[str] = "motors"
+
+    per_ampere: ArrayLike
+    amperes: float = 8.0
+    apart: float = 0.1
+    hold: float = 3.0
+    noise: float = 0.02
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+        vectors = table(self.per_ampere, "per_ampere")
+        since = time - time[0]
+        hold, most = positive(self.hold, "hold"), positive(self.amperes, "amperes")
+        throttle = _set_anew(since / hold, rng.uniform(0.0, 1.0, (int(since[-1] / hold) + 2, 1)))
+        mixed = rng.standard_normal((int(3.0 * since[-1] / hold) + 2, len(vectors)))
+        mixed -= mixed.mean(axis=1, keepdims=True)
+        parted = not_negative(self.apart, "apart", "of the most") * _set_anew(3.0 * since / hold, mixed)
+        drawn = most * np.clip(throttle + parted * np.minimum(1.0, 4.0 * throttle), 0.0, None)
+        metered = drawn + not_negative(self.noise, "noise", "A") * rng.standard_normal(drawn.shape)
+        return Effect(drawn @ vectors, current=metered.sum(axis=1), currents=metered)
+
+
+def _set_anew(since: Floats, values: Floats) -> Floats:
+    """(N, M) settings of (K, M) values, each for one unit of (N,) times, of which a twentieth goes into the change."""
+    setting = since.astype(int)
+    eased = np.clip((since - setting) / 0.05, 0.0, 1.0)[:, np.newaxis]
+    settings: Floats = values[setting] * (1.0 - eased) + values[setting + 1] * eased
+    return settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)

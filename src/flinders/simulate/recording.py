@@ -159,7 +159,8 @@ def tumble(
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
     disturbances : sequence of Disturbance
-        `MotorCurrent`, `ThermalDrift`, `Step`, `FieldStep`, `PassingMagnet`, or anything with their two names.
+        `MotorCurrent`, `Motors`, `ThermalDrift`, `Step`, `FieldStep`, `PassingMagnet`, or anything with their
+        two names.
     imu : Imu, optional
         Another gyro and accelerometer than the usual ones.
 
@@ -278,6 +279,7 @@ def _recorded(
         rate=_turned(path, imu, rng),
         temperature=_last(effects, "temperature"),
         current=_total([effect.current for effect in effects]),
+        currents=_last(effects, "currents"),
         source=source,
     )
 

@@ -78,6 +78,9 @@ def _columns(samples: Samples) -> Mapping[str, Floats]:
         columns["current_A"] = samples.current
     if samples.throttle is not None:
         columns["throttle_share"] = samples.throttle
+    for table, name in ((samples.currents, "current{}_A"), (samples.throttles, "throttle{}_share")):
+        if table is not None:
+            columns |= {name.format(place + 1): values for place, values in enumerate(table.T)}
     if samples.attitude is not None:
         columns |= {f"attitude_{axis}": samples.attitude[:, place] for place, axis in enumerate("wxyz")}
     if samples.strength is not None:
