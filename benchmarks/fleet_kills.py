@@ -1,30 +1,39 @@
 """A fleet while it is being killed: its workers and the program itself, at random moments.
 
     python -m benchmarks.fleet_kills [--times 10]
+    python -m benchmarks.fleet_kills --scheduler [--times 5]     # workers and the scheduler of a Dask cluster instead
 
-Each line is one run whose table is compared byte for byte with that of a run which nobody disturbed.
+Each line is one run whose table is compared byte for byte with that of a run which nobody disturbed. The cluster is a
+scheduler and two workers, each a process that nobody starts again.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow
+from distributed import Client
 from pyarrow import parquet
 
 from flinders import simulate
 from flinders.fleet.run import run
 from flinders.fleet.tables import Asked
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 FILES, UNITS, READINGS = 24, 50, 300
 
@@ -58,25 +67,114 @@ def worker_killed(source: str, out: Path, after: int) -> str:
     return f"worker {killed[0]} killed"
 
 
-def program_killed(source: str, out: Path, after: int) -> str:
-    """Kill the program once so many partitions are done, and resume."""
+def started(source: str, out: Path, after: int, *words: str) -> subprocess.Popen[str]:
+    """The program, once so many partitions are done."""
     out.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "flinders", "fleet", source, "--out", str(out), "--workers", "2"]
-    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    command = [sys.executable, "-m", "flinders", "fleet", source, "--out", str(out), *words]
+    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     parts = Path(f"{out}.parts")
     while program.poll() is None and len(list(parts.glob("part-*"))) < after:
         time.sleep(0.001)
+    return program
+
+
+def program_killed(source: str, out: Path, after: int) -> str:
+    """Kill the program once so many partitions are done, and resume."""
+    program = started(source, out, after, "--workers", "2")
     program.kill()
     program.wait()
     told = run(source, out, Asked(), workers=2, resume=True)
     return f"program killed, {told.resumed} of {told.partitions} partitions stayed"
 
 
+class Cluster:
+    """A Dask scheduler and its workers, each a process of its own.
+
+    Attributes
+    ----------
+    address : str
+    scheduler : Popen
+    workers : list of Popen
+    """
+
+    def __init__(self, workers: int = 2) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+        port = self.address.rpartition(":")[2]
+        self.scheduler = self._begun("dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
+        self.workers: list[subprocess.Popen[bytes]] = []
+        for _ in range(workers):
+            self.add()
+
+    def _begun(self, program: str, *words: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.{program}", *words]
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def add(self) -> None:
+        """Start another worker."""
+        words = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--death-timeout", "60"]
+        self.workers.append(self._begun("dask_worker", self.address, *words))
+
+    def wait(self) -> None:
+        """Until all workers are there."""
+        with Client(self.address, timeout=60, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+            client.wait_for_workers(len(self.workers), timeout=60)
+
+    def end(self) -> None:
+        """Kill what is left of it."""
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@contextlib.contextmanager
+def cluster() -> Iterator[Cluster]:
+    """A cluster that is ready."""
+    made = Cluster()
+    try:
+        made.wait()
+        yield made
+    finally:
+        made.end()
+
+
+def cluster_worker_killed(source: str, out: Path, after: int) -> str:
+    """Kill a worker of a cluster by its pid once so many partitions are done; nobody takes its place."""
+    done: list[int] = []
+    with cluster() as made:
+
+        def kill(*_: int) -> None:
+            done.append(1)
+            if len(done) == after:
+                made.workers[0].kill()
+
+        told = run(source, out, Asked(), scheduler=made.address, force=True, watch=kill)
+    return f"worker {made.workers[0].pid} of the cluster killed, {told.retried} partitions taken apart"
+
+
+def scheduler_killed(source: str, out: Path, after: int) -> str:
+    """Kill the scheduler once so many partitions are done, start another cluster, and resume."""
+    with cluster() as made:
+        program = started(source, out, after, "--scheduler", made.address)
+        made.scheduler.kill()
+        begun = time.monotonic()
+        _, said = program.communicate()
+        seconds = time.monotonic() - begun
+    print(f"    exit code {program.returncode} after {seconds:.1f} s: {' '.join(said.split())}")
+    with cluster() as made:
+        told = run(source, out, Asked(), scheduler=made.address, resume=True)
+    return f"scheduler killed, {told.resumed} of {told.partitions} partitions stayed"
+
+
 def main() -> None:
     """Run and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--times", type=int, default=10)
-    times = parser.parse_args().times
+    parser.add_argument("--scheduler", action="store_true", help="kill workers and scheduler of a Dask cluster")
+    given = parser.parse_args()
+    times = given.times
+    kinds = (cluster_worker_killed, scheduler_killed) if given.scheduler else (worker_killed, program_killed)
     rng = random.Random(1)
     with tempfile.TemporaryDirectory() as place:
         (Path(place) / "in").mkdir()
@@ -85,7 +183,7 @@ def main() -> None:
         run(source, whole, Asked(), workers=2)
         seconds = time.monotonic() - begun
         print(f"undisturbed: {FILES * UNITS:,} units in {seconds:.1f} s")
-        for kind in (worker_killed, program_killed):
+        for kind in kinds:
             for _ in range(times):
                 after = rng.randrange(1, FILES - 2)
                 told = kind(source, out, after)

@@ -18,6 +18,7 @@ from flinders.errors import OutputError, OutputExists
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from io import FileIO
 
     from flinders.errors import FlindersError
 
@@ -71,6 +72,16 @@ def write_bytes(content: bytes, path: str | os.PathLike[str], *, force: bool = F
     """Write a file of bytes; as `replacing`."""
     with replacing(path, force=force, encoding="latin-1", newline="") as file:  # a character for each byte
         file.write(content.decode("latin-1"))
+
+
+def write_all(file: FileIO, content: bytes | memoryview) -> None:
+    """Write to a file without a buffer, which would fail again when it is closed; raises OSError.
+
+    A disk that is nearly full takes a part, and says only of the rest that it is full.
+    """
+    left = memoryview(content)
+    while left:
+        left = left[file.write(left) :]
 
 
 def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:

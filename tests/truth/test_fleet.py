@@ -20,7 +20,7 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.errors import FlindersError, OutputError, UsageError
+from flinders.errors import FlindersError, LinkError, OutputError, UsageError
 from flinders.fleet import Rows, engine, work
 from flinders.fleet import run as running
 from flinders.fleet.plan import plan_of
@@ -319,6 +319,42 @@ def test_a_dask_cluster_gives_the_same_bytes(logs: Path, tmp_path: Path) -> None
     ) as cluster:
         run(str(logs), tmp_path / "there.parquet", Asked(), scheduler=cluster.scheduler_address)
     assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
+
+
+def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
+    logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
+    ) as cluster:
+
+        def leave(*_: int) -> None:
+            cluster.close()
+
+        with pytest.raises(LinkError, match="is gone: start it again, and go on with --resume"):
+            run(str(logs), tmp_path / "out.parquet", Asked(), scheduler=cluster.scheduler_address, watch=leave)
+    assert "Traceback" not in capfd.readouterr().err
+    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
+    assert told.resumed >= 1
+    assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+def test_a_result_that_died_with_its_worker_is_waited_for() -> None:
+    """The worker is killed between the end of its work and the reading of the result: another does it anew."""
+
+    class Future:
+        status = "lost"
+
+        def exception(self) -> None:
+            self.status = "finished"
+
+        def result(self) -> bytes:
+            assert self.status == "finished"
+            return b"rows"
+
+    assert engine._of_future(Future(), "tcp://127.0.0.1:8786") == b"rows"
 
 
 def test_a_scheduler_that_is_not_there_is_said(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

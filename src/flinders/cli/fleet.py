@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Example:
   flinders fleet logs/ --out calibrations.parquet
   flinders fleet 'line-7/*.parquet' --unit-column serial --unit mG --out calibrations.parquet
-  flinders fleet s3://fleet/2026/ --out calibrations.parquet --scheduler tcp://10.0.0.1:8786
+  flinders fleet s3://fleet/2026/ --out s3://fleet/2026.parquet --scheduler tcp://10.0.0.1:8786
   flinders fleet logs/ --out calibrations.parquet --resume
 
 \b
@@ -34,7 +34,7 @@ Exit codes:
 """,
 )
 @click.argument("source", metavar="INPUT")
-@click.option("-o", "--out", required=True, metavar="FILE.parquet", help="The table to write.")
+@click.option("-o", "--out", required=True, metavar="FILE.parquet", help="The table to write, also to s3:// or gs://.")
 @click.option("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
 @click.option("--workers", type=click.IntRange(0, 4096), metavar="N", help="Processes [default: one for each core].")
 @click.option("--scheduler", metavar="tcp://…", help="Work on this Dask cluster instead.")
@@ -109,9 +109,11 @@ def _write_report(out: str, report: str, *, force: bool) -> None:
     """Write the report of a fleet."""
     from flinders.files import write_text
     from flinders.fleet.overview import overview_of
+    from flinders.fleet.store import Member, fetched
     from flinders.report.fleet import page
 
-    write_text(page(overview_of([out])), report, force=force)
+    with fetched(Member(out, out, 0)) as table:
+        write_text(page(overview_of([table])), report, force=force)
     say(f"report written to {report}")
 
 

@@ -14,6 +14,7 @@ result is small.
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -39,6 +40,8 @@ AHEAD: Final = 4
 """Units that a cluster is given for each of its threads before the first of them is done."""
 PATIENCE_S: Final = 10.0
 """Seconds within which a scheduler has to answer."""
+LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
+"""Of Dask, with handlers of their own."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment of a worker: its matrices are small, and the other cores have workers of their own."""
 
@@ -229,31 +232,66 @@ def _checked(result: Any) -> Any:  # noqa: ANN401
 def _on_cluster(
     work: Callable[[Unit], Result], units: Sequence[Unit], scheduler: str
 ) -> Iterator[tuple[int, Result | Lost]]:
+    """Run units on a cluster; what goes wrong with its scheduler is said in a line."""
+    distributed = _distributed()
+    with _quiet():
+        try:
+            client = distributed.Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise LinkError(
+                f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
+            ) from None
+        gone = (OSError, distributed.CancelledError, distributed.client.ClosedClientError)
+        try:
+            with client:
+                yield from _given(client, work, units, scheduler)
+        except gone:
+            raise _is_gone(scheduler) from None
+
+
+def _given(
+    client: Any,  # noqa: ANN401 - Dask ships no types
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    scheduler: str,
+) -> Iterator[tuple[int, Result | Lost]]:
     """Give a cluster as much as it has threads for, and more as results come; a future is released once it is read."""
     distributed = _distributed()
+    waiting = iter(range(len(units)))
+    ahead = AHEAD * max(sum(client.nthreads().values()), 1)
+    places = {client.submit(work, units[place], pure=False): place for place in islice(waiting, ahead)}
+    done = distributed.as_completed(list(places), loop=client.loop, raise_errors=False)
+    for future in done:
+        place = places.pop(future)
+        yield place, _of_future(future, scheduler)
+        future.release()
+        following = next(waiting, None)
+        if following is not None:
+            another = client.submit(work, units[following], pure=False)
+            places[another] = following
+            done.add(another)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep what Dask logs off the terminal: of a scheduler that is gone it writes pages, where a line tells it."""
+    handlers = [handler for name in LOGGERS for handler in logging.getLogger(name).handlers]
+    levels = [handler.level for handler in handlers]
+    for handler in handlers:
+        handler.setLevel(logging.CRITICAL + 1)
     try:
-        client = distributed.Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise LinkError(
-            f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
-        ) from None
-    with client:
-        waiting = iter(range(len(units)))
-        ahead = AHEAD * max(sum(client.nthreads().values()), 1)
-        places = {client.submit(work, units[place], pure=False): place for place in islice(waiting, ahead)}
-        done = distributed.as_completed(list(places), loop=client.loop, raise_errors=False)
-        for future in done:
-            place = places.pop(future)
-            yield place, _of_future(future, scheduler, distributed.scheduler.KilledWorker)
-            future.release()
-            following = next(waiting, None)
-            if following is not None:
-                another = client.submit(work, units[following], pure=False)
-                places[another] = following
-                done.add(another)
+        yield
+    finally:
+        for handler, level in zip(handlers, levels, strict=True):
+            handler.setLevel(level)
 
 
-def _of_future(future: Any, scheduler: str, killed: type[Exception]) -> Any:  # noqa: ANN401
+def _is_gone(scheduler: str) -> LinkError:
+    """What is said of a scheduler that was there."""
+    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on with --resume")
+
+
+def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
     """The result of a future.
 
     Raises
@@ -263,14 +301,16 @@ def _of_future(future: Any, scheduler: str, killed: type[Exception]) -> Any:  # 
     RuntimeError
         Where the work raised.
     """
+    while future.status == "lost":  # its worker died with the result before it was read
+        future.exception()  # waits until another one has done the work anew
     if future.status == "finished":
         return future.result()
     if future.status == "error":
         error = future.exception()
-        if isinstance(error, killed):
+        if isinstance(error, _distributed().scheduler.KilledWorker):
             return Lost(ATTEMPTS)
         raise RuntimeError(f"a worker of {scheduler} could not do its work: {type(error).__name__}: {error}")
-    raise LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on with --resume")
+    raise _is_gone(scheduler)
 
 
 def _distributed() -> Any:  # noqa: ANN401
@@ -283,6 +323,7 @@ def _distributed() -> Any:  # noqa: ANN401
     """
     try:
         import distributed
+        import distributed.client
         import distributed.scheduler
     except ImportError:
         raise MissingExtra("distributed", "fleet", "--scheduler") from None

@@ -16,12 +16,13 @@ import json
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self
 
 from flinders.errors import OutputError
-from flinders.files import reason
+from flinders.files import reason, write_all
 
 if TYPE_CHECKING:
+    import io
     import os
     from collections.abc import Iterator
 
@@ -32,11 +33,11 @@ class Log:
 
     Attributes
     ----------
-    stream : text stream, optional
+    stream : unbuffered file, optional
         None where nobody wants to know.
     """
 
-    stream: IO[str] | None = None
+    stream: io.FileIO | None = None
 
     @classmethod
     @contextlib.contextmanager
@@ -52,11 +53,14 @@ class Log:
             yield cls()
             return
         try:
-            stream = Path(path).open("a", encoding="utf-8", newline="\n")  # noqa: SIM115 - closed below
+            stream = Path(path).open("ab", buffering=0)  # noqa: SIM115 - closed below; a buffer would fail again there
         except OSError as error:
-            raise OutputError(f"{path}: the log cannot be written: {reason(error)}") from None
+            raise _cannot(path, error) from None
         with stream:
-            yield cls(stream)
+            log = cls(stream)
+            if _is_cut(path):
+                log._write("\n")
+            yield log
 
     def event(self, event: str, **fields: object) -> None:
         """Write a line with the time, what happened, and what belongs to it; it is on its way before this returns.
@@ -69,8 +73,25 @@ class Log:
         if self.stream is None:
             return
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        self._write(json.dumps({"time": now, "event": event, **fields}, allow_nan=False) + "\n")
+
+    def _write(self, line: str) -> None:
+        """Write a line, or say why not."""
+        assert self.stream is not None
         try:
-            self.stream.write(json.dumps({"time": now, "event": event, **fields}, allow_nan=False) + "\n")
-            self.stream.flush()
+            write_all(self.stream, line.encode())
         except OSError as error:
-            raise OutputError(f"the log cannot be written: {reason(error)}") from None
+            raise _cannot(str(self.stream.name), error) from None
+
+
+def _cannot(path: str | os.PathLike[str], error: OSError) -> OutputError:
+    return OutputError(f"{path}: the log cannot be written: {reason(error)}")
+
+
+def _is_cut(path: str | os.PathLike[str]) -> bool:
+    """Whether the last line of a log has no end, since the disk was full; a pipe or a device has no last line."""
+    if not Path(path).is_file() or not Path(path).stat().st_size:
+        return False
+    with Path(path).open("rb") as file:
+        file.seek(-1, 2)
+        return file.read(1) != b"\n"

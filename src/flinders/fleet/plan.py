@@ -20,12 +20,13 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
-from itertools import chain, pairwise
+from itertools import chain, islice, pairwise
 from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from flinders.errors import FlindersError, UnreadableInput, UsageError
 from flinders.fleet.store import MAGIC, Member, listed
@@ -34,7 +35,10 @@ from flinders.fleet.tables import TABLES, Asked, Keys, extents_of, opened, units
 from flinders.readers import READERS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+Asker = TypeVar("Asker")
+Answer = TypeVar("Answer")
 
 READABLE: Final = (*{suffix for reader in READERS for suffix in reader.suffixes}, *TABLES)
 """Endings of files that are taken from a folder; a pattern takes what it names."""
@@ -48,6 +52,10 @@ LEAST_PARTITIONS: Final = 64
 """Fewer of them, and workers would wait for each other: a small job has small partitions."""
 LOG_BYTES: Final = 1 << 24
 """Bytes of log files in a partition."""
+LOOKS: Final = 32
+"""Files that are looked at at a time: most of it is waiting for a store."""
+AHEAD: Final = 8 * LOOKS
+"""Files whose turn comes next: what is held of those that were looked at is bounded, for any number of files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,19 +183,33 @@ def _sorted_out(members: Sequence[Member], asked: Asked) -> tuple[list[_Surveyed
     tables: list[_Surveyed] = []
     logs: list[Piece] = []
     refused: list[UsageError] = []
-    for member in members:
-        found: list[_Surveyed] = []
-        try:
-            found = _surveyed(member, asked)
-        except UsageError as error:
-            refused.append(error)
-        except FlindersError:  # said by the worker that fails to read it
-            pass
-        tables += found
-        logs += [] if found else [Piece(member)]
+    for member, found in zip(members, _at_once(lambda member: _looked_at(member, asked), members), strict=True):
+        if isinstance(found, UsageError):
+            refused.append(found)
+        if isinstance(found, FlindersError) or not found:  # what cannot be read, the worker that fails to will say
+            logs.append(Piece(member))
+        else:
+            tables += found
     if refused and not tables:
         raise refused[0]
     return tables, logs
+
+
+def _at_once(look: Callable[[Asker], Answer], asked: Iterable[Asker]) -> Iterator[Answer]:
+    """Answers in the order of what is asked, some of them being waited for at the same time.
+
+    >>> list(_at_once(abs, [-1, 2, -3]))
+    [1, 2, 3]
+    """
+    waiting = iter(asked)
+    pool = ThreadPoolExecutor(LOOKS)
+    try:
+        held = deque(pool.submit(look, each) for each in islice(waiting, AHEAD))
+        while held:
+            yield held.popleft().result()
+            held.extend(pool.submit(look, each) for each in islice(waiting, 1))
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def key_of(name: str) -> tuple[str, str]:
@@ -203,7 +225,16 @@ def key_of(name: str) -> tuple[str, str]:
 
 
 def _is_readable(name: str) -> bool:
-    return name.lower().endswith(READABLE)
+    """Whether it is taken: by its ending, or a folder that cannot be listed, which a row shall say."""
+    return name.lower().endswith((*READABLE, "/"))
+
+
+def _looked_at(member: Member, asked: Asked) -> list[_Surveyed] | FlindersError:
+    """The pieces of a file of rows, none for a log; the error where it cannot be opened, or a column is not there."""
+    try:
+        return _surveyed(member, asked)
+    except FlindersError as error:
+        return error
 
 
 def _surveyed(member: Member, asked: Asked) -> list[_Surveyed]:
@@ -312,7 +343,7 @@ def _across(tables: Sequence[_Surveyed], asked: Asked) -> dict[str, tuple[int, .
         if follow:  # only the last of one can be the first of the next
             held = {place: {tables[place].least, tables[place].greatest} for place in cluster}
         else:
-            held = {place: _units(tables[place], asked) for place in cluster}
+            held = dict(zip(cluster, _at_once(lambda table: _units(table, asked), row), strict=True))
         places = defaultdict(list)
         for place in sorted(cluster):
             for unit in held[place]:

@@ -3,10 +3,10 @@ r"""A whole run: planned, worked on partition by partition, each committed as it
 Beside the table that is asked for, ``calibrations.parquet``, a folder ``calibrations.parquet.parts`` holds what is
 done: a file for each partition, which appears under its name when it is complete, and the plan that they belong to.
 Whoever starts again with `resume` does what is missing; the table is the same to the last byte, also for another number
-of workers. The folder goes when the table is there.
+of workers. The folder goes when the table is there. Of a table that goes to a store it lies in the working directory.
 
 >>> import tempfile
->>> from pathlib import Path
+>>> from pathlib import Path, PurePosixPath
 >>> from flinders.fleet.tables import Asked
 >>> folder = Path(tempfile.mkdtemp())
 >>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n")
@@ -24,7 +24,7 @@ import shutil
 import time
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -37,6 +37,7 @@ from flinders.fleet.engine import Lost, map_units
 from flinders.fleet.log import Log
 from flinders.fleet.merge import merge
 from flinders.fleet.plan import Partition, Plan, plan_of
+from flinders.fleet.store import is_remote, put, refuse_object
 from flinders.fleet.table import VERDICTS, Rows, needs_arrow
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
     from flinders.fleet.tables import Asked
 
 PLAN: Final = "plan.json"
+TABLE: Final = "table.parquet"
+"""What goes to a store when it is complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +121,7 @@ def run(
     where : str
         A folder, a pattern, a file or a URL, as `flinders.fleet.store.listed`.
     out : str or path
-        The Parquet file to write.
+        The Parquet file to write, or the URL of an object; parts of that are kept in the working directory.
     asked : Asked
         How recordings are read, and what fits are held against.
     workers, scheduler
@@ -145,14 +148,18 @@ def run(
     begun = time.monotonic()
     log = log or Log()
     needs_arrow()
-    refuse_existing(out, force=force)
+    far = os.fspath(out) if is_remote(os.fspath(out)) else None
+    if far is None:
+        refuse_existing(out, force=force)
+    else:
+        refuse_object(far, force=force)
     plan = plan_of(where, asked)
     parts = Parts.of(out, plan, resume=resume, force=force)
     missing = [place for place in range(len(plan.partitions)) if not parts.path(place).exists()]
     resumed = len(plan.partitions) - len(missing)
-    log.event("planned", input=where, files=plan.files, partitions=len(plan.partitions), resumed=resumed)
     retried = 0
     with _kept(parts):
+        log.event("planned", input=where, files=plan.files, partitions=len(plan.partitions), resumed=resumed)
         weights = [partition.weight for partition in plan.partitions]
         finished, rows = sum(weights) - sum(weights[place] for place in missing), 0
         for place, content, was_lost in _results(plan, missing, asked, workers, scheduler):
@@ -162,9 +169,13 @@ def run(
             log.event("partition", place=place, rows=count, lost=was_lost)
             if watch is not None:
                 watch(finished, sum(weights), rows)
-        merge([parts.path(place) for place in range(len(plan.partitions))], out)
+        table = parts.folder / TABLE if far else out
+        merge([parts.path(place) for place in range(len(plan.partitions))], table)
+        if far:
+            put(parts.folder / TABLE, far)
+    counted = Counts.of(table)
     parts.remove()
-    told = _told(out, plan, asked, resumed=resumed, retried=retried, seconds=time.monotonic() - begun)
+    told = _told(out, counted, plan, asked, resumed=resumed, retried=retried, seconds=time.monotonic() - begun)
     log.event("done", rows=told.rows, verdicts=told.verdicts, codes=told.codes, seconds=round(told.seconds, 3))
     return told
 
@@ -238,7 +249,8 @@ class Parts:
         OutputError
             Where it cannot be made.
         """
-        parts = cls(Path(f"{os.fspath(out)}.parts"))
+        beside = os.fspath(out)
+        parts = cls(Path(f"{PurePosixPath(beside).name if is_remote(beside) else beside}.parts"))
         if parts.folder.exists() and not resume and not force:
             raise UsageError(
                 f"{parts.folder} holds what an earlier run has done: go on with --resume, or begin again with --force"
@@ -291,9 +303,17 @@ class Parts:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _told(out: str | os.PathLike[str], plan: Plan, asked: Asked, *, resumed: int, retried: int, seconds: float) -> Told:
-    """Read back what was written, a row group at a time and without the long columns, and count."""
-    counted = Counts.of(out)
+def _told(
+    out: str | os.PathLike[str],
+    counted: Counts,
+    plan: Plan,
+    asked: Asked,
+    *,
+    resumed: int,
+    retried: int,
+    seconds: float,
+) -> Told:
+    """Put together what was read back of the table, and how the run went."""
     worst = counted.worst_deg
     places = zip(("median", "p95", "largest"), np.percentile(worst, [50, 95, 100]) if len(worst) else (), strict=False)
     return Told(

@@ -1,0 +1,188 @@
+"""An object store on this machine that takes its time: one bucket, by what the protocols of S3 and Google's share.
+
+Listing, reading whole and in ranges, and writing at once, in paths of the bucket's name. Nobody is asked who they are.
+
+>>> from urllib.request import urlopen
+>>> with Bucket({"a/1.csv": b"x,y,z"}) as bucket:
+...     with urlopen(f"{bucket.address}/fleet/a/1.csv") as answer:
+...         answer.read(), bucket.asked
+(b'x,y,z', 1)
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Final, Self
+from urllib.parse import parse_qs, unquote, urlsplit
+from xml.sax.saxutils import escape
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PAGE: Final = 1000
+"""Objects that a list holds at most, as with those who sell storage."""
+
+
+class Bucket:
+    """A server with a bucket, for the time of a ``with``.
+
+    Parameters
+    ----------
+    objects : mapping of str to bytes
+        What is in it, by name.
+    latency_s : float, s
+        Before each answer.
+    name : str
+        Of the bucket.
+
+    Attributes
+    ----------
+    objects : dict
+        What is in it by now.
+    asked, opened, most : int
+        Requests and connections so far, and requests waited for at the same time at most.
+    refuses : int
+        Status with which writing is refused; 0 where it is not.
+    """
+
+    def __init__(
+        self, objects: Mapping[str, bytes] | None = None, *, latency_s: float = 0.0, name: str = "fleet"
+    ) -> None:
+        self.objects, self.latency_s, self.name = dict(objects or {}), latency_s, name
+        self.asked = self.opened = self.most = self.refuses = 0
+        self._waiting = 0
+        self._lock = threading.Lock()
+        self._server = _Server(("127.0.0.1", 0), type("Handler", (_Handler,), {"bucket": self}))
+        self._server.daemon_threads = True
+        self._thread = threading.Thread(target=self._server.serve_forever, kwargs={"poll_interval": 0.01})
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._server.shutdown()
+        self._thread.join()
+        self._server.server_close()
+
+    @property
+    def address(self) -> str:
+        """Of the server."""
+        return f"http://127.0.0.1:{self._server.server_port}"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The variables by which ``s3://`` and ``gs://`` lead here."""
+        nobody = {"disable_oauth": True, "client_email": "", "private_key": "", "private_key_id": ""}
+        return {
+            "AWS_ENDPOINT": self.address,
+            "AWS_ALLOW_HTTP": "true",
+            "AWS_REGION": "us-east-1",
+            "AWS_ACCESS_KEY_ID": "a",
+            "AWS_SECRET_ACCESS_KEY": "b",
+            "GOOGLE_SERVICE_ACCOUNT_KEY": json.dumps({"gcs_base_url": self.address, **nobody}),
+            "GOOGLE_ALLOW_HTTP": "true",
+        }
+
+    def begun(self) -> None:
+        """Wait as long as the way to a store takes, and count."""
+        with self._lock:
+            self.asked += 1
+            self._waiting += 1
+            self.most = max(self.most, self._waiting)
+        time.sleep(self.latency_s)
+        with self._lock:
+            self._waiting -= 1
+
+    def connected(self) -> None:
+        """Count a connection."""
+        with self._lock:
+            self.opened += 1
+
+
+class _Server(ThreadingHTTPServer):
+    """One that takes many connections at a time."""
+
+    request_queue_size = 1024
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers for a bucket; the names of its methods are those that `http.server` calls."""
+
+    bucket: Bucket
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+
+    def setup(self) -> None:
+        super().setup()
+        self.bucket.connected()
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+    @property
+    def _key(self) -> str:
+        return unquote(urlsplit(self.path).path).removeprefix(f"/{self.bucket.name}").lstrip("/")
+
+    def do_HEAD(self) -> None:
+        """Say how large an object is."""
+        self.do_GET()
+
+    def do_GET(self) -> None:
+        """List, or send an object or a range of it."""
+        self.bucket.begun()
+        query = parse_qs(urlsplit(self.path).query)
+        if not self._key:
+            self._send(200, _listing(self.bucket, query), kind="application/xml")
+            return
+        content = self.bucket.objects.get(self._key)
+        if content is None:
+            self._send(404, b"<Error><Code>NoSuchKey</Code></Error>", kind="application/xml")
+            return
+        wanted = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+        if wanted is None:
+            self._send(200, content)
+            return
+        first = int(wanted[1]) if wanted[1] else len(content) - int(wanted[2])
+        last = min(int(wanted[2]), len(content) - 1) if wanted[1] and wanted[2] else len(content) - 1
+        self._send(206, content[first : last + 1], Content_Range=f"bytes {first}-{last}/{len(content)}")
+
+    def do_PUT(self) -> None:
+        """Take an object, all of it at once."""
+        self.bucket.begun()
+        content = self.rfile.read(int(self.headers.get("Content-Length", 0)))
+        if self.bucket.refuses:
+            self._send(self.bucket.refuses, b"<Error><Code>AccessDenied</Code></Error>", kind="application/xml")
+            return
+        self.bucket.objects[self._key] = content
+        self._send(200, b"")
+
+    def _send(self, status: int, content: bytes, *, kind: str = "application/octet-stream", **headers: str) -> None:
+        self.send_response(status)
+        told = {"Content-Type": kind, "ETag": f'"{hash(content):x}"', "Last-Modified": LONG_AGO, **headers}
+        for name, value in told.items():
+            self.send_header(name.replace("_", "-"), value)
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(content)
+
+
+LONG_AGO: Final = "Thu, 01 Jan 2026 00:00:00 GMT"
+
+
+def _listing(bucket: Bucket, query: Mapping[str, list[str]]) -> bytes:
+    """Names that begin with a prefix, a page of them."""
+    prefix, after = (query.get(name, [""])[0] for name in ("prefix", "continuation-token"))
+    names = [name for name in sorted(bucket.objects) if name.startswith(prefix) and name > after]
+    entries = [
+        f"<Contents><Key>{escape(name)}</Key><Size>{len(bucket.objects[name])}</Size><ETag>{len(name)}</ETag>"
+        "<LastModified>2026-01-01T00:00:00.000Z</LastModified></Contents>"
+        for name in names[:PAGE]
+    ]
+    more = f"<NextContinuationToken>{escape(names[PAGE - 1])}</NextContinuationToken>" if len(names) > PAGE else ""
+    return f"<ListBucketResult>{''.join(entries)}{more}</ListBucketResult>".encode()

@@ -1,0 +1,110 @@
+"""A fleet on a disk that is full, closed or in a circle: said in a line or a row, and nothing that is done is lost."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from benchmarks.bucket import Bucket
+
+from flinders import simulate
+from flinders.errors import OutputError
+from flinders.fleet import Rows, store
+from flinders.fleet.log import Log
+from flinders.fleet.run import run
+from flinders.fleet.tables import Asked
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+pytest.importorskip("pyarrow")
+
+FIELD = simulate.tumble(seed=1, n=120, motion="uniform").samples.field
+TEXT = "mag_x_uT,mag_y_uT,mag_z_uT\n" + "".join(",".join(f"{value:.3f}" for value in row) + "\n" for row in FIELD)
+NOBODY = 65534
+
+
+@pytest.fixture
+def logs() -> Iterator[Path]:
+    """Four units with a log each, where anybody may look."""
+    with tempfile.TemporaryDirectory() as made:
+        Path(made).chmod(0o777)
+        for unit in ("U0", "U1", "U2", "U3"):
+            (Path(made) / "logs" / unit).mkdir(parents=True)
+            (Path(made) / "logs" / unit / "monday.csv").write_text(TEXT)
+        yield Path(made) / "logs"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_what_may_not_be_read_is_a_row(logs: Path) -> None:
+    """A file, a folder that may not be listed, and one whose files may not be looked at."""
+    out = logs.parent / "out.parquet"
+    run(str(logs), logs.parent / "whole.parquet", Asked(), workers=0)  # imports what it needs, as who may
+    (logs / "U0" / "monday.csv").chmod(0)
+    (logs / "U1").chmod(0)
+    (logs / "U2").chmod(0o444)
+    own = os.geteuid()
+    try:
+        if own == 0:
+            os.seteuid(NOBODY)
+        told = run(str(logs), out, Asked(), workers=0)
+    finally:
+        os.seteuid(own)
+        for unit in ("U1", "U2"):
+            (logs / unit).chmod(0o755)
+    rows = Rows.read(out)
+    assert (told.verdicts, told.codes) == ({"good": 1, "failed": 3}, {"unreadable": 3})
+    assert rows.unit.tolist() == ["U0", "U1", "U2", "U3"]
+    assert "cannot be listed" in rows.message[1]
+
+
+def test_a_link_that_leads_up_is_not_followed(logs: Path) -> None:
+    (logs / "U0" / "up").symlink_to(logs, target_is_directory=True)
+    (logs / "U1" / "itself").symlink_to("itself")
+    (logs.parent / "elsewhere").mkdir()
+    (logs.parent / "elsewhere" / "tuesday.csv").write_text(TEXT)
+    (logs / "U2" / "more").symlink_to(logs.parent / "elsewhere", target_is_directory=True)
+    names = [member.name for member in store.listed(str(logs))]
+    assert names == ["U0/monday.csv", "U1/monday.csv", "U2/monday.csv", "U2/more/tuesday.csv", "U3/monday.csv"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path) -> None:
+    out = logs.parent / "out.parquet"
+    said = r"/dev/full: the log cannot be written: no space .* go on with --resume"
+    with pytest.raises(OutputError, match=said), Log.to("/dev/full") as log:
+        run(str(logs), out, Asked(), workers=0, log=log)
+    assert run(str(logs), out, Asked(), workers=0, resume=True).verdicts == {"good": 4}
+
+
+def test_a_log_goes_on_below_a_line_that_was_cut(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    path.write_text('{"event": "planned"}\n{"event": "part')
+    for _ in range(2):
+        with Log.to(path) as log:
+            log.event("planned", resumed=1)
+    first, cut, *others = path.read_text().splitlines()
+    assert (json.loads(first)["event"], cut) == ("planned", '{"event": "part')
+    assert [json.loads(line)["resumed"] for line in others] == [1, 1]
+
+
+def test_a_copy_of_an_object_for_which_there_is_no_room_is_told_from_a_bad_one(
+    logs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("obstore")
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(store, "write_all", full)
+    with Bucket({"U0/monday.csv": TEXT.encode()}) as bucket:
+        for name, value in bucket.environment.items():
+            monkeypatch.setenv(name, value)
+        told = run("gs://fleet/", logs.parent / "out.parquet", Asked(), workers=0)
+    assert told.codes == {"output": 1}
+    assert "no space left on the disk" in Rows.read(logs.parent / "out.parquet").message[0]
