@@ -122,7 +122,7 @@ def recorded(title: str, number: int) -> tuple[Simulated, Site]:
         return TURNS[title].record(number)
     rng = np.random.default_rng([SEED, 1, number])
     strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
-    return dataset("S7", number, 0.5), Site(strength, dip, gain_sigma=0.1)
+    return dataset("S7", number, 0.5), Site(strength, dip, gain_sigma=0.1, z_down=True)
 
 
 def tried(samples: Samples, **options: object) -> Fit | str:

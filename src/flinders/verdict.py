@@ -351,8 +351,8 @@ def _flat(fit: Fit, moments: Moments) -> Iterator[Finding]:
 
 
 Z_ELSEWHERE: Final = (
-    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so that "
-    "it does (--axes)"
+    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
+    "that it does (--axes)"
 )
 Z_OPEN: Final = (
     "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "

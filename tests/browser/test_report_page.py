@@ -99,7 +99,7 @@ def test_without_scripts_the_figures_are_there(browser: Browser, folder: Path) -
     assert found.page.locator(".still").is_visible()
     assert not found.page.locator(".stage").is_visible()
     assert not found.page.locator("#theme").is_visible()
-    assert found.page.locator("svg.figure").count() == 15
+    assert found.page.locator("svg.figure").count() == 16
     found.page.close()
 
 

@@ -19,11 +19,12 @@ from flinders import fitting, simulate
 from flinders.calibration import Calibration
 from flinders.drivers import Driver
 from flinders.errors import FitError, TooFewSamples
+from flinders.estimators.walk import walk_through
 from flinders.judged import Judged
 from flinders.report import script
 from flinders.report.beside import mounting
 from flinders.report.drawn import Drawn
-from flinders.report.figures import coverage_map, error_map, projections
+from flinders.report.figures import coverage_map, error_map, projections, wandered
 from flinders.report.html import page, python_of
 from flinders.report.revisited import doubts, revisited
 from flinders.report.terminal import plot
@@ -31,9 +32,12 @@ from flinders.report.text import degrees
 from flinders.report.view import tile_errors_deg
 from flinders.result import Refused
 from flinders.samples import Joined, Samples
+from flinders.terms.site import Site
 from flinders.tiles import tile_of, tiles
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from flinders.result import Fit
 
 LARGEST = 1_500_000
@@ -194,7 +198,7 @@ def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.Mo
     text = page(*fitted())
     assert 'id="scene"' not in text
     assert "theming" in text
-    assert text.count('<svg class="figure"') == 15
+    assert text.count('<svg class="figure"') == 16
 
 
 def test_the_map_keeps_areas() -> None:
@@ -240,6 +244,19 @@ def test_a_calibration_that_was_written_gives_the_same_report_numbers() -> None:
         npt.assert_allclose(again.heading_error_deg.rms, fit.heading_error_deg.rms, rtol=1e-6)
         npt.assert_allclose(again.noise, fit.noise)
         assert not doubts(Judged.from_fit(fit), samples)
+
+
+@pytest.mark.parametrize("known", ["shown", "elsewhere", "open"])
+def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(known: str, tmp_path: Path) -> None:
+    samples = fitted("level")[1]
+    felt = np.tile([0.0, 0.0, -9.81 if known == "shown" else 9.81], (len(samples), 1))
+    turned = replace(samples, acceleration=None if known == "open" else felt)
+    fit = fitting.fit(turned, site=Site(50.0, 60.0))
+    fit.save(tmp_path / "calibration.json")
+    again = revisited(Judged.load(tmp_path / "calibration.json"), turned)
+    assert again.z_down is fit.z_down is {"shown": True, "elsewhere": False, "open": None}[known]
+    advice = next(finding.advice for finding in fit.findings if finding.code == "level-plane")
+    assert advice[1:].rstrip(".") in Page.of(page(again, turned)).words
 
 
 def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
@@ -315,6 +332,52 @@ def test_a_rotation_that_was_found_is_not_said_to_be_unseen() -> None:
     assert "as gyro and accelerometer tell it, adds" in mounting(fit)
     stated = replace(fitted()[0], alignment_error_deg=0.5)
     assert "no magnetometer can see" in mounting(stated)
+
+
+CONSTANT = "Was the calibration constant?"
+
+
+def test_a_report_says_for_how_long_the_calibration_holds_as_the_terminal_does() -> None:
+    for motion in ("hand", "level"):
+        fit, samples = fitted(motion)
+        dip = fit.heading_error_deg.dip_deg
+        walk = walk_through(samples, fit.ellipsoid, plane=fit.plane, dip_deg=dip)
+        told = Page.of(page(fit, samples)).words.split(CONSTANT)[1]
+        assert f"T{walk.words('µT', dip_deg=dip)[1:]}." in told
+        assert "No movement is told from chance" in told
+
+
+def test_a_refused_recording_that_changed_shows_how_and_not_for_how_long_it_holds() -> None:
+    moved = simulate.tumble(seed=3, disturbances=[simulate.Step([6.0, 0.0, -4.0], at=0.5)]).samples
+    with pytest.raises(Refused) as refused:
+        fitting.fit(moved)
+    told = Page.of(page(refused.value, moved)).words.split(CONSTANT)[1].split("Where it comes from")[0]
+    assert "The offset moved by up to" in told
+    assert "valid for" not in told
+
+
+def test_without_times_of_one_recording_or_with_few_readings_no_path_is_drawn() -> None:
+    fit, samples = fitted()
+    for other in (replace(samples, time=None), Joined((samples, samples)), samples[:90]):
+        assert CONSTANT not in page(fit, other)
+
+
+def test_of_a_recording_that_does_not_go_with_the_calibration_no_path_is_drawn() -> None:
+    other = simulate.tumble(seed=9, n=500).samples
+    for judged in (Judged.from_fit(fitted()[0]), Judged(fitted()[0].calibration), Judged.from_fit(fitted("level")[0])):
+        assert CONSTANT not in page(revisited(judged, other), other)
+    assert CONSTANT in page(revisited(Judged(fitted()[0].calibration), fitted()[1]), fitted()[1])
+
+
+def test_the_path_of_an_offset_is_drawn_for_the_axes_that_were_seen() -> None:
+    for motion, axes in (("hand", "xyz"), ("level", "xy")):
+        fit, samples = fitted(motion)
+        drawn = Drawn.of(fit, samples)
+        walk = drawn.walk(fit)
+        assert walk is not None
+        figure = wandered(walk, drawn.unit, drawn.plane)
+        assert [axis for axis in "xyz" if f">{axis}, µT<" in figure] == list(axes)
+        assert figure.count('class="band"') == len(axes)
 
 
 def test_the_map_is_in_the_axes_of_corrected_readings() -> None:

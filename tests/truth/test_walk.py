@@ -6,14 +6,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.testing as npt
 import pytest
+from scipy.linalg import block_diag
 
 import flinders
 from flinders import simulate
 from flinders.driven import Settler
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.driving import driving_of
-from flinders.estimators.walk import walk_of, walk_through
+from flinders.estimators.walk import _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.result import Refused
 
 if TYPE_CHECKING:
@@ -88,6 +90,58 @@ def test_what_motors_do_is_no_drift_once_it_is_followed_and_a_drift_beside_them_
         walk = walk_through(Settler(found.calibration)(drifting), found.ellipsoid)
         assert walk.is_proven == (drift > 0.0)
         assert (walk.as_dict(level_deg=2.0)["valid_for_s"] or np.inf) == walk.valid_for_s(2.0)
+
+
+def test_a_level_turn_tells_of_the_plane_that_it_was_turned_in() -> None:
+    """Its offset stays or steps by 3 µT, and what z reads says nothing."""
+    for step in (0.0, 3.0):
+        samples = simulate.tumble(seed=3, motion="level", n=2000).samples
+        fit = flinders.fit(samples)
+        assert samples.time is not None
+        late = samples.time > samples.time[-1] / 2.0
+        readings = samples.field + np.outer(late, [step, 0.0, 0.0]) + [0.0, 0.0, 40.0]
+        walk = walk_of(readings, samples.time, fit.ellipsoid, plane=fit.plane, dip_deg=fit.heading_error_deg.dip_deg)
+        assert walk.is_proven == (step > 0.0)
+        assert np.ptp(walk.path[:, 0]) == pytest.approx(step, abs=0.5)
+        assert np.abs(walk.path[:, 1:]).max() < 0.3
+
+
+def test_where_nothing_is_proven_the_band_is_as_wide_as_what_was_not_seen() -> None:
+    """Walks of 0.001 µT a reading: one of twelve is proven, and of the others the mean square in bands is 0.66."""
+    nees = []
+    for seed in range(4):
+        simulated = simulate.tumble(seed=seed)
+        moved = np.cumsum(np.random.default_rng(seed).normal(scale=0.001, size=(3000, 3)), axis=0)
+        moved -= moved.mean(axis=0)
+        time = simulated.samples.time
+        assert time is not None
+        walk = walk_of(simulated.samples.field + moved, time, settled(simulated.samples))
+        assert not walk.is_proven
+        assert walk.moved == 0.0
+        true = np.stack([np.interp(walk.time, time, axis) for axis in moved.T], axis=1)
+        nees.append(np.mean(((walk.path - true) / walk.sigma) ** 2))
+    assert 0.1 < np.mean(nees) < 1.3
+
+
+def test_sizes_of_a_walk_are_as_likely_as_the_whole_covariance_of_its_path_makes_them() -> None:
+    """Against one Gaussian of all spans at once: cov b = P₀ + q² min(tᵢ, tⱼ), and g = N b + noise of covariance N."""
+    rng = np.random.default_rng(2)
+    normals, time, radius = rng.normal(size=(8, 5, 3)), np.arange(8.0) * 3.0, 20.0
+    spans = _Spans(time, np.einsum("kni,knj->kij", normals, normals), rng.normal(size=(8, 3)) * 3.0)
+    sizes = np.array([0.0, 0.1, 1.0, 5.0])
+    found = _filtered(spans, sizes, radius)
+    smooth, covariances = _smoothed(found)
+    information = block_diag(*spans.information)
+    for place, q in enumerate(sizes):
+        prior = np.kron((0.1 * radius) ** 2 + q**2 * np.minimum.outer(time, time), np.eye(3))
+        wider = np.eye(24) + prior @ information
+        told = np.linalg.solve(wider, prior)
+        gradient = spans.gradient.ravel()
+        expected = 0.5 * (gradient @ told @ gradient - np.linalg.slogdet(wider)[1])
+        assert found.likelihood[place] == pytest.approx(expected, rel=1e-9)
+        npt.assert_allclose(smooth[:, place].ravel(), told @ gradient, rtol=1e-7, atol=1e-9)
+        sigma = np.einsum("kii->ki", covariances[:, place]).ravel()
+        npt.assert_allclose(sigma, np.diag(told), rtol=1e-7)
 
 
 def test_without_times_or_with_few_readings_nothing_is_said() -> None:

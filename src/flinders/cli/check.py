@@ -65,7 +65,6 @@ def command(
     """
     from flinders.comparison import compare
     from flinders.driven import settled
-    from flinders.estimators.walk import walk_through
     from flinders.fitting import fit
     from flinders.judged import Judged
     from flinders.report.comparison import page
@@ -92,7 +91,7 @@ def command(
     dip = _dip(known.calibration, recording, fresh)
     comparison = compare(known, Judged.from_fit(fresh, name="fresh fit"), dip_deg=dip, target_deg=target_deg)
     own = made_from(calibration, as_recorded.recordings)
-    walk = walk_through(recording, fresh.ellipsoid) if is_followed else None
+    walk = _walked(recording, fresh) if is_followed else None
     if as_json:
         residual = {"calibration": found.as_dict(), "fresh": renewed.as_dict()}
         walked = {} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip))}
@@ -151,6 +150,13 @@ def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
         return dip
     down = sum(float(calibration.apply(block.field)[:, 2].sum()) for block in recording.blocks())
     return -dip if down * dip < 0.0 else dip
+
+
+def _walked(recording: Joined, fresh: Fit) -> Walk:
+    """How the offset moved through a recording, by the fit to it."""
+    from flinders.estimators.walk import walk_through
+
+    return walk_through(recording, fresh.ellipsoid, plane=fresh.plane, dip_deg=fresh.heading_error_deg.dip_deg)
 
 
 def _told(walk: Walk, fresh: Fit, target_deg: float) -> str:

@@ -59,8 +59,9 @@ class Estimate:
     follows : str
         ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests
         on it; `strength` is then its mean, and known.
-    z_down : bool
-        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out.
+    z_down : bool, optional
+        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
+        that dip was used and neither an accelerometer nor anybody says which way z points.
     """
 
     ellipsoid: Ellipsoid
@@ -78,7 +79,7 @@ class Estimate:
     strength: float | None = None
     plane: Plane | None = None
     follows: Literal["", "constant", "varying"] = ""
-    z_down: bool = True
+    z_down: bool | None = True
 
 
 class Estimator(Protocol):

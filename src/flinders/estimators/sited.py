@@ -15,8 +15,12 @@ known of S₃ comes in with ε alone: the heading degrades with the tilt, and no
 
 The last one is used where someone says how well the mounting is known. The dip is that of the site to within its own
 uncertainty and that of the vehicle's being level, 1° unless an accelerometer shows more: on a slope the
-field dips otherwise. Without an accelerometer z is taken to point down: of one that points up the offset in z comes out
-wrong by 2 sin I S₃₃, and headings with the tilt. Nothing in the readings of a level turn tells the two apart.
+field dips otherwise.
+
+Nothing in the readings of a level turn tells a z that points down from one that points up, for which the offset would
+be another by 2 sin I S₃. It is put where it belongs for z down, and unless an accelerometer shows that, or the axes are
+stated, the mean square of what it is off, one as likely as the other, widens the claim by 2 sin² I S₃ S₃ᵀ. A level
+heading does not notice: S⁻¹ S₃ is the third axis.
 
 When to use it: vehicles that cannot be turned over, at a known place. Of an ellipsoid that was seen from more than
 one plane, the strength alone counts.
@@ -39,13 +43,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import ENOUGH
 from flinders.quadric import Ellipsoid, symmetric
+from flinders.samples import frame_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -95,19 +100,22 @@ def sited(
     Returns
     -------
     Estimate
-        With smaller claims, but for a level turn that an accelerometer shows on a slope; `strength` is that of the
-        site where it was used, and `z_down` is false where an accelerometer speaks against using its dip.
+        With smaller claims, but for a level turn that an accelerometer shows on a slope, or of which nobody knows which
+        way z points; `strength` is that of the site where it was used, and `z_down` says what is known of z.
     """
     if estimate.plane and estimate.method != Level.name:
         return estimate  # a recipe of two axes, which claims nothing of the third
     if not estimate.plane:
         return estimate if site is None else _by_strength(estimate, site)
-    tilt = _tilt_deg(readings)
-    if site is not None and tilt is None:
+    shown = _shown(readings)
+    if site is not None and shown.down is False:
         return replace(estimate, z_down=site.inclination_deg is None)
-    if site is not None and tilt is not None:
-        estimate = _by_strength(_by_dip(estimate, readings, site, alignment_sigma_deg, tilt), site)
-    return _on_a_slope(estimate, math.radians(dip_deg), tilt or 0.0)
+    if site is not None:
+        placed = _by_dip(estimate, readings, site, alignment_sigma_deg, shown.tilt_deg)
+        is_placed, estimate = placed is not estimate, _by_strength(placed, site)
+        if is_placed and not (shown.down or site.z_down or _is_mapped(readings)):
+            estimate = _on_either_side(estimate, site)
+    return _on_a_slope(estimate, math.radians(dip_deg), shown.tilt_deg)
 
 
 def conditioned(
@@ -233,6 +241,21 @@ def _in_axes(parameters: Floats, covariance: Floats, dip: float, doubt: float) -
     return found, coupled @ covariance @ coupled.T + doubt**2 * np.outer(turned, turned)
 
 
+def _on_either_side(estimate: Estimate, site: Site) -> Estimate:
+    """Widen a claim for a z axis that may as well point up."""
+    apart = np.zeros(9)
+    apart[:3] = math.sqrt(2.0) * (site.sine or 0.0) * estimate.ellipsoid.shape[:, 2]
+    either = np.outer(apart, apart)
+    textbook = None if estimate.textbook is None else estimate.textbook + either
+    return replace(estimate, covariance=estimate.covariance + either, textbook=textbook, z_down=None)
+
+
+def _is_mapped(readings: Readings) -> bool:
+    """Axes that somebody mapped, and those of a vehicle, have z down."""
+    recording = readings.recording
+    return recording is not None and (not recording.axes.is_identity or frame_of(recording) == "vehicle")
+
+
 def _on_a_slope(estimate: Estimate, dip: float, tilt_deg: float) -> Estimate:
     """Widen a claim for a turn about an axis that was not vertical.
 
@@ -299,17 +322,32 @@ def _widening(estimate: Estimate) -> float:
     return max(1.0, float(ratios.mean()))
 
 
-def _tilt_deg(readings: Readings) -> float | None:
-    """How far z was from vertical, rms, as an accelerometer shows: 0 where there is none, None where z is another axis.
+class _Shown(NamedTuple):
+    """What an accelerometer shows of z.
 
-    The noise is taken off: it is alike in all directions, and along gravity it is the scatter of the length.
+    Attributes
+    ----------
+    down : bool, optional
+        Whether it points down, to `FARTHEST_DEG`; None where nothing was recorded.
+    tilt_deg : float
+        How far from vertical it was, rms.
+    """
+
+    down: bool | None = None
+    tilt_deg: float = 0.0
+
+
+def _shown(readings: Readings) -> _Shown:
+    """Look at the accelerometer.
+
+    Its noise is taken off: it is alike in all directions, and along gravity it is the scatter of the length.
     """
     if readings.recording is None:
-        return 0.0
+        return _Shown()
     total, squares, lengths, count = np.zeros(3), 0.0, np.zeros(2), 0
     for block in readings.recording.blocks():
         if block.acceleration is None:
-            return 0.0
+            return _Shown()
         felt = block.acceleration[np.isfinite(block.acceleration).all(axis=1)]
         length = np.linalg.norm(felt, axis=1)
         total -= felt.sum(axis=0)
@@ -317,13 +355,13 @@ def _tilt_deg(readings: Readings) -> float | None:
         lengths += [float(length.sum()), float(length @ length)]
         count += len(felt)
     if count == 0 or not lengths[0] > 0.0:
-        return 0.0
+        return _Shown()
     if float(total[2]) < float(np.linalg.norm(total)) * math.cos(math.radians(FARTHEST_DEG)):
-        return None
+        return _Shown(down=False)
     gravity = lengths[0] / count
     noise = max(lengths[1] / count - gravity**2, 0.0)
     excess = squares / count - 2.0 * noise
     if excess < BY_CHANCE * noise / math.sqrt(count):
-        return 0.0
+        return _Shown(down=True)
     sine = math.sqrt(excess) / gravity
-    return math.degrees(math.asin(min(sine, 1.0)))
+    return _Shown(down=True, tilt_deg=math.degrees(math.asin(min(sine, 1.0))))

@@ -42,13 +42,16 @@ import numpy as np
 from flinders.coverage import directions_of
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.correlation import Residuals, time_of
+from flinders.estimators.in_plane import equator
 from flinders.estimators.settling import spread_of
+from flinders.planar import PlaneEllipse, order_of
+from flinders.quadric import Ellipsoid
 from flinders.samples import singles
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.quadric import Ellipsoid
+    from flinders.planar import Plane
     from flinders.samples import Recording
 
 SPANS: Final = 200
@@ -84,9 +87,10 @@ class Walk:
     time : (K,) float, s
         Middle of each span.
     path : (K, 3) float
-        Offset there, less that of the fit.
+        Offset there, less that of the fit; where no walk is proven, one and the same all along.
     sigma : (K, 3) float
-        Its standard deviation.
+        Its standard deviation; where no walk is proven, how far from `path` the largest that it could be may have
+        been, rms.
     field : float
         Radius of the ellipsoid, in the same unit.
     """
@@ -129,16 +133,21 @@ class Walk:
 
     def words(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, and for how long a calibration holds."""
-        over, held = _duration(self.seconds), _duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
+        held = _duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
+        least = "" if self.is_proven else "at least "
+        return (
+            f"{self.story(unit)}: valid for {least}{held} at this level ({level_deg:g}° of heading, 1 σ, "
+            f"dip {dip_deg:.0f}°)"
+        )
+
+    def story(self, unit: str) -> str:
+        """Say how far the offset moved."""
+        over = _duration(self.seconds)
         if not self.is_proven:
-            return (
-                f"the offset stayed where it was over {over}, as far as this recording tells: valid for at least "
-                f"{held} at this level ({level_deg:g}° of heading, 1 σ, dip {dip_deg:.0f}°)"
-            )
+            return f"the offset stayed where it was over {over}, as far as this recording tells"
         return (
             f"the offset moved by up to {figures(self.moved)} {unit} over {over}, as by "
-            f"{figures(self.per_root_second)} {unit} per root of a second: valid for {held} at this level "
-            f"({level_deg:g}° of heading, 1 σ, dip {dip_deg:.0f}°)"
+            f"{figures(self.per_root_second)} {unit} per root of a second"
         )
 
     def drawn(self, width: int = 60) -> str:
@@ -189,8 +198,12 @@ class _Spans(NamedTuple):
     gradient: Floats
 
 
-def walk_of(readings: Floats, time: Floats | None, ellipsoid: Ellipsoid) -> Walk:
+def walk_of(
+    readings: Floats, time: Floats | None, ellipsoid: Ellipsoid, *, plane: Plane | None = None, dip_deg: float = 60.0
+) -> Walk:
     """Follow the offset through a recording.
+
+    What was turned in one plane tells of the offset in that plane alone, and across it nothing is said to move.
 
     Parameters
     ----------
@@ -199,6 +212,10 @@ def walk_of(readings: Floats, time: Floats | None, ellipsoid: Ellipsoid) -> Walk
     time : (N,) float, s
     ellipsoid : Ellipsoid
         The fit to them.
+    plane : str, optional
+        That of a fit to readings of one plane.
+    dip_deg : float
+        With a plane: the inclination that the fit was made with.
 
     Raises
     ------
@@ -211,19 +228,41 @@ def walk_of(readings: Floats, time: Floats | None, ellipsoid: Ellipsoid) -> Walk
         raise NeedsSamples("walk")
     if len(readings) < FEWEST:
         raise TooFewSamples(found=len(readings), needed=FEWEST, method="walk")
-    spans = _spans(readings, time, ellipsoid)
+    spans = _spans(*(readings, ellipsoid) if plane is None else _laid_flat(readings, ellipsoid, plane, dip_deg), time)
     sizes = np.append(0.0, np.geomspace(1e-6, 1.0, TRIED - 1) * ellipsoid.radius / np.sqrt(time[-1] - time[0]))
-    likelihoods = np.array([_filtered(spans, q, ellipsoid.radius).likelihood for q in sizes])
-    best = int(np.argmax(likelihoods))
-    q = _refined(sizes, likelihoods, best)
-    path, sigma = _smoothed(_filtered(spans, q, ellipsoid.radius), spans, q)
-    likely = likelihoods > likelihoods.max() - PROVEN / 2.0
+    likelihoods = _filtered(spans, sizes, ellipsoid.radius).likelihood
     gain = 2.0 * float(likelihoods.max() - likelihoods[0])
-    return Walk(q, float(sizes[likely].max()), gain, spans.time, path, sigma, ellipsoid.radius)
+    q = _refined(sizes, likelihoods, int(np.argmax(likelihoods)))
+    at_most = float(sizes[likelihoods > likelihoods.max() - PROVEN / 2.0].max())
+    path, sigma = _followed(spans, q, ellipsoid.radius) if gain > PROVEN else _kept(spans, at_most, ellipsoid.radius)
+    return Walk(q, at_most, gain, spans.time, path, sigma, ellipsoid.radius)
 
 
-def walk_through(recording: Recording, ellipsoid: Ellipsoid) -> Walk:
+def _followed(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floats]:
+    """Path (K, 3) of a walk, and its standard deviation (K, 3)."""
+    path, covariance = _smoothed(_filtered(spans, np.array([q]), radius))
+    return path[:, 0], _sigma(covariance[:, 0])
+
+
+def _kept(spans: _Spans, at_most: float, radius: float) -> tuple[Floats, Floats]:
+    """One offset (K, 3) all along, and how far (K, 3) from it a walk of this size may have been, rms."""
+    paths, covariances = _smoothed(_filtered(spans, np.array([0.0, at_most]), radius))
+    path = np.tile(paths[-1, 0], (len(paths), 1))  # rounding apart the same in all spans
+    return path, np.hypot(paths[:, 1] - path, _sigma(covariances[:, 1]))
+
+
+def _sigma(covariance: Floats) -> Floats:
+    """(K, 3) standard deviations."""
+    sigma: Floats = np.sqrt(np.maximum(np.einsum("kii->ki", covariance), 0.0))
+    return sigma
+
+
+def walk_through(
+    recording: Recording, ellipsoid: Ellipsoid, *, plane: Plane | None = None, dip_deg: float = 60.0
+) -> Walk:
     """Follow the offset through a recording, or through the first of several: nobody knows what was between two.
+
+    As `walk_of` otherwise.
 
     Raises
     ------
@@ -236,10 +275,23 @@ def walk_through(recording: Recording, ellipsoid: Ellipsoid) -> Walk:
         raise TooFewSamples(found=0, needed=FEWEST, method="walk")
     times = [block.time for block in blocks if block.time is not None]
     time = np.concatenate(times) if len(times) == len(blocks) else None
-    return walk_of(np.concatenate([block.field for block in blocks]), time, ellipsoid)
+    field = np.concatenate([block.field for block in blocks])
+    return walk_of(field, time, ellipsoid, plane=plane, dip_deg=dip_deg)
 
 
-def _spans(readings: Floats, time: Floats, ellipsoid: Ellipsoid) -> _Spans:
+def _laid_flat(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: float) -> tuple[Floats, Ellipsoid]:
+    """Readings without what they are across their plane, and the ellipsoid whose equator is the ellipse in it."""
+    first, second, third = order_of(plane)
+    seen, dip = [first, second], np.deg2rad(dip_deg)
+    centre = ellipsoid.centre[seen] + np.sin(dip) * ellipsoid.shape[seen, third]
+    level = equator(PlaneEllipse(centre, np.cos(dip) * ellipsoid.shape[np.ix_(seen, seen)]))
+    there = np.argsort([first, second, third])
+    flat = readings.copy()
+    flat[:, third] = 0.0
+    return flat, Ellipsoid(level.centre[there], level.shape[np.ix_(there, there)])
+
+
+def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats) -> _Spans:
     """Put readings together, a reading that is far off with no more weight than one at the limit."""
     distances = magnitude.distances(readings, ellipsoid)
     jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
@@ -271,57 +323,68 @@ def _time_of_noise(left: Floats, jacobian: Floats, time: Floats) -> float:
 
 
 class _Filtered(NamedTuple):
-    """What a Kalman filter knew after each span, and before it.
+    """What a Kalman filter knew after each span, and before it, for each of T sizes of a walk.
 
     Attributes
     ----------
-    likelihood : float
+    likelihood : (T,) float
         Logarithm of the recording's, but for a constant.
-    before, after : (K, 3) float
-    covariance_before, covariance_after : (K, 3, 3) float
+    before, after : (K, T, 3) float
+    covariance_before, covariance_after : (K, T, 3, 3) float
     """
 
-    likelihood: float
+    likelihood: Floats
     before: Floats
     after: Floats
     covariance_before: Floats
     covariance_after: Floats
 
 
-def _filtered(spans: _Spans, q: float, radius: float) -> _Filtered:
-    """Go over the spans, in information form: of g = Σ n s / σ² with N = Σ n nᵀ / σ², g − N b has the covariance N."""
-    count = len(spans.time)
+def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
+    """Go over the spans, in information form: of g = Σ n s / σ² with N = Σ n nᵀ / σ², g − N b has the covariance N.
+
+    Parameters
+    ----------
+    spans : _Spans
+    sizes : (T,) float
+        Of a walk, q; a filter for each of them goes along.
+    radius : float
+        Of the ellipsoid: the offset begins within a tenth of it.
+    """
+    count, unity = len(spans.time), np.eye(3)
     steps = np.diff(spans.time, prepend=spans.time[0])
-    state, covariance = np.zeros(3), (0.1 * radius) ** 2 * np.eye(3)
-    before, after = np.empty((count, 3)), np.empty((count, 3))
-    covariance_before, covariance_after = np.empty((count, 3, 3)), np.empty((count, 3, 3))
-    likelihood = 0.0
+    wandered = sizes[:, np.newaxis, np.newaxis] ** 2 * unity
+    state, covariance = np.zeros((len(sizes), 3)), np.tile((0.1 * radius) ** 2 * unity, (len(sizes), 1, 1))
+    before, after = np.empty((2, count, len(sizes), 3))
+    covariance_before, covariance_after = np.empty((2, count, len(sizes), 3, 3))
+    likelihood = np.zeros(len(sizes))
     for place in range(count):
-        covariance = covariance + q**2 * steps[place] * np.eye(3)
+        covariance = covariance + steps[place] * wandered
         before[place], covariance_before[place] = state, covariance
         information, gradient = spans.information[place], spans.gradient[place]
-        innovation = gradient - information @ state
-        wider = np.eye(3) + covariance @ information
+        told = state @ information  # N is symmetric
+        innovation = gradient - told
+        wider = unity + covariance @ information
         gained = np.linalg.solve(wider, covariance)  # (P⁻¹ + N)⁻¹
-        likelihood += float(state @ gradient) - 0.5 * float(state @ information @ state)  # of what was predicted
-        likelihood += 0.5 * float(innovation @ gained @ innovation) - 0.5 * float(np.linalg.slogdet(wider)[1])
-        state = state + gained @ innovation
-        covariance = (gained + gained.T) / 2.0
+        moved = np.einsum("tij,tj->ti", gained, innovation)
+        likelihood += state @ gradient - 0.5 * np.einsum("ti,ti->t", told, state)  # of what was predicted
+        likelihood += 0.5 * (np.einsum("ti,ti->t", innovation, moved) - np.linalg.slogdet(wider)[1])
+        state = state + moved
+        covariance = (gained + gained.swapaxes(1, 2)) / 2.0
         after[place], covariance_after[place] = state, covariance
     return _Filtered(likelihood, before, after, covariance_before, covariance_after)
 
 
-def _smoothed(found: _Filtered, spans: _Spans, q: float) -> tuple[Floats, Floats]:
-    """Path (K, 3) and its standard deviation (K, 3), knowing the whole recording; Rauch, Tung and Striebel."""
+def _smoothed(found: _Filtered) -> tuple[Floats, Floats]:
+    """Paths (K, T, 3) and their covariance (K, T, 3, 3), knowing the whole recording; Rauch, Tung and Striebel."""
     path, covariance = found.after.copy(), found.covariance_after.copy()
-    for place in range(len(spans.time) - 2, -1, -1):
-        ahead = found.covariance_before[place + 1]
-        gain = np.linalg.solve(ahead, found.covariance_after[place]).T
-        path[place] = found.after[place] + gain @ (path[place + 1] - found.before[place + 1])
-        covariance[place] = found.covariance_after[place] + gain @ (covariance[place + 1] - ahead) @ gain.T
-    if q == 0.0:  # one offset, and rounding apart the same all along
-        path[:] = path[-1]
-    return path, np.sqrt(np.maximum(np.einsum("kii->ki", covariance), 0.0))
+    ahead = found.covariance_before[1:]
+    gains = np.linalg.solve(ahead, found.covariance_after[:-1]).swapaxes(2, 3)
+    for place in range(len(path) - 2, -1, -1):
+        gain = gains[place]
+        path[place] += np.einsum("tij,tj->ti", gain, path[place + 1] - found.before[place + 1])
+        covariance[place] += gain @ (covariance[place + 1] - ahead[place]) @ gain.swapaxes(1, 2)
+    return path, covariance
 
 
 def _refined(sizes: Floats, likelihoods: Floats, best: int) -> float:

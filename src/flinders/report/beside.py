@@ -5,7 +5,7 @@
 >>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
 >>> fit = flinders.fit(boat, aids=("rate", "dip"))
 >>> mounting(fit)
-'how the axes sit in the body, as gyro and accelerometer tell it, adds 3.3° (1 σ)'
+'how the axes sit in the body, as gyro and accelerometer tell it, adds 0.37° (1 σ)'
 >>> [row.name for row in aids(fit)]
 ['Gyro', 'Accelerometer']
 """

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.drivers import Driver
+    from flinders.estimators.walk import Walk
+    from flinders.planar import Plane
     from flinders.report.drawn import Drawn
     from flinders.report.view import View
     from flinders.result import Fit
@@ -456,6 +458,49 @@ def histogram(view: View, unit: str) -> str:
     parts.append(f'<path class="bell" d="{_path(box.places(np.stack([middles, bell], axis=1)))}"/>')
     parts.append(_text(box.left + box.width / 2, 216, f"longer than the field, {unit}", "middle"))
     return _svg(SIDE + 100, 222, "Histogram of the residuals", parts)
+
+
+STRIP: Final = 72
+"""Height of what one axis has of a figure of three."""
+
+
+def wandered(walk: Walk, unit: str, plane: Plane | None = None) -> str:
+    """Offset along each axis over time, less that of the fit, with the band of one standard deviation.
+
+    Of readings of one plane, the two axes in it.
+    """
+    axes = sorted(AXES.index(axis) for axis in plane or AXES)
+    half = (walk.time[1] - walk.time[0]) / 2.0 if len(walk.time) > 1 else 0.5
+    span = (float(walk.time[0] - half), float(walk.time[-1] + half))
+    when = np.concatenate([span[:1], walk.time, span[1:]])
+    path, sigma = (np.pad(rows[:, axes], ((1, 1), (0, 0)), mode="edge") for rows in (walk.path, walk.sigma))
+    end = _round_up(1.02 * float((np.abs(path) + sigma).max()))
+    parts: list[str] = []
+    for place, axis in enumerate(axes):
+        is_last = place == len(axes) - 1
+        box = _Box(58, 10 + place * (STRIP + 18), WIDE - 88, STRIP, (span[0], -end), (span[1], end))
+        parts += _strip(box, _of_time(span, "s"), numbered=is_last)
+        low, high = (np.column_stack([when, path[:, place] + sign * sigma[:, place]]) for sign in (-1.0, 1.0))
+        parts.append(f'<path class="band" d="{_path(box.places(np.concatenate([high, low[::-1]])))}Z"/>')
+        line = _path(box.places(np.column_stack([when, path[:, place]])))
+        parts.append(f'<path class="curve corrected" d="{line}"/>')
+        parts.append(_text(box.left + 6, box.top + 14, f"{AXES[axis]}, {unit}", "start", "name halo"))
+    below = box.top + box.height
+    parts.append(_text(box.left + box.width / 2, below + 36, "seconds", "middle"))
+    return _svg(WIDE, below + 42, "Offset over time, less that of the fit", parts)
+
+
+def _strip(box: _Box, digits_x: str, *, numbered: bool) -> Iterable[str]:
+    """Lines and numbers of one of several figures that lie above each other and have one axis of time."""
+    across, upward = ticks(box.low[0], box.high[0], 8), [box.low[1], 0.0, box.high[1]]
+    for value in across:
+        x = box.x(value)
+        yield _line(x, box.top, x, box.top + box.height, "grid")
+        if numbered:
+            yield _text(x, box.top + box.height + 14, _shown(value, across, digits_x), "middle")
+    for value in upward:
+        yield _line(box.left, box.y(value), box.left + box.width, box.y(value), "zero" if value == 0 else "grid")
+        yield _text(box.left - 5, box.y(value) + 4, f"{value:+.3g}".replace("-", "−") if value else "0", "end")
 
 
 def followed(drawn: Drawn, driver: Driver) -> str:

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.document import SourceFile
     from flinders.errors import FitError
+    from flinders.estimators.walk import Walk
     from flinders.samples import Recording
 
 TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
@@ -62,9 +63,12 @@ START: Final = "m0.theming(() => {});\nm0.copying();"
 
 FIGURES: Final = (
     "pictures", "before", "after", "error_map", "error_legend", "coverage_map", "seen_legend", "residuals", "histogram",
-    "deviation", "correlation", "followed",
+    "deviation", "correlation", "followed", "wandered",
 )  # fmt: skip
 """What a report shows, where it is known."""
+
+ASTRAY, NOISY = 0.05, 3.0
+"""Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
 
 UNSTATED: Final = (
     "The calibration states no uncertainty, so that nobody knows how good headings are: calibrate from a recording."
@@ -132,6 +136,7 @@ def page(
     view = None if drawn is None else drawn.view
     script = _script() if view is not None else (_wrapped_plain(), False)
     style = _style()
+    walk = None if drawn is None or fit is None or not goes_with(fit, drawn) else drawn.walk(fit)
     given = {
         "outcome": _outcome(outcome, fit),
         "numbers": _numbers(fit),
@@ -139,6 +144,7 @@ def page(
         "notes": list(notes),
         "parameters": _parameters(fit),
         "beside": _beside(fit),
+        "walk": _walk(walk, fit),
         "listings": _listings(fit, listings),
         "files": [_file(file) for file in provenance.files],
         "asked": dict(asked or {}),
@@ -149,7 +155,7 @@ def page(
         "sensor": fit.calibration.sensor if fit is not None else None,
         "drawn": drawn,
         "view": view,
-        "figures": dict.fromkeys(FIGURES) if drawn is None else _figures(drawn, fit),
+        "figures": dict.fromkeys(FIGURES) if drawn is None else _figures(drawn, fit, walk),
         "data": _data(drawn, fit) if drawn is not None and script[1] else "",
         "has_scene": script[1] and drawn is not None,
         "style": style,
@@ -163,6 +169,15 @@ def page(
 def claims_nothing(fit: Fit) -> bool:
     """Whether nobody said how uncertain a calibration is, as of one that was imported."""
     return not fit.covariance.any()
+
+
+def goes_with(fit: Fit, drawn: Drawn) -> bool:
+    """Whether readings are as long as a calibration has them; where they are of another sensor, nothing moved."""
+    if not len(drawn.residuals) or not drawn.is_used.any():
+        return False
+    off = drawn.residuals[drawn.is_used]
+    noise = 0.0 if claims_nothing(fit) else fit.noise
+    return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 
 def python_of(calibration: Calibration) -> str:
@@ -249,7 +264,7 @@ def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
             f"before: {degrees(raw.worst)}; the target is {fit.target_deg:g}°",
         ),
         ("All headings, rms", degrees(error.rms), f"before: {degrees(raw.rms)}"),
-        ("Holds up to a tilt of", tilt, f"held level, dip {error.dip_deg:g}°".replace("-", "−")),
+        ("Holds up to a tilt of", tilt, f"held level, dip {error.dip_deg:.3g}°".replace("-", "−")),
         *([] if fit.alignment_error_deg is None else [_mounting(fit, fit.alignment_error_deg)]),
         *strengths,
     ]
@@ -266,6 +281,17 @@ def _beside(fit: Fit | None) -> dict[str, Any]:
     if fit is None or fit.verdict == "refused":
         return {"aids": [], "found": [], "drivers": []}
     return {"aids": beside.aids(fit), "found": beside.found_beside(fit), "drivers": beside.drivers(fit)}
+
+
+def _walk(walk: Walk | None, fit: Fit | None) -> dict[str, Any] | None:
+    """Whether the offset stayed, in words; for how long that is good enough, where anything is claimed at all."""
+    if walk is None or fit is None:
+        return None
+    unit = label(fit.calibration.unit)
+    is_claimed = fit.verdict != "refused" and not claims_nothing(fit)
+    dip = abs(fit.heading_error_deg.dip_deg)
+    words = walk.words(unit, level_deg=fit.target_deg, dip_deg=dip) if is_claimed else walk.story(unit)
+    return {"words": f"{words[:1].upper()}{words[1:]}.", "is_proven": walk.is_proven}
 
 
 def _findings(fit: Fit | None) -> list[dict[str, str]]:
@@ -340,7 +366,7 @@ def _file(file: SourceFile) -> dict[str, str]:
 # ----------------------------------------------------------------------------------------------------- what is drawn
 
 
-def _figures(drawn: Drawn, fit: Fit | None) -> dict[str, Any]:
+def _figures(drawn: Drawn, fit: Fit | None, walk: Walk | None) -> dict[str, Any]:
     """Figures by name; those that nothing is known for are left out."""
     from markupsafe import Markup  # what is marked as safe is numbers and words of our own
 
@@ -360,6 +386,7 @@ def _figures(drawn: Drawn, fit: Fit | None) -> dict[str, Any]:
     found["error_map"], found["coverage_map"] = marked([drawing.error_map(view, target), drawing.coverage_map(view)])
     found["error_legend"], found["seen_legend"] = drawing.error_legend(target), drawing.seen_legend(view)
     found["residuals"] = Markup(drawing.residuals(drawn))
+    found["wandered"] = None if walk is None else Markup(drawing.wandered(walk, drawn.unit, drawn.plane))
     if view.residuals is not None:
         found["histogram"] = Markup(drawing.histogram(view, drawn.unit))
     if view.turn is not None:

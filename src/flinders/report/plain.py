@@ -130,7 +130,7 @@ def _how_far_off(fit: Fit) -> str:
         f"Without the calibration headings are off by {before}. With it, expect them to be off by {degrees(error.rms)} "
         f"on average and by {degrees(error.worst)} at the worst heading; in 19 of 20 cases by no more than twice that. "
         f"The target was {fit.target_deg:g}°.{told} This is for a vehicle that is level, where the field dips by "
-        f"{abs(error.dip_deg):g}°, and for as long as nothing magnetic near the sensor comes, goes or is switched on."
+        f"{abs(error.dip_deg):.3g}°, and for as long as nothing magnetic near the sensor comes, goes or is switched on."
     )
 
 

@@ -25,8 +25,11 @@ from flinders.coverage import Coverage
 from flinders.heading import level_error
 from flinders.planar import down_of
 from flinders.result import Finding, Fit, gravest_first
+from flinders.verdict import Z_ELSEWHERE, Z_OPEN
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from flinders.arrays import Floats
     from flinders.document import FindingRecord
     from flinders.heading import HeadingError
@@ -98,6 +101,7 @@ def revisited(
         dip_deg=abs(dip) if dip_deg is None else dip_deg,
         distortion=distortion,
         plane=plane,
+        z_down=_z_down(findings),
         findings=gravest_first(findings),
     )
 
@@ -135,6 +139,12 @@ def _distortion(worst_deg: float, expected: HeadingError, radius: float) -> floa
     if left <= (1e-6 * worst_deg) ** 2:
         return 0.0
     return math.radians(math.sqrt(left)) * radius * math.cos(math.radians(expected.dip_deg))
+
+
+def _z_down(findings: Iterable[Finding]) -> bool | None:
+    """What was known of z at a level turn, which stands in the file in words."""
+    words = " ".join(finding.advice for finding in findings)
+    return None if Z_OPEN in words else Z_ELSEWHERE not in words
 
 
 def _sign(angle: float) -> float:

@@ -155,7 +155,7 @@ def _verdict(fit: Fit) -> RenderableType:
     seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     if fit.verdict != "refused":
-        basis += f"; held level, dip {error.dip_deg:g}°"
+        basis += f"; held level, dip {error.dip_deg:.3g}°"
     grid = Table.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     grid.add_column()

@@ -10,6 +10,10 @@ across its plane cannot be told apart.
 A strength that is known to one per cent says nothing while the gain of the sensor is known to a quarter: where that
 has been measured, give a smaller `gain_sigma`.
 
+A level turn looks the same with z down and with z up, and the offset in z that its dip gives differs by twice the field
+along z. Where no accelerometer was recorded, say that z points down, once it does (`z_down`): else the claim holds for
+both.
+
 Source: NOAA/NCEI, *The US/UK World Magnetic Model for 2025–2030*, its error model; data sheets for
 the gain, such as ±5 % for Honeywell's HMC5883L.
 
@@ -48,6 +52,8 @@ class Site:
     gain_sigma : float
         By what share the mean gain of the sensor, and the strength with it, may be off.
     inclination_sigma_deg : float
+    z_down : bool
+        Somebody says that z of the axes in use points down in a level vehicle; an accelerometer goes before that.
 
     Raises
     ------
@@ -59,6 +65,7 @@ class Site:
     inclination_deg: float | None = None
     gain_sigma: float = GAIN_SIGMA
     inclination_sigma_deg: float = INCLINATION_SIGMA_DEG
+    z_down: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers."""
