@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -130,3 +131,15 @@ def test_a_rotation_is_known_better_where_the_accelerometer_is_calibrated() -> N
 def test_a_bias_that_no_accelerometer_has_is_refused(wrong: float) -> None:
     with pytest.raises(UsageError, match="acceleration bias is"):
         flinders.fit(recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3)), aids="dip", acceleration_bias=wrong)
+
+
+@pytest.mark.parametrize("missing", [np.nan, 0.0])
+def test_a_vertical_that_is_missing_now_and_then_counts_where_it_is_there(missing: float) -> None:
+    samples = recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3))
+    assert samples.acceleration is not None
+    felt = samples.acceleration.copy()
+    felt[::5] = missing
+    found, whole = (solve(replace(samples, acceleration=one), ("dip",)) for one in (felt, samples.acceleration))
+    sigma = np.sqrt(np.diag(whole.covariance)[:3])
+    assert np.all(np.abs(found.parameters.offset - whole.parameters.offset) < 2.0 * sigma)
+    assert np.all(np.sqrt(np.diag(found.covariance)[:3]) < 1.5 * sigma)

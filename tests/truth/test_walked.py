@@ -10,7 +10,7 @@ import numpy.testing as npt
 
 from flinders.terms import turning, walked
 from flinders.terms.parameters import Layout, Parameters
-from flinders.terms.shared import Group, Weights, linearised
+from flinders.terms.shared import Group, Weights, linearised, rows_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -43,7 +43,10 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
 
     noise = STEP * rng.normal(size=(DRAWS, 2, 12, 3))
     pairs = np.array([0.5 * (gradient(one) + gradient(-one)) for one in noise])
-    expected = STEP**2 * walked.mean_gradient(replace(Group.of(field), turned=still), at, directions, layout, weights)
+    group = replace(Group.of(field), turned=still)
+    rows = rows_of(group, at, directions, layout, weights)
+    whole = walked.Walked.of(rows, walked.pushes(group, at, directions, weights))
+    expected = STEP**2 * walked.mean_gradient(whole, group, at, directions, layout, weights)
     scatter = pairs.std(axis=0) / np.sqrt(DRAWS)
     npt.assert_array_less(np.abs(pairs.mean(axis=0) - expected), 4.0 * scatter + 0.03 * np.abs(expected).max())
     assert np.abs(expected[:9] / scatter[:9]).max() > 10.0  # and it is there

@@ -20,14 +20,14 @@ kept, the accelerometer is not.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Final, cast
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 
 from flinders.errors import FitError, figures
 from flinders.estimators.aided import AIDS, Aided, refuse_without, solve
-from flinders.estimators.held_out import Missed, missed
+from flinders.estimators.held_out import Missed, fitted, missed
 from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.estimators.mistakes import (
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.quadric import Ellipsoid
     from flinders.samples import Samples
+    from flinders.terms.parameters import Parameters
     from flinders.terms.site import Site
 
 AUTO: Final = "auto"
@@ -115,14 +116,15 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are held against it
     samples, of_gaps = without_gaps(samples, wanted)
-    fitted = partial(
+    whole = partial(
         solve, samples, site=site, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
     )
     axes, mistakes = of_instruments(samples, _alone(samples), wanted)
     mistakes += of_gaps
     untrusted = {mistake.aid: mistake for mistake in mistakes if mistake.drops}
     rotation = None if axes is None else axes.apply(np.eye(3)).T
-    best = fitted(())
+    best = whole(())
+    standing = _Candidate(samples, best, rotation)
     turned, is_strange = cast("Aided | None", None), False
     reports: list[Aid] = []
     kept: tuple[str, ...] = ()
@@ -136,7 +138,7 @@ def aided_by(
             continue
         replaced = [aid for aid in kept if name in UPRIGHT and aid in UPRIGHT]
         tried = (*(aid for aid in kept if aid not in replaced), name)
-        found = fitted(tried, rotation=rotation, near=best)
+        found = whole(tried, rotation=rotation, near=best)
         is_strange = is_strange or is_elsewhere(found, site)
         if (contradiction := _contradiction(found, name)) is not None:
             mistakes += [] if is_auto else [contradiction]
@@ -145,7 +147,7 @@ def aided_by(
         said = Aid(
             name, True, change_deg(best, found, dip_deg), claim_deg(best, dip_deg), claim_deg(found, dip_deg)
         )  # fmt: skip
-        trial = _Trial(samples, best, found, rotation)
+        trial = _Trial(standing, _Candidate(samples, found, rotation))
         if is_auto and (against := trial.against(said)):
             if turned is None and (words := trial.turns(said)):
                 turned = found
@@ -157,7 +159,7 @@ def aided_by(
         instead = f"{name} tells the vertical as well" + (", and better" if is_auto else ": name one of them")
         reports = [replace(one, kept=False, words=instead) if one.name in replaced else one for one in reports]
         reports.append(said)
-        best, kept = found, tried
+        best, standing, kept = found, trial.candidate, tried
     if "rate" in kept and samples.rate is not None:
         mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
     if site is not None and (is_elsewhere(best, site) or is_strange):  # it would bend the fit: again, without it
@@ -227,20 +229,46 @@ def _alone(samples: Samples) -> Ellipsoid:
         return start(readings)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Trial:
-    """One more aid on trial: the fit without it, the one with it, and which way the magnetometer was thought to sit."""
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A fit, and what is found in parts of its readings, which is looked for once, and only where it is asked for."""
 
     samples: Samples
-    without: Aided
     found: Aided
     rotation: Floats | None
+
+    @cached_property
+    def in_parts(self) -> list[Parameters]:
+        """Without each fold in turn; a fit that sees no rotation takes the axes for those of the body."""
+        rotation = self.rotation if self.found.sees_rotation else None
+        return fitted(self.samples, self.found.aids, rotation, self.found)
+
+    def missed(self, vertical: str | None) -> Missed:
+        """How far off what was left out is, by verticals of one kind."""
+        return missed(self.samples, self.in_parts, vertical)
+
+
+class _Trial(NamedTuple):
+    """One more aid on trial: the fit without it, and the one with it."""
+
+    standing: _Candidate
+    candidate: _Candidate
+
+    @property
+    def without(self) -> Aided:
+        """What is found without the aid."""
+        return self.standing.found
+
+    @property
+    def found(self) -> Aided:
+        """What is found with it."""
+        return self.candidate.found
 
     def against(self, said: Aid) -> str:
         """Why the aid does not earn its place; nothing where it does."""
         if said.after_deg > WORTH * said.before_deg:
             return f"claims no less: {figures(said.after_deg)}° with it, {figures(said.before_deg)}° without"
-        before, after = (self._missed(one).length for one in (self.without, self.found))
+        before, after = self._missed(self.standing).length, self._missed(self.candidate).length
         if not after <= NO_WORSE * before:
             return f"readings that it has not seen are {after / before - 1.0:.0%} farther off with it"
         return ""
@@ -250,13 +278,14 @@ class _Trial:
         covariance = self.found.rotation_covariance
         if covariance is None or self.without.sees_rotation or self.found.aids[-1] not in UPRIGHT[:2]:
             return ""
-        apart = _angle_of(self.found.parameters.rotation @ (np.eye(3) if self.rotation is None else self.rotation).T)
+        rotation = self.candidate.rotation
+        apart = _angle_of(self.found.parameters.rotation @ (np.eye(3) if rotation is None else rotation).T)
         if np.rad2deg(np.linalg.norm(apart)) > FAR_TURN_DEG or said.after_deg > FAR_CLAIM * said.before_deg:
             return ""
         angle = _angle_of(self.found.parameters.rotation)
         if float(angle @ np.linalg.solve(covariance, angle)) < TURNED:
             return ""
-        before, after = self._missed(self.without).height, self._missed(self.found).height
+        before, after = self._missed(self.standing).height, self._missed(self.candidate).height
         if not after < before:
             return ""
         sigma = figures(float(np.rad2deg(np.sqrt(np.trace(covariance) / 3.0))))
@@ -266,11 +295,9 @@ class _Trial:
             f"{figures(float(np.rad2deg(before)))}° without, where it was left out; offset and shape stay"
         )
 
-    def _missed(self, fitted: Aided) -> Missed:
-        """How far off what was left out is; a fit that sees no rotation takes the axes for those of the body."""
-        rotation = self.rotation if fitted.sees_rotation else None
-        vertical = next((aid for aid in self.found.aids if aid in UPRIGHT[:2]), None)
-        return missed(self.samples, fitted.aids, rotation, vertical, fitted)
+    def _missed(self, candidate: _Candidate) -> Missed:
+        """How far off what was left out is, by the vertical that the aid brings."""
+        return candidate.missed(next((aid for aid in self.found.aids if aid in UPRIGHT[:2]), None))
 
 
 def turned_deg(rotation: Floats, dip_deg: float) -> float:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError
-from flinders.estimators.aided import parameters_of, solve
+from flinders.estimators.aided import parameters_of
 from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.quadric import Ellipsoid
 from flinders.terms import inclination, magnitude
@@ -58,14 +58,8 @@ def folds(count: int, pieces: int = 1) -> Iterator[tuple[NDArray[np.bool_], NDAr
         yield block != index, block == index
 
 
-def missed(
-    samples: Samples,
-    terms: tuple[str, ...],
-    rotation: Floats | None,
-    vertical: str | None,
-    near: Aided | None = None,
-) -> Missed:
-    """How far off readings are that were left out of a fit with some aids.
+def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, near: Aided) -> list[Parameters]:
+    """What is found without each of the `folds` in turn; nothing where one of them finds none.
 
     Parameters
     ----------
@@ -74,30 +68,47 @@ def missed(
         Of `flinders.estimators.aided.AIDS`.
     rotation : (3, 3) float, optional
         Which way the magnetometer sits on the body, about which it is looked for.
+    near : Aided
+        What the whole recording says, where each fit begins.
+    """
+    gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0
+    bias = ACCELERATION_SIGMA if "acceleration_bias" in near.layout else 0.0
+    try:
+        return [
+            parameters_of(
+                samples[kept], terms, rotation=rotation, near=near, gyro_scale=gyro_scale, acceleration_bias=bias
+            )
+            for kept, _ in folds(len(samples))
+        ]
+    except FitError:
+        return []
+
+
+def missed(samples: Samples, fits: list[Parameters], vertical: str | None) -> Missed:
+    """How far off readings are from what was `fitted` without them.
+
+    Parameters
+    ----------
+    samples : Samples
+    fits : list of Parameters
     vertical : str, optional
         ``dip`` or ``tilt``: by which verticals the dip is looked at.
-    near : Aided, optional
-        What the whole recording says, where each fit begins; by default that is found first.
 
     Examples
     --------
     >>> from flinders import simulate
+    >>> from flinders.estimators.aided import solve
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)
-    >>> alone, aided = (missed(tumble.samples, terms, None, "dip") for terms in ((), ("dip",)))
+    >>> whole = {terms: solve(tumble.samples, terms) for terms in ((), ("dip",))}
+    >>> fits = [fitted(tumble.samples, terms, None, near) for terms, near in whole.items()]
+    >>> alone, aided = (missed(tumble.samples, found, "dip") for found in fits)
     >>> aided.length < 1.1 * tumble.sensor.noise and aided.height < alone.height
     True
     """
-    near = solve(samples, terms, rotation=rotation) if near is None else near
-    gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0
-    bias = ACCELERATION_SIGMA if "acceleration_bias" in near.layout else 0.0
+    if not fits:
+        return Missed(np.inf, np.inf)
     lengths, heights = [], []
-    for kept, left_out in folds(len(samples)):
-        try:
-            found = parameters_of(
-                samples[kept], terms, rotation=rotation, near=near, gyro_scale=gyro_scale, acceleration_bias=bias
-            )
-        except FitError:
-            return Missed(np.inf, np.inf)
+    for found, (_, left_out) in zip(fits, folds(len(samples)), strict=True):
         ellipsoid = Ellipsoid(found.offset, found.shape)
         lengths.append(np.mean(magnitude.distances(samples.field[left_out], ellipsoid) ** 2))
         heights.append(_heights(samples[left_out], found, vertical))

@@ -375,9 +375,11 @@ def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, drivers: D
     """Take what belongs to (W, n) readings."""
     return Group(
         rows,
-        samples.field[rows],
+        turning.in_pieces(samples.field[rows]),
         np.ones(rows.shape),
-        **{name: None if part is None else part[rows] for name, part in beside._asdict().items()},
+        attitudes=None if beside.attitudes is None else turning.in_pieces(beside.attitudes[rows], 2),
+        down=None if beside.down is None else turning.in_pieces(beside.down[rows]),
+        trust=None if beside.trust is None else beside.trust[rows],
         drivers=None if drivers is None or not drivers.names else drivers.columns[rows],
         warmth=None if drivers is None or drivers.warmth is None else drivers.warmth[rows],
     )
@@ -426,6 +428,11 @@ class Equations:
     gradient: Floats
     bent: Floats
     prior: NormalEquations
+
+    @property
+    def cost(self) -> float:
+        """χ² of everything."""
+        return self.prior.cost + sum(part.cost for part in self.parts)
 
     @classmethod
     def of(cls, problem: Problem, found: Found) -> Self:
@@ -509,7 +516,7 @@ def iterated(problem: Problem, found: Found) -> Found:
         equations = Equations.of(problem, found)
         matrix, gradient = equations.matrix + equations.prior.matrix, equations.gradient + equations.prior.gradient
         step: Floats = gradient
-        before, moved = _cost(problem, found), None
+        before, moved = equations.cost, None
         while moved is None and damping < MOST_DAMPING:
             step = solved(matrix, gradient, damping)
             moved = _moved(problem, found, equations, step, before)

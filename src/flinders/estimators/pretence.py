@@ -45,8 +45,8 @@ def pretence_of(problem: Problem, found: Found) -> Floats:
         some, towards = group.every(every), directions[::every]
         seen = len(directions) / len(towards)
         for first, second in _moved(some, towards, problem, found):
-            moved = 0.5 * (first - second).reshape(-1, size)
-            total += seen * (moved.T @ moved)
+            moved = 0.5 * (first - second).transpose(3, 1, 0, 2).reshape(size, -1)
+            total += seen * (moved @ moved.T)
     return total
 
 
@@ -77,8 +77,8 @@ def _moved(group: Group, directions: Floats, problem: Problem, found: Found) -> 
     def jacobian(group: Group, directions: Floats) -> Floats:
         return projected(rows_of(group, found.at, directions, problem.layout, found.weights))[0]
 
-    own = rows_of(group, found.at, directions, problem.layout, found.weights).own.reshape(len(directions), -1, 2)
-    covariance = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    own = rows_of(group, found.at, directions, problem.layout, found.weights).own
+    covariance = inverse_of(np.einsum("wkna,wknb->wab", own, own))
     values, vectors = np.linalg.eigh(covariance)
     for steps in np.moveaxis(vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis], 2, 0):
         yield jacobian(group, on_the_sphere(directions, steps)), jacobian(group, on_the_sphere(directions, -steps))
@@ -86,6 +86,7 @@ def _moved(group: Group, directions: Floats, problem: Problem, found: Found) -> 
         return
     sigma = found.weights.vertical / np.sqrt(max(1.0 - found.at.sine**2, 1e-3))
     alternating = np.where(np.arange(group.down.shape[1]) % 2, sigma, -sigma)[:, np.newaxis]  # each on its own
-    for aside in np.moveaxis(across(group.down), 3, 0):
+    told = group.down.any(axis=2, keepdims=True)
+    for aside in np.moveaxis(across(np.where(told, group.down, [0.0, 0.0, 1.0])) * told[..., np.newaxis], 3, 0):
         up, down = group.down + alternating * aside, group.down - alternating * aside
         yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)

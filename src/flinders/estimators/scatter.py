@@ -20,7 +20,7 @@ from flinders.estimators.correlation import Residuals
 from flinders.pooling import chance_of
 from flinders.terms import walked
 from flinders.terms.parameters import across
-from flinders.terms.shared import Group, Rows, inverse_of, rows_of
+from flinders.terms.shared import Group, Rows, inverse_of, mixed_of, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,11 +67,14 @@ class Walk(NamedTuple):
         Mean gradient that it makes.
     own : float
         Share of the variance of verticals' residuals that it does not make.
+    steps : (P, P) float
+        Scatter of the gradient that a walk of one rad² a reading makes.
     """
 
     variance: float
     bent: Floats
     own: float
+    steps: Floats
 
 
 class Scatter(NamedTuple):
@@ -90,7 +93,8 @@ class Scatter(NamedTuple):
 
 def walk_of(problem: Problem, found: Found, textbook: Floats) -> Walk:
     """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
-    walks, bent = np.zeros(2), np.zeros(problem.layout.size)
+    size = problem.layout.size
+    walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
     longest, lifted, heights = 1, 0.0, 0.0
     for group, directions in zip(found.groups, found.directions, strict=True):
         if group.turned is None:
@@ -98,16 +102,20 @@ def walk_of(problem: Problem, found: Found, textbook: Floats) -> Walk:
         rows = rows_of(group, found.at, directions, problem.layout, found.weights)
         jacobian, residual = projected(rows)
         pushes = walked.pushes(group, found.at, directions, found.weights)
-        pulled = _later(jacobian.reshape(rows.jacobian.shape), pushes)
-        walks += _walks(rows, residual.reshape(rows.residual.shape), pushes, pulled, textbook)
-        bent += walked.mean_gradient(group, found.at, directions, problem.layout, found.weights)
+        pulled = _later(jacobian, pushes)
+        walks += _walks(rows, residual, pushes, pulled, textbook)
+        pulled[:, 0] = 0.0  # a window begins where its direction is
+        flat = pulled.transpose(3, 2, 0, 1).reshape(size, -1)
+        steps += flat @ flat.T
+        whole = walked.Walked.of(rows, pushes)
+        bent += walked.mean_gradient(whole, group, found.at, directions, problem.layout, found.weights)
         longest = max(longest, pushes.shape[2])
         if group.down is not None and group.attitudes is None and group.trust is not None:
             lifted += _lifted(rows, pushes)
             heights += float(np.count_nonzero(group.trust))
     variance = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
     own = 1.0 - min(variance * lifted / max(heights, 1.0), MOST_LIFTED)
-    return Walk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own)
+    return Walk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
 
 
 def scatter_of(problem: Problem, found: Found, walk: Walk) -> Scatter:
@@ -119,7 +127,7 @@ def scatter_of(problem: Problem, found: Found, walk: Walk) -> Scatter:
     found : Found
         Where it settled.
     walk : Walk
-        Of the same fit, or of one near by.
+        Of the same fit.
     """
     size = problem.layout.size
     evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))
@@ -128,25 +136,21 @@ def scatter_of(problem: Problem, found: Found, walk: Walk) -> Scatter:
     for index, (group, directions) in enumerate(zip(found.groups, found.directions, strict=True)):
         rows = rows_of(group, found.at, directions, problem.layout, found.weights)
         jacobian, residual = projected(rows)
-        _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
+        squares = _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
         if group.turned is not None:
-            flat = jacobian.reshape(-1, size)
-            evidence.scatter += flat.T @ flat
-            if walk.variance > 0.0:
-                pushes = walked.pushes(group, found.at, directions, found.weights)
-                steps = _later(jacobian.reshape(rows.jacobian.shape), pushes)[:, 1:].reshape(-1, size)
-                evidence.scatter += walk.variance * (steps.T @ steps)
+            evidence.scatter += squares
         elif index in chosen:
             evidence.scatter += looked * _hung_together(rows, _free(rows.own[:, :, 0], found.at.direction))
+    evidence.scatter += walk.variance * walk.steps
     return Scatter(evidence.scatter, _creep(evidence))
 
 
 def _later(rows: Floats, pushes: Floats) -> Floats:
     """(W, n, 3, m) Σ over reading j and all after it of (W, k, n, m) rows times what a turn at j does to them."""
-    windows, kinds, n, width = rows.shape
-    by_reading = np.swapaxes(pushes, 1, 2).reshape(windows * n, kinds, 3)
-    products = np.swapaxes(by_reading, 1, 2) @ np.swapaxes(rows, 1, 2).reshape(windows * n, kinds, width)
-    summed: Floats = np.cumsum(products.reshape(windows, n, 3, width)[:, ::-1], axis=1)[:, ::-1]
+    windows, _, n, width = rows.shape
+    products = np.empty((width, 3, windows, n)).transpose(2, 3, 1, 0)
+    np.einsum("wknj,wknm->wnjm", pushes, rows, out=products)
+    summed: Floats = np.cumsum(products[:, ::-1], axis=1)[:, ::-1]
     return summed
 
 
@@ -196,21 +200,29 @@ def _looked_at(groups: Sequence[Group]) -> tuple[float, set[int]]:
 
 
 def projected(rows: Rows) -> tuple[Floats, Floats]:
-    """Jacobian (W, k n, P) and residuals (W, k n) without what the windows' own directions take up."""
-    count, width = len(rows.residual), rows.jacobian.shape[-1]
-    jacobian, residual = rows.jacobian.reshape(count, -1, width), rows.residual.reshape(count, -1)
-    own = rows.own.reshape(count, -1, 2)
-    taken = own @ inverse_of(np.swapaxes(own, 1, 2) @ own)
-    left = residual - (taken @ (residual[:, np.newaxis] @ own).swapaxes(1, 2))[..., 0]
-    return jacobian - taken @ (np.swapaxes(own, 1, 2) @ jacobian), left
+    """Jacobian (W, k, n, P) and residuals (W, k, n) without what the windows' own directions take up."""
+    own = rows.own
+    inverse = inverse_of(np.einsum("wkna,wknb->wab", own, own))
+    taken = np.einsum("wkna,wab->wknb", own, inverse, out=np.empty_like(own))
+    pulled = np.einsum("wkna,wkn->wa", own, rows.residual)
+    mixed = mixed_of(rows)[:, np.newaxis, np.newaxis]
+    jacobian, part = rows.jacobian.copy("K"), np.empty_like(rows.jacobian)
+    for axis in range(2):
+        jacobian -= np.multiply(taken[..., axis, np.newaxis], mixed[..., axis], out=part)
+    return jacobian, rows.residual - np.einsum("wkna,wa->wkn", taken, pulled)
 
 
-def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> None:
-    """Add gradients and squares to the stretch (W,) of the recording that each window belongs to."""
+def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
+    """Add gradients and squares to the stretch (W,) of the recording that each window belongs to; (P, P) their sum."""
+    total = np.zeros_like(evidence.scatter)
     for index in np.unique(block):
-        rows = jacobian[block == index].reshape(-1, jacobian.shape[-1])
-        evidence.squares[index] += rows.T @ rows
-        evidence.gradients[index] += residual[block == index].ravel() @ rows
+        inside = slice(*np.searchsorted(block, [index, index + 1]))
+        rows = jacobian[inside].transpose(3, 1, 0, 2).reshape(jacobian.shape[-1], -1)
+        squares = rows @ rows.T
+        evidence.squares[index] += squares
+        evidence.gradients[index] += np.einsum("wknp,wkn->p", jacobian[inside], residual[inside])
+        total += squares
+    return total
 
 
 def _hung_together(rows: Rows, basis: Floats) -> Floats:

@@ -47,13 +47,18 @@ import numpy as np
 
 from flinders.terms import inclination
 from flinders.terms.parameters import Layout, Parameters, across, on_the_sphere
-from flinders.terms.turning import cross_matrices, rotations
+from flinders.terms.turning import applied, cross_matrices, in_pieces, product, rotations
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.terms.turning import Turned
+
+GYRO: Final = ("gyro_bias", "gyro_scale", "delay")
+"""Blocks of parameters that turn the field's direction within a window."""
 
 ROOM: Final = 8192
 """Readings worked on at a time, whatever the length of the recording."""
@@ -176,7 +181,7 @@ class Group:
         seen = self.centred(at) @ np.linalg.inv(at.ellipsoid_like).T
         seen = (seen if gain is None else seen / gain[..., np.newaxis]) * self.weight[..., np.newaxis]
         if self.turned is not None:
-            seen = (self.turned.rotations @ seen[..., np.newaxis])[..., 0]
+            seen = applied(self.turned.rotations, in_pieces(seen))
         total = seen.sum(axis=1)
         length = np.linalg.norm(total, axis=1, keepdims=True)
         unit: Floats = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), [1.0, 0.0, 0.0])
@@ -188,9 +193,8 @@ class Group:
             return np.broadcast_to(directions[:, np.newaxis], self.field.shape), None
         back = np.swapaxes(self.turned.rotations, 2, 3)
         if at.delay:
-            late = rotations((at.delay * at.turning(self.turned.rate)).reshape(-1, 3)).reshape(back.shape)
-            back = late @ back
-        return (back @ directions[:, np.newaxis, :, np.newaxis])[..., 0], back
+            back = product(rotations(in_pieces(at.delay * at.turning(self.turned.rate))), back)
+        return applied(back, directions[:, np.newaxis]), back
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -262,22 +266,27 @@ class Linearised:
 
     def follow(self, directions: Floats, step: Floats) -> Floats:
         """(W, 3) directions that go with a step of the parameters."""
-        left = self.own - step @ self.mixed
+        left = self.own - np.einsum("p,wpa->wa", step, self.mixed)
         return on_the_sphere(directions, np.einsum("wab,wb->wa", self.inverse, left))
 
 
 def residuals_of(group: Group, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
     """(W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q, without weights."""
     q, _ = group.seen(at, directions)
-    gain = group.gain(at)
-    model = q @ at.ellipsoid_like.T
-    residual = group.centred(at) - (model if gain is None else model * gain[..., np.newaxis])
+    residual = group.centred(at) - _modelled(group, at, q)
     if group.attitudes is not None:
-        return residual, at.direction - (group.attitudes @ q[..., np.newaxis])[..., 0]
+        return residual, at.direction - applied(group.attitudes, q)
     down = group.upright(at)
     if down is None:
         return residual, None
     return residual, (at.sine * lengths(down) - np.einsum("wni,wni->wn", down, q))[..., np.newaxis]
+
+
+def _modelled(group: Group, at: Parameters, q: Floats) -> Floats:
+    """(W, n, 3) readings about their offset, of the field's direction (W, n, 3) at each."""
+    gain = group.gain(at)
+    model: Floats = q @ at.ellipsoid_like.T
+    return model if gain is None else model * gain[..., np.newaxis]
 
 
 def cost_of(group: Group, at: Parameters, directions: Floats, weights: Weights) -> float:
@@ -307,52 +316,46 @@ def linearised(group: Group, at: Parameters, directions: Floats, layout: Layout,
 
 def eliminated(rows: Rows) -> Linearised:
     """Sum up rows, and take their own directions out."""
-    count, width = len(rows.residual), rows.jacobian.shape[-1]
-    jacobian = rows.jacobian.reshape(count, -1, width)
-    residual = rows.residual.reshape(count, -1)
-    flat = jacobian.reshape(-1, width)
-    matrix, gradient = flat.T @ flat, residual.ravel() @ flat
-    squares = np.array([np.sum(rows.residual[:, :3] ** 2), np.sum(rows.residual[:, 3:] ** 2)])
-    cost = float(squares.sum())
-    counts = np.asarray(rows.counts)
-    own = rows.own.reshape(count, -1, 2)
-    model = rows.model.reshape(count, -1)
-    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
-    mixed = np.swapaxes(jacobian, 1, 2) @ own
-    pull = _pulled(own, residual)
-    eased = (inverse @ pull[..., np.newaxis])[..., 0]
-    beside = np.swapaxes(mixed, 0, 1).reshape(width, -1)  # (P, 2W)
-    matrix = matrix - np.swapaxes(mixed @ inverse, 0, 1).reshape(width, -1) @ beside.T
-    gradient = gradient - beside @ eased.ravel()
-    share = 0.5 * np.trace(inverse, axis1=1, axis2=2)
-    taken = own @ inverse
-    left = 1.0 - np.sum(taken * own, axis=2)  # of each residual, what the direction does not take
-    lean = rows.lean.reshape(count, -1)
-    off = model * share[:, np.newaxis] + lean * (1.0 + left)
-    bent = off.ravel() @ flat - beside @ (inverse @ _pulled(own, off)[..., np.newaxis]).ravel()
-    bent = bent - (lean * left).ravel() @ (flat * rows.still)
-    settled = (residual - (own @ eased[..., np.newaxis])[..., 0]).reshape(rows.residual.shape)
-    squares = np.array([np.sum(settled[:, :3] ** 2), np.sum(settled[:, 3:] ** 2)])
-    expected, curvature = _components(rows, inverse, counts)
-    return Linearised(matrix, gradient, cost, bent, inverse, mixed, pull, squares, expected, curvature)
+    width, own, lean = rows.jacobian.shape[-1], rows.own, rows.lean
+    flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
+    squares = [np.einsum("wkna,wknb->wab", part, part) for part in (own[:, :3], own[:, 3:])]
+    inverse = inverse_of(squares[0] + squares[1])
+    mixed = mixed_of(rows)
+    pull = np.einsum("wkna,wkn->wa", own, rows.residual)
+    eased = np.einsum("wab,wb->wa", inverse, pull)
+    share = 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1])
+    left = 1.0 - np.einsum("wkna,wkna->wkn", np.einsum("wkna,wab->wknb", own, inverse), own)  # what own do not take
+    off = rows.model * share[:, np.newaxis, np.newaxis] + lean * (1.0 + left)
+    weighing = np.stack([np.swapaxes(one, 0, 1).ravel() for one in (rows.residual, off, lean * left)])
+    gradient, bent, leaning = weighing @ flat.T
+    beside, spread = (
+        part.transpose(1, 2, 0).reshape(width, -1) for part in (mixed, np.einsum("wpa,wab->wpb", mixed, inverse))
+    )  # (P, 2 W)
+    matrix = flat @ flat.T - spread @ beside.T
+    gradient = gradient - beside @ eased.T.ravel()
+    bent = bent - spread @ np.einsum("wkna,wkn->aw", own, off).ravel() - leaning * rows.still
+    settled = rows.residual - np.einsum("wkna,wa->wkn", own, eased)
+    remaining = np.array([np.sum(settled[:, :3] ** 2), np.sum(settled[:, 3:] ** 2)])
+    expected, curvature = _components(squares, inverse, np.asarray(rows.counts))
+    cost = float(np.sum(rows.residual**2))
+    return Linearised(matrix, gradient, cost, bent, inverse, mixed, pull, remaining, expected, curvature)
 
 
-def _pulled(own: Floats, residual: Floats) -> Floats:
-    """(W, 2) Vᵀr of (W, r, 2) and (W, r)."""
-    pull: Floats = (residual[:, np.newaxis] @ own)[:, 0]
-    return pull
+def mixed_of(rows: Rows) -> Floats:
+    """(W, P, 2) JᵀV."""
+    count, width = len(rows.jacobian), rows.jacobian.shape[-1]
+    mixed = np.moveaxis(np.empty((width, 2, count)), 2, 0)
+    return np.einsum("wknp,wkna->wpa", rows.jacobian, rows.own, out=mixed)
 
 
-def _components(rows: Rows, inverse: Floats, counts: Floats) -> tuple[Floats, Floats]:
+def _components(squares: Sequence[Floats], inverse: Floats, counts: Floats) -> tuple[Floats, Floats]:
     """Expected squares (2,) of readings and verticals, and (2, 2) how they follow a relative change of each variance.
 
-    With Q = 1 − V C Vᵀ of a window: tr Q over the rows of each kind, and tr Q_ab Q_ba.
+    With Q = 1 − V C Vᵀ of a window: tr Q over the rows of each kind, and tr Q_ab Q_ba; of (W, 2, 2) VᵀV of each kind.
     """
-    of_readings = rows.own[:, :3].reshape(len(inverse), -1, 2)
-    upright = rows.own[:, 3:].reshape(len(inverse), -1, 2)
-    shares = [inverse @ (np.swapaxes(part, 1, 2) @ part) for part in (of_readings, upright)]
-    traces = np.array([float(np.trace(share, axis1=1, axis2=2).sum()) for share in shares])
-    products = np.array([[float(np.sum(a * np.swapaxes(b, 1, 2))) for a in shares] for b in shares])
+    shares = [np.einsum("wab,wbc->wac", inverse, of_kind) for of_kind in squares]
+    traces = np.array([float(np.einsum("waa->", share)) for share in shares])
+    products = np.array([[float(np.einsum("wab,wba->", a, b)) for a in shares] for b in shares])
     return counts - traces, np.diag(counts - 2.0 * traces) + products
 
 
@@ -360,67 +363,83 @@ def rows_of(group: Group, at: Parameters, directions: Floats, layout: Layout, we
     """Residuals and Jacobians of a group in standard deviations; parameters as those of `linearised`."""
     q, back = group.seen(at, directions)
     windows, n = group.weight.shape
-    tall = group.tall
-    jacobian = jacobian_of(group, at, q, layout, weights)
-    residual = np.empty((windows, tall, n))
-    model = np.empty((windows, tall, n))
-    lean = np.zeros((windows, tall, n))
-    gain, shape = group.gain(at), at.ellipsoid_like
-    pure = q @ shape.T
-    linear = pure if gain is None else pure * gain[..., np.newaxis]
-    scale = np.sqrt(group.weight) / weights.noise
-    model[:, :3] = np.swapaxes(linear, 1, 2)
-    residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2)
-    tangent = across(directions)
-    if back is None:
-        turned = np.broadcast_to(tangent[:, np.newaxis], (windows, n, 3, 2))
-    else:
-        turned = back @ tangent[:, np.newaxis]
-    bent = shape @ turned
-    own = np.empty((windows, tall, n, 2))
-    own[:, :3] = np.swapaxes(bent if gain is None else bent * gain[..., np.newaxis, np.newaxis], 1, 2)
-    for array in (model, residual):
-        array[:, :3] *= scale[:, np.newaxis]
-    own[:, :3] *= scale[:, np.newaxis, :, np.newaxis]
-    steep = np.zeros((windows, n)) if group.trust is None else np.sqrt(group.trust) / weights.vertical
-    if group.attitudes is not None:
-        stands = (group.attitudes @ q[..., np.newaxis])[..., 0]
-        model[:, 3:] = np.swapaxes(stands * steep[..., np.newaxis], 1, 2)
-        residual[:, 3:] = np.swapaxes((at.direction - stands) * steep[..., np.newaxis], 1, 2)
-        own[:, 3:] = np.swapaxes(group.attitudes @ turned, 1, 2) * steep[:, np.newaxis, :, np.newaxis]
-    elif (down := group.upright(at)) is not None and group.trust is not None:
-        usual = np.count_nonzero(group.trust) / max(float(group.trust.sum()), 1e-300)  # a variance is one of trust 1
-        across_it = usual * weights.own * weights.vertical / max(1.0 - at.sine**2, 1e-3)
-        lean[:, 3] = at.sine * across_it * np.sqrt(group.trust)
-        height = np.einsum("wni,wni->wn", down, q)
-        model[:, 3] = height * steep
-        residual[:, 3] = (at.sine * lengths(down) - height) * steep
-        own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep[..., np.newaxis]
+    residual, model, lean = np.swapaxes(np.zeros((3, group.tall, windows, n)), 1, 2)
+    own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
+    linear, shape, gain = _modelled(group, at, q), at.ellipsoid_like, group.gain(at)
+    scale = (np.sqrt(group.weight) / weights.noise)[:, np.newaxis]
+    model[:, :3] = np.swapaxes(linear, 1, 2) * scale
+    residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2) * scale
+    tangent = across(directions)[:, np.newaxis]
+    turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
+    for axis in range(2):
+        moved = np.swapaxes(turned[..., axis] @ shape.T, 1, 2) * scale
+        own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
+    rows = Rows(residual, jacobian_of(group, at, q, layout, weights), own, model, lean, *_told(group, layout))
+    if group.trust is not None:
+        _add_beside(rows, group, at, q, turned, weights)
+    return rows
+
+
+def _told(group: Group, layout: Layout) -> tuple[Floats, tuple[float, float]]:
+    """`Rows.still` and `Rows.counts`."""
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
     trusted *= 1.0 if group.attitudes is None else 2.0
     still = np.zeros(layout.size)
     if "sine" in layout:
         still[layout.columns["sine"]] = 1.0
     counts = (3.0 * float(group.weight.sum()), trusted)
-    return Rows(residual, jacobian, own, model, lean, still, counts)
+    return still, counts
+
+
+def _add_beside(rows: Rows, group: Group, at: Parameters, q: Floats, turned: Floats, weights: Weights) -> None:
+    """Write what verticals or attitudes add to residuals and to what stands with them.
+
+    Parameters
+    ----------
+    rows : Rows
+        But for their Jacobian.
+    group : Group
+    at : Parameters
+    q : (W, n, 3) float
+        The field's direction at each reading.
+    turned : (W, n, 3, 2) float
+        What is across the direction of the window, at each reading.
+    weights : Weights
+    """
+    trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
+    steep = np.sqrt(trust) / weights.vertical
+    if group.attitudes is not None:
+        stands = applied(group.attitudes, q) * steep[..., np.newaxis]
+        rows.model[:, 3:] = np.swapaxes(stands, 1, 2)
+        rows.residual[:, 3:] = np.swapaxes(at.direction * steep[..., np.newaxis] - stands, 1, 2)
+        rows.own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis, np.newaxis], 1, 2)
+    elif (down := group.upright(at)) is not None:
+        usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # a variance is one of trust 1
+        across_it = usual * weights.own * weights.vertical / max(1.0 - at.sine**2, 1e-3)
+        rows.lean[:, 3] = at.sine * across_it * np.sqrt(trust)
+        height = np.einsum("wni,wni->wn", down, q)
+        rows.model[:, 3] = height * steep
+        rows.residual[:, 3] = (at.sine * lengths(down) - height) * steep
+        rows.own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep[..., np.newaxis]
 
 
 def jacobian_of(group: Group, at: Parameters, q: Floats, layout: Layout, weights: Weights) -> Floats:
     """(W, k, n, P) Jacobian of a group in standard deviations, with the field's direction (W, n, 3) at each reading."""
-    jacobian = np.moveaxis(np.zeros((layout.size, q.shape[0], group.tall, q.shape[1])), 0, -1)  # a column in one piece
-    _fill(jacobian, group, at, q, layout)
+    jacobian = np.zeros((layout.size, group.tall, *q.shape[:2])).transpose(2, 1, 3, 0)  # a column in one piece
+    moved = _moved(group, at, q, layout)
+    _fill(jacobian, group, at, q, layout, moved)
     jacobian[:, :3] *= (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
     if group.trust is None:
         return jacobian
     if group.attitudes is not None:
-        _fill_pointed(jacobian[:, 3:], group, at, q, layout)
+        _fill_pointed(jacobian[:, 3:], group, at, layout, moved)
     elif group.down is not None:
-        _fill_upright(jacobian[:, 3], group, at, q, layout)
+        _fill_upright(jacobian[:, 3], group, at, q, layout, moved)
     jacobian[:, 3:] *= (np.sqrt(group.trust) / weights.vertical)[:, np.newaxis, :, np.newaxis]
     return jacobian
 
 
-def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
+def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout, moved: Floats | None) -> None:
     """Write the Jacobian (W, 3 or 4, n, P) of the readings, in their unit."""
     gain, shape = group.gain(at), at.ellipsoid_like
     scaled = q if gain is None else q * gain[..., np.newaxis]
@@ -430,10 +449,9 @@ def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Lay
     for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), start=3):
         jacobian[:, i, :, column] = u[..., j]
         jacobian[:, j, :, column] = u[..., i]
-    needs_cross = "rotation" in layout or ("gyro_bias" in layout and group.turned is not None)
-    turned = shape @ cross_matrices(scaled) if needs_cross else None  # (W, n, 3, 3): S Rᵀ [q]×
-    if turned is not None and "rotation" in layout:
-        jacobian[:, :3, :, layout.columns["rotation"]] = np.swapaxes(turned, 1, 2)
+    if "rotation" in layout:
+        turned = np.tensordot(shape, np.moveaxis(cross_matrices(scaled), (2, 3), (0, 1)), 1)  # S Rᵀ [q]×
+        jacobian[:, :3, :, layout.columns["rotation"]] = turned.transpose(2, 0, 3, 1)
     if group.drivers is not None and "drivers" in layout:
         begin = layout.columns["drivers"].start
         for driver in range(group.drivers.shape[-1]):
@@ -443,17 +461,39 @@ def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Lay
         jacobian[:, :3, :, layout.columns["slope"].start] = np.swapaxes(
             (q @ shape.T) * group.warmth[..., np.newaxis], 1, 2
         )
-    if group.turned is not None:
-        if turned is not None and "gyro_bias" in layout:
-            jacobian[:, :3, :, layout.columns["gyro_bias"]] = np.swapaxes(turned @ group.turned.by_bias, 1, 2)
-        if turned is not None and "gyro_scale" in layout:
-            jacobian[:, :3, :, layout.columns["gyro_scale"]] = np.swapaxes(turned @ group.turned.by_scale, 1, 2)
-        if "delay" in layout:
-            moving = np.cross(at.turning(group.turned.rate), scaled) @ shape.T
-            jacobian[:, :3, :, layout.columns["delay"].start] = np.swapaxes(moving, 1, 2)
+    if moved is not None:
+        with_gain = moved if gain is None else moved * gain[..., np.newaxis, np.newaxis]
+        moving = np.tensordot(shape, np.moveaxis(with_gain, (2, 3), (0, 1)), 1)
+        jacobian[:, :3, :, _of_gyro(layout)] = moving.transpose(2, 0, 3, 1)
 
 
-def _fill_upright(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
+def _of_gyro(layout: Layout) -> slice:
+    """Columns of the gyro's bias, scales and delay, which lie side by side."""
+    columns = [layout.columns[name] for name in GYRO if name in layout]
+    return slice(columns[0].start, columns[-1].stop) if columns else slice(0, 0)
+
+
+def _moved(group: Group, at: Parameters, q: Floats, layout: Layout) -> Floats | None:
+    """(W, n, 3, m) how the field's direction (W, n, 3) at each reading goes with bias, scales and delay of the gyro."""
+    if group.turned is None:
+        return None
+    columns = _of_gyro(layout)
+    moved = np.empty((3, columns.stop - columns.start, *q.shape[:2]))
+    x, y, z = np.moveaxis(q, -1, 0)
+    for name, turns in (("gyro_bias", group.turned.by_bias), ("gyro_scale", group.turned.by_scale)):
+        if name in layout:
+            begin = layout.columns[name].start - columns.start
+            a, b, c = np.moveaxis(turns, (2, 3), (0, 1))
+            part = moved[:, begin : begin + len(a)]
+            part[0], part[1], part[2] = y * c - z * b, z * a - x * c, x * b - y * a
+    if "delay" in layout:
+        moved[:, -1] = np.moveaxis(np.cross(at.turning(group.turned.rate), q), -1, 0)
+    return np.moveaxis(moved, (0, 1), (2, 3))
+
+
+def _fill_upright(
+    jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout, moved: Floats | None
+) -> None:
     """Write the Jacobian (W, n, P) of vᵀq − |v| sin I."""
     down = group.upright(at)
     if down is None or group.down is None:
@@ -463,38 +503,19 @@ def _fill_upright(jacobian: Floats, group: Group, at: Parameters, q: Floats, lay
         jacobian[..., layout.columns["sine"].start] = -length
     if "acceleration_bias" in layout:
         height = at.sine / np.maximum(length, 1e-300)
-        raised = (q - height[..., np.newaxis] * down)[..., np.newaxis, :]
-        moved = inclination.by_bias(group.down, at.acceleration_bias)
-        jacobian[..., layout.columns["acceleration_bias"]] = (raised @ moved)[..., 0, :]
-    if group.turned is None:
-        return
-    turned = np.cross(down, q)  # dᵀ (q × Jδ) = (d × q)ᵀ J δ
-    if "gyro_bias" in layout:
-        jacobian[..., layout.columns["gyro_bias"]] = np.einsum("wni,wnij->wnj", turned, group.turned.by_bias)
-    if "gyro_scale" in layout:
-        jacobian[..., layout.columns["gyro_scale"]] = np.einsum("wni,wnij->wnj", turned, group.turned.by_scale)
-    if "delay" in layout:
-        moving = np.cross(at.turning(group.turned.rate), q)
-        jacobian[..., layout.columns["delay"].start] = np.einsum("wni,wni->wn", down, moving)
+        raised = q - height[..., np.newaxis] * down
+        leaning = inclination.by_bias(group.down, at.acceleration_bias)
+        jacobian[..., layout.columns["acceleration_bias"]] = np.einsum("wni,wnij->wnj", raised, leaning)
+    if moved is not None:
+        jacobian[..., _of_gyro(layout)] = np.einsum("wni,wnij->wnj", down, moved)
 
 
-def _fill_pointed(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout) -> None:
+def _fill_pointed(jacobian: Floats, group: Group, at: Parameters, layout: Layout, moved: Floats | None) -> None:
     """Write the Jacobian (W, 3, n, P) of C q − m."""
     if "direction" in layout:
         jacobian[..., layout.columns["direction"]] = -across(at.direction)[:, np.newaxis]
-    if group.turned is None or group.attitudes is None:
-        return
-    if "gyro_bias" in layout:
-        turned = group.attitudes @ cross_matrices(q) @ group.turned.by_bias
-        jacobian[..., layout.columns["gyro_bias"]] = np.swapaxes(turned, 1, 2)
-    if "gyro_scale" in layout:
-        turned = group.attitudes @ cross_matrices(q) @ group.turned.by_scale
-        jacobian[..., layout.columns["gyro_scale"]] = np.swapaxes(turned, 1, 2)
-    if "delay" in layout:
-        moving = np.cross(at.turning(group.turned.rate), q)
-        jacobian[..., layout.columns["delay"].start] = np.swapaxes(
-            (group.attitudes @ moving[..., np.newaxis])[..., 0], 1, 2
-        )
+    if moved is not None and group.attitudes is not None:
+        jacobian[..., _of_gyro(layout)] = np.swapaxes(product(group.attitudes, moved), 1, 2)
 
 
 def lengths(vectors: Floats) -> Floats:
@@ -508,6 +529,5 @@ def inverse_of(matrices: Floats) -> Floats:
     a, b, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
     determinant = a * d - b * b
     sound = determinant > 1e-12 * (a + d) ** 2
-    safe = np.where(sound, determinant, 1.0)
-    inverse = np.stack([d, -b, -b, a], axis=-1).reshape(-1, 2, 2) / safe[:, np.newaxis, np.newaxis]
-    return inverse * sound[:, np.newaxis, np.newaxis]
+    inverse = np.array([[d, -b], [-b, a]]) * (sound / np.where(sound, determinant, 1.0))
+    return np.moveaxis(inverse, 2, 0)

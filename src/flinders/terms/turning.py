@@ -91,11 +91,11 @@ class Turned:
         """The same for another gyro: to first order for a small change, integrated anew for a larger one."""
         if np.array_equal(bias, self.bias) and np.array_equal(scale, self.scale):
             return self
-        change = self.by_bias @ (bias - self.bias) + self.by_scale @ (scale - self.scale)
+        change = np.einsum("wnij,j->wni", self.by_bias, bias - self.bias)
+        change += np.einsum("wnij,j->wni", self.by_scale, scale - self.scale)
         if float(np.abs(change).max(initial=0.0)) > AGAIN:
             return integrated(self.rate, self.interval, bias, scale)
-        turns = rotations(change.reshape(-1, 3)).reshape(self.rotations.shape)
-        return replace(self, rotations=self.rotations @ turns, bias=bias, scale=scale)
+        return replace(self, rotations=product(self.rotations, rotations(change)), bias=bias, scale=scale)
 
     def chunk(self, rows: slice) -> Self:
         """Some of the windows."""
@@ -118,57 +118,83 @@ def integrated(rate: Floats, interval: Floats, bias: Floats, scale: Floats | Non
     scale : (6,) float, optional
         Γ; nothing where the gyro's scales are right.
     """
-    shape = rate.shape
     gamma = np.zeros(6) if scale is None else scale
     grown = np.eye(3) + symmetric(gamma)
-    turning = (rate - bias) @ grown * interval[..., np.newaxis]
-    steps = rotations(turning.reshape(-1, 3)).reshape(*shape, 3)
-    along = np.concatenate([np.broadcast_to(np.eye(3), (shape[0], 1, 3, 3)), steps[:, :-1]], axis=1)
+    turned = in_pieces(rate - bias) * interval[..., np.newaxis]
+    along = np.moveaxis(np.empty((3, 3, *interval.shape)), (0, 1), (2, 3))
+    along[:, :1], along[:, 1:] = np.eye(3), rotations(turned[:, :-1] @ grown)
     reach = 1
-    while reach < shape[1]:  # products of 1, 2, 4, 8 … steps: as many rounds as the window's length has bits
-        along = np.concatenate([along[:, :reach], along[:, :-reach] @ along[:, reach:]], axis=1)
+    while reach < interval.shape[1]:  # products of 1, 2, 4, 8 … steps: as many rounds as the window's length has bits
+        along[:, reach:] = product(along[:, :-reach], along[:, reach:])
         reach *= 2
-    weighted = np.cumsum(along[:, 1:] * interval[:, :-1, np.newaxis, np.newaxis], axis=1)
+    seconds = interval[:, :-1, np.newaxis, np.newaxis]
     by_bias = np.zeros_like(along)
-    by_bias[:, 1:] = -np.swapaxes(along[:, 1:], 2, 3) @ weighted @ grown
-    by_scale = _by_scale(along, (rate - bias) * interval[..., np.newaxis])
-    return Turned(along, by_bias, by_scale, rate, interval, bias, gamma)
+    weighted = product(np.cumsum(along[:, 1:] * seconds, axis=1), grown[np.newaxis, np.newaxis])
+    by_bias[:, 1:] = -product(np.swapaxes(along[:, 1:], 2, 3), weighted)
+    return Turned(along, by_bias, _by_scale(along, turned), rate, interval, bias, gamma)
 
 
-def _by_scale(along: Floats, turning: Floats) -> Floats:
+def _by_scale(along: Floats, turned: Floats) -> Floats:
     """(W, n, 3, 6) how a larger Γ turns ΔR_k, of (W, n, 3) what the gyro turned by from each reading to the next."""
-    moved = np.zeros((*turning.shape, 6))
+    moved = np.moveaxis(np.zeros((3, 6, *turned.shape[:2])), (0, 1), (2, 3))
     for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-        moved[..., i, column] = turning[..., j]
-        moved[..., j, column] = turning[..., i]
+        moved[..., i, column] = turned[..., j]
+        moved[..., j, column] = turned[..., i]
     summed = np.zeros_like(moved)
-    summed[:, 1:] = np.cumsum(along[:, 1:] @ moved[:, :-1], axis=1)
-    turned: Floats = np.swapaxes(along, 2, 3) @ summed
-    return turned
+    summed[:, 1:] = np.cumsum(product(along[:, 1:], moved[:, :-1]), axis=1)
+    return product(np.swapaxes(along, 2, 3), summed)
+
+
+def in_pieces(array: Floats, axes: int = 1) -> Floats:
+    """The same array with each entry of its last axes in one piece of memory, for sums over readings to stream through.
+
+    >>> in_pieces(np.zeros((500, 3))).strides
+    (8, 4000)
+    """
+    lead = array.ndim - axes
+    pieces = np.ascontiguousarray(array.transpose(*range(lead, array.ndim), *range(lead)))
+    return pieces.transpose(*range(axes, array.ndim), *range(axes))
+
+
+def product(first: Floats, second: Floats) -> Floats:
+    """(W, n, i, k) of (W, n, i, j) and (W, n or 1, j, k), `in_pieces`: several times faster so than ``@``."""
+    pieces = np.empty((first.shape[2], second.shape[3], *first.shape[:2]))
+    return np.einsum("wnij,wnjk->wnik", first, second, out=np.moveaxis(pieces, (0, 1), (2, 3)))
+
+
+def applied(matrices: Floats, vectors: Floats) -> Floats:
+    """(W, n, i) of (W, n, i, j) matrices and (W, n or 1, j) vectors, `in_pieces`."""
+    return product(matrices, vectors[..., np.newaxis])[..., 0]
 
 
 def rotations(vectors: Floats) -> Floats:
-    """(N, 3, 3) rotations by (N, 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
+    """(..., 3, 3) rotations by (..., 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
 
     >>> rotations(np.array([[0.0, 0.0, np.pi / 2]])).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
-    angle = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    square = np.einsum("...i,...i->...", vectors, vectors)
+    angle = np.sqrt(square)
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
-    sine = np.where(small, 1.0 - angle**2 / 6.0, np.sin(safe) / safe)
-    bend = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    turned: Floats = bend[:, np.newaxis, np.newaxis] * (vectors[:, :, np.newaxis] * vectors[:, np.newaxis])
-    turned += sine[:, np.newaxis, np.newaxis] * cross_matrices(vectors)
-    turned[:, [0, 1, 2], [0, 1, 2]] += (1.0 - bend * angle**2)[:, np.newaxis]
-    return turned
+    sine = np.where(small, 1.0 - square / 6.0, np.sin(safe) / safe)
+    bend = np.where(small, 0.5 - square / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    turned = np.empty((3, 3, *angle.shape))
+    for i, j, along, aside in ((0, 1, z, x * y), (2, 0, y, x * z), (1, 2, x, y * z)):
+        turned[i, j], turned[j, i] = bend * aside - sine * along, bend * aside + sine * along
+    for i, along in enumerate((x, y, z)):
+        turned[i, i] = 1.0 - bend * (square - along * along)
+    return np.moveaxis(turned, (0, 1), (-2, -1))
 
 
 def cross_matrices(vectors: Floats) -> Floats:
     """(..., 3, 3) the matrices [v]× with [v]× w = v × w."""
     x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape[:-1], 3, 3)
+    crossed = np.zeros((3, 3, *x.shape))
+    for i, j, along in ((0, 1, z), (2, 0, y), (1, 2, x)):
+        crossed[i, j], crossed[j, i] = -along, along
+    return np.moveaxis(crossed, (0, 1), (-2, -1))
 
 
 def bridged(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:

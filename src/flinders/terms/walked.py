@@ -30,12 +30,15 @@ the noise in ``tests/truth/test_walked.py``.
 
 >>> from dataclasses import replace
 >>> from flinders.terms import turning
+>>> from flinders.terms.shared import rows_of
 >>> rate = np.random.default_rng(1).normal(size=(20, 25, 3))
 >>> turned = turning.integrated(rate, np.full((20, 25), 0.2), np.zeros(3), np.zeros(6))
 >>> seen = 50.0 * np.swapaxes(turned.rotations, 2, 3) @ [0.6, 0.0, 0.8]
 >>> group, here = replace(Group.of(seen), turned=turned), Parameters.at(np.zeros(3), 50.0 * np.eye(3))
 >>> layout, directions = Layout.of(), np.tile([0.6, 0.0, 0.8], (20, 1))
->>> gradient = mean_gradient(group, here, directions, layout, Weights(1.0))
+>>> whole = here, directions, layout, Weights(1.0)
+>>> walked = Walked.of(rows_of(group, *whole), pushes(group, here, directions, Weights(1.0)))
+>>> gradient = mean_gradient(walked, group, *whole)
 >>> bool(np.all(gradient[3:6] < 0.0))                                        # it pretends a smaller shape
 True
 """
@@ -43,18 +46,16 @@ True
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from flinders.quadric import symmetric
 from flinders.terms.parameters import Layout, Parameters, across
-from flinders.terms.shared import Group, Rows, Weights, inverse_of, jacobian_of, rows_of
-from flinders.terms.turning import cross_matrices
+from flinders.terms.shared import Group, Rows, Weights, inverse_of, jacobian_of
+from flinders.terms.turning import cross_matrices, in_pieces, product
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from flinders.arrays import Floats
 
 
@@ -64,12 +65,16 @@ class Walked:
 
     Attributes
     ----------
+    rows : Rows
+        Of the windows.
     own : (W, n, k, 2) float
         U: Jacobian of the window's direction.
     pushes : (W, n, k, 3) float
         P.
     inverse : (W, 2, 2) float
         Π: covariance of the direction.
+    products : (W, n, 2, 3) float
+        UᵀP.
     steps : (W, n, 2, 3) float
         C: how the direction feels a turn at each step.
     follows : (W, n, 2, 3) float
@@ -78,25 +83,27 @@ class Walked:
         Θ: covariance of the direction that the walk makes.
     """
 
+    rows: Rows
     own: Floats
     pushes: Floats
     inverse: Floats
+    products: Floats
     steps: Floats
     follows: Floats
     spread: Floats
 
     @classmethod
     def of(cls, rows: Rows, pushed: Floats) -> Self:
-        """Take (W, k, n, …) rows and pushes."""
+        """Take (W, k, n, …) rows, and how a turn moves them, see `pushes`."""
         own, pushes = np.swapaxes(rows.own, 1, 2), np.swapaxes(pushed, 1, 2)
         flat = rows.own.reshape(len(rows.own), -1, 2)
         inverse = inverse_of(np.swapaxes(flat, 1, 2) @ flat)
-        products = np.swapaxes(own, 2, 3) @ pushes
-        steps = np.cumsum(products[:, ::-1], axis=1)[:, ::-1].copy()
+        products = product(np.swapaxes(own, 2, 3), pushes)
+        steps = _from_here_on(products).copy()
         steps[:, 0] = 0.0  # a window begins where its direction is
-        follows = inverse[:, np.newaxis] @ np.cumsum(steps, axis=1)
-        spread = inverse @ np.sum(products @ np.swapaxes(follows, 2, 3), axis=1)
-        return cls(own, pushes, inverse, steps, follows, spread)
+        follows = in_pieces(inverse[:, np.newaxis] @ np.cumsum(steps, axis=1), 2)
+        spread = inverse @ np.einsum("wnij,wnkj->wik", products, follows)
+        return cls(rows, own, pushes, inverse, products, steps, follows, spread)
 
     @property
     def age(self) -> Floats:
@@ -106,56 +113,41 @@ class Walked:
     @property
     def by_walk(self) -> Floats:
         """(W, n, 3, k) E w rᵀ."""
-        mean: Floats = np.swapaxes(self.own @ self.follows - self.age * self.pushes, 2, 3)
-        return mean
+        return np.swapaxes(product(self.own, self.follows) - self.age * self.pushes, 2, 3)
 
     @property
     def by_direction(self) -> Floats:
         """(W, n, 2, k) E h rᵀ."""
-        mean: Floats = self.follows @ np.swapaxes(self.pushes, 2, 3)
-        return mean - self.spread[:, np.newaxis] @ np.swapaxes(self.own, 2, 3)
-
-
-class Turn(NamedTuple):
-    """How parameters of the gyro turn a window.
-
-    Attributes
-    ----------
-    columns : slice
-    each : (W, n, 3, m) float
-        b: by each step, in the axes of the window.
-    by_rate : (m, 3, 3) float
-        How that goes with the rate, in the axes of the body.
-    """
-
-    columns: slice
-    each: Floats
-    by_rate: Floats
+        of_own = np.einsum("wab,wnkb->wnak", self.spread, self.own)
+        mean: Floats = product(self.follows, np.swapaxes(self.pushes, 2, 3)) - of_own
+        return mean
 
 
 def pushes(group: Group, at: Parameters, directions: Floats, weights: Weights) -> Floats:
     """(W, k, n, 3) how a turn φ, in the axes of the window's first reading, moves each residual after it."""
-    turned = np.swapaxes(group.rotations, 2, 3) @ cross_matrices(directions)[:, np.newaxis]
-    weight = np.sqrt(group.weight) / weights.noise
-    moved = np.swapaxes(at.ellipsoid_like @ turned * weight[..., np.newaxis, np.newaxis], 1, 2)
+    pushed = np.zeros((3, group.tall, *group.weight.shape)).transpose(2, 1, 3, 0)
+    turned = _carried(group, cross_matrices(directions))
+    of_field = np.tensordot(at.ellipsoid_like, np.moveaxis(turned, (2, 3), (0, 1)), 1).transpose(2, 0, 3, 1)
+    pushed[:, :3] = of_field * (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
     if group.trust is None:
-        return moved
-    trust = np.sqrt(group.trust) / weights.vertical
+        return pushed
+    trust = (np.sqrt(group.trust) / weights.vertical)[..., np.newaxis]
     if group.attitudes is not None:
-        stands = np.swapaxes(group.attitudes @ turned * trust[..., np.newaxis, np.newaxis], 1, 2)
-        return np.concatenate([moved, stands], axis=1)
-    down = group.upright(at)
-    if down is None:
-        return moved
-    raised = np.einsum("wnk,wnkj->wnj", down, turned) * trust[..., np.newaxis]
-    return np.concatenate([moved, raised[:, np.newaxis]], axis=1)
+        pushed[:, 3:] = np.swapaxes(product(group.attitudes, turned) * trust[..., np.newaxis], 1, 2)
+    elif (down := group.upright(at)) is not None:
+        pushed[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * trust
+    return pushed
 
 
-def mean_gradient(group: Group, at: Parameters, directions: Floats, layout: Layout, weights: Weights) -> Floats:
+def mean_gradient(
+    walked: Walked, group: Group, at: Parameters, directions: Floats, layout: Layout, weights: Weights
+) -> Floats:
     """(P,) mean gradient, in standard deviations, that a walk of one rad² a reading makes.
 
     Parameters
     ----------
+    walked : Walked
+        Of all that follows.
     group : Group
         Windows of a gyro.
     at : Parameters
@@ -164,83 +156,92 @@ def mean_gradient(group: Group, at: Parameters, directions: Floats, layout: Layo
     layout : Layout
     weights : Weights
     """
-    rows = rows_of(group, at, directions, layout, weights)
-    walked = Walked.of(rows, pushes(group, at, directions, weights))
-    gradient = _of_model(walked, rows, directions)
+    gradient = _of_model(walked, directions) + _of_gyro(walked, group, at, layout)
     together = _together(walked, group, directions)
     nowhere = np.zeros((*group.weight.shape, 3))
-    still = jacobian_of(group, at, nowhere, layout, weights)
     for axis in range(3):
-        along = jacobian_of(group, at, nowhere + np.eye(3)[axis], layout, weights) - still
+        along = jacobian_of(group, at, nowhere + np.eye(3)[axis], layout, weights)
         gradient += np.einsum("wknp,wnk->p", along, together[:, :, axis])
-    for turn in _turns(group, at, layout):
-        gradient[turn.columns] += _of_gyro(walked, turn, group.rotations)
+    still = jacobian_of(group, at, nowhere, layout, weights)
+    gradient -= np.einsum("wknp,wnk->p", still, together.sum(axis=2))
     return gradient
+
+
+def _carried(group: Group, matrices: Floats) -> Floats:
+    """(W, n, 3, k) what the rotations back to each reading make of (W, 3, k) matrices of a window."""
+    return product(np.swapaxes(group.rotations, 2, 3), matrices[:, np.newaxis])
 
 
 def _together(walked: Walked, group: Group, directions: Floats) -> Floats:
     """(W, n, 3, k) E δq rᵀ: how the direction at each reading goes with its residuals."""
-    off = cross_matrices(directions)[:, np.newaxis] @ walked.by_walk
-    off = off + across(directions)[:, np.newaxis] @ walked.by_direction
-    mean: Floats = np.swapaxes(group.rotations, 2, 3) @ off
+    of_walk = product(_carried(group, cross_matrices(directions)), walked.by_walk)
+    mean: Floats = of_walk + product(_carried(group, across(directions)), walked.by_direction)
     return mean
 
 
-def _of_model(walked: Walked, rows: Rows, directions: Floats) -> Floats:
+def _of_model(walked: Walked, directions: Floats) -> Floats:
     """(P,) Σ Jᵀ E r₂: residuals have a mean, and the window's direction follows it."""
-    n, width = rows.jacobian.shape[2:]
-    tangent, model = across(directions), np.swapaxes(rows.model, 1, 2)
-    aside = np.swapaxes(tangent, 1, 2)[:, np.newaxis]
-    middle = np.cross(walked.follows, np.broadcast_to(aside, walked.follows.shape)).sum(axis=2)  # Σ Hᵢ × tᵢ
-    shorter = np.arange(n) + 0.5 * np.trace(walked.spread, axis1=1, axis2=2)[:, np.newaxis]
+    tangent, model = across(directions), np.swapaxes(walked.rows.model, 1, 2)
+    first, second = walked.follows[..., 0, :], walked.follows[..., 1, :]
+    middle = np.cross(first, tangent[:, np.newaxis, :, 0]) + np.cross(second, tangent[:, np.newaxis, :, 1])  # Σ Hᵢ × tᵢ
+    shorter = np.arange(model.shape[1]) + 0.5 * np.trace(walked.spread, axis1=1, axis2=2)[:, np.newaxis]
     along = np.einsum("wnj,wj->wn", middle, directions) - shorter
-    mean = -model * along[..., np.newaxis] - (walked.own @ (middle @ tangent)[..., np.newaxis])[..., 0]
-    pulled = np.sum(np.swapaxes(walked.own, 2, 3) @ mean[..., np.newaxis], axis=1) + _of_own(walked, model, directions)
-    left = mean - (walked.own @ (walked.inverse @ pulled)[:, np.newaxis])[..., 0]
-    gradient: Floats = np.swapaxes(left, 1, 2).ravel() @ rows.jacobian.reshape(-1, width)
+    mean = -model * along[..., np.newaxis] - np.einsum("wnka,wna->wnk", walked.own, middle @ tangent)
+    pulled = np.einsum("wnka,wnk->wa", walked.own, mean) + _of_own(walked, model, directions)
+    left = mean - np.einsum("wnka,wab,wb->wnk", walked.own, walked.inverse, pulled)
+    gradient: Floats = np.einsum("wknp,wnk->p", walked.rows.jacobian, left)
     return gradient
 
 
 def _of_own(walked: Walked, model: Floats, directions: Floats) -> Floats:
-    """(W, 2, 1) Σ E δUᵀ r, with δU the turn of t₁ and t₂: by the walk tᵢ × w, and −hᵢ v as the direction moves on."""
+    """(W, 2) Σ E δUᵀ r, with δU the turn of t₁ and t₂: by the walk tᵢ × w, and −hᵢ v as the direction moves on."""
     tangent = across(directions)
     axes = np.concatenate([np.swapaxes(tangent, 1, 2), directions[:, np.newaxis]], axis=1)
-    first, second, middle = np.moveaxis(axes[:, np.newaxis] @ walked.by_walk, 2, 0)  # E of w along t₁, t₂ and v
+    first, second, middle = (np.einsum("wj,wnjk->wnk", axes[:, i], walked.by_walk) for i in range(3))
     by_direction = walked.by_direction
     sums = [
         model * (second - by_direction[:, :, 0]) - walked.own[..., 1] * middle,
         walked.own[..., 0] * middle - model * (first + by_direction[:, :, 1]),
     ]
-    return np.stack([one.sum(axis=(1, 2)) for one in sums], axis=1)[..., np.newaxis]
+    return np.stack([one.sum(axis=(1, 2)) for one in sums], axis=1)
 
 
-def _turns(group: Group, at: Parameters, layout: Layout) -> Iterator[Turn]:
-    """How bias and scales of the gyro turn a window, where they are looked for."""
+def _of_gyro(walked: Walked, group: Group, at: Parameters, layout: Layout) -> Floats:
+    """(P,) Σ (P_k δB_k)ᵀ r_k on average, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for a step j up to the reading.
+
+    It is linear in D_j and in b_j, and what both are multiplied by is the same for all parameters of the gyro.
+    """
+    gradient = np.zeros(layout.size)
     if group.turned is None:
-        return
+        return gradient
+    of_noise, of_turn = _felt(walked)
+    rotations = group.rotations
     seconds = np.zeros(group.weight.shape)
     seconds[:, 1:] = group.turned.interval[:, :-1]
+    turned = np.einsum("wnij,wni,wn->wnj", rotations, of_turn, seconds)  # in the axes of the body
     if "gyro_bias" in layout:
-        each = -group.rotations * seconds[..., np.newaxis, np.newaxis]
-        yield Turn(layout.columns["gyro_bias"], each, np.zeros((3, 3, 3)))
+        gradient[layout.columns["gyro_bias"]] = -turned.sum(axis=(0, 1))
     if "gyro_scale" in layout:
-        by_rate = np.array([symmetric(unit) for unit in np.eye(6)])
-        before = np.roll(group.turned.rate - at.gyro_bias, 1, axis=1) * seconds[..., np.newaxis]
-        yield Turn(layout.columns["gyro_scale"], group.rotations @ np.einsum("cij,wnj->wnic", by_rate, before), by_rate)
-
-
-def _of_gyro(walked: Walked, turn: Turn, rotations: Floats) -> Floats:
-    """(m,) Σ (P_k δB_k)ᵀ r_k on average, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for a step j up to the reading."""
-    back = np.swapaxes(walked.follows, 2, 3)
-    felt = np.swapaxes(walked.steps, 2, 3) @ walked.inverse[:, np.newaxis]
-    gradient = np.zeros(len(turn.by_rate))
-    for column, sense in enumerate(turn.by_rate):
-        noise = rotations @ sense @ np.swapaxes(rotations, 2, 3)  # D
-        noise[:, 0] = 0.0
-        crossed = cross_matrices(turn.each[..., column])
-        whole = np.cumsum(crossed, axis=1)
-        by_pushes = np.cumsum(noise - walked.age * crossed, axis=1) + walked.age * whole
-        by_own = np.cumsum(noise @ felt - crossed @ back, axis=1) + whole @ back
-        mean = walked.own @ np.swapaxes(by_own, 2, 3) - walked.pushes @ np.swapaxes(by_pushes, 2, 3)
-        gradient[column] = float(np.sum(walked.pushes * mean))
+        before = np.roll(group.turned.rate - at.gyro_bias, 1, axis=1)
+        along = np.einsum("wnij,wnik->jk", rotations, product(of_noise, rotations))  # Σ R_jᵀ … R_j
+        along += turned.reshape(-1, 3).T @ before.reshape(-1, 3)
+        gradient[layout.columns["gyro_scale"]] = [float(np.sum(along * symmetric(unit))) for unit in np.eye(6)]
     return gradient
+
+
+def _felt(walked: Walked) -> tuple[Floats, Floats]:
+    """(W, n, 3, 3) and (W, n, 3): what D_j and b_j are multiplied by, summed over all readings from step j on."""
+    since, stiff = np.swapaxes(walked.steps, 2, 3), product(np.swapaxes(walked.pushes, 2, 3), walked.pushes)
+    stiffer = _from_here_on(stiff)
+    of_noise = product(since, np.einsum("wab,wnbj->wnaj", walked.inverse, walked.steps)) - stiffer
+    of_noise[:, 0] = 0.0
+    pulled = product(np.swapaxes(walked.products, 2, 3), walked.follows) - walked.age * stiff
+    crossed = walked.age * stiffer + _from_here_on(pulled) - product(since, walked.follows)
+    of_turn = [crossed[..., j, i] - crossed[..., i, j] for i, j in ((1, 2), (2, 0), (0, 1))]
+    return of_noise, np.moveaxis(np.array(of_turn), 0, -1)
+
+
+def _from_here_on(steps: Floats) -> Floats:
+    """(W, n, …) sums over each reading of a window and all after it."""
+    summed: Floats = np.cumsum(steps[:, ::-1], axis=1)[:, ::-1]
+    return summed
