@@ -48,7 +48,7 @@ from flinders.estimators.joint import (
     without_strays,
 )
 from flinders.estimators.pretence import pretence_of, without
-from flinders.estimators.scatter import scatter_of, walk_of
+from flinders.estimators.scatter import scatter_of, span_of, walk_of
 from flinders.quadric import Ellipsoid
 from flinders.terms import prior, turning
 
@@ -76,6 +76,9 @@ UNSEEN: Final = 0.5
 
 CORRECTED: Final = 8
 """Steps with the mean gradient of the noise taken off."""
+
+SPANNED, SAME_SPAN = 3, 0.2
+"""Times that is looked at how verticals hang together, and change of a logarithm that is none."""
 
 WALKED: Final = 4
 """Times that the walk of a gyro is looked at again, as a fit that it bends shows it too small."""
@@ -413,6 +416,7 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 def _finished(problem: Problem, found: Found) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
     found, equations = _eased(problem, found, np.zeros(problem.layout.size))
+    found, equations = _spanned(problem, found, equations)
     inverse = _inverse(equations)
     walk = walk_of(problem, found, inverse)
     for _ in range(WALKED):
@@ -453,6 +457,19 @@ def _finished(problem: Problem, found: Found) -> Aided:
         _site_off(problem, found, covariance),
         () if problem.drivers is None else problem.drivers.names,
     )
+
+
+def _spanned(problem: Problem, found: Found, equations: Equations) -> tuple[Found, Equations]:
+    """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
+    span = span_of(problem, found)
+    for _ in range(SPANNED):
+        if abs(math.log(span.readings / found.weights.span)) < SAME_SPAN:
+            break
+        found = replace(found, weights=found.weights._replace(span=span.readings))
+        found, equations = _eased(problem, found, np.zeros(problem.layout.size))
+        span = span_of(problem, found)
+        found = replace(found, weights=found.weights._replace(vertical=span.noise))
+    return found, equations
 
 
 def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equations]:

@@ -453,9 +453,9 @@ class Equations:
         expected = sum((part.expected for part in self.parts), np.zeros(2)) - [problem.layout.size, 0.0]
         curvature = sum((part.curvature for part in self.parts), np.zeros((2, 2)))
         floor = FINEST * float(np.cbrt(np.linalg.det(found.at.shape)))
-        if curvature[1, 1] <= 0.0:
+        if curvature[1, 1] <= 0.0 or found.weights.span > 1.0:  # verticals that hang together are weighed as a whole
             factor = float(squares[0]) / max(float(expected[0]), 1.0)
-            return found.weights._replace(noise=max(found.weights.noise * math.sqrt(factor), floor), vertical=1.0)
+            return found.weights._replace(noise=max(found.weights.noise * math.sqrt(factor), floor))
         change = np.linalg.lstsq(curvature, squares - expected, rcond=1e-6)[0]
         noise, vertical = np.sqrt(np.clip(1.0 + change, LEAST_CHANGE, 1.0 / LEAST_CHANGE)).tolist()
         return found.weights._replace(
@@ -595,7 +595,7 @@ def surprise(problem: Problem, found: Found) -> float:
     counts = np.zeros(2)
     for group in found.groups:
         told = 0 if group.trust is None else int(np.count_nonzero(group.trust))
-        counts += [3.0 * group.count, told * (1.0 if group.attitudes is None else 2.0)]
+        counts += [3.0 * group.count, told * (1.0 / found.weights.span if group.attitudes is None else 2.0)]
     return float(2.0 * counts @ np.log(found.weights[:2])) + problem.believed(found.at).cost
 
 

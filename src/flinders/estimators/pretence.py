@@ -86,7 +86,7 @@ def _moved(group: Group, directions: Floats, problem: Problem, found: Found) -> 
         return
     sigma = found.weights.vertical / np.sqrt(max(1.0 - found.at.sine**2, 1e-3))
     alternating = np.where(np.arange(group.down.shape[1]) % 2, sigma, -sigma)[:, np.newaxis]  # each on its own
-    told = group.down.any(axis=2, keepdims=True)
+    told = np.asarray(group.down.any(axis=2, keepdims=True))
     for aside in np.moveaxis(across(np.where(told, group.down, [0.0, 0.0, 1.0])) * told[..., np.newaxis], 3, 0):
         up, down = group.down + alternating * aside, group.down - alternating * aside
         yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)

@@ -11,16 +11,17 @@ to it:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.estimators.correlation import Residuals
+from flinders.estimators.correlation import Residuals, time_of
 from flinders.pooling import chance_of
 from flinders.terms import walked
 from flinders.terms.parameters import across
-from flinders.terms.shared import Group, Rows, inverse_of, mixed_of, rows_of
+from flinders.terms.shared import Group, Rows, inverse_of, mixed_of, residuals_of, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,6 +90,55 @@ class Scatter(NamedTuple):
 
     covariance: Floats
     creep: float
+
+
+class Span(NamedTuple):
+    """How residuals of verticals hang together.
+
+    Attributes
+    ----------
+    readings : float
+        In a row that say as much as one; at least 1.
+    noise : float
+        Standard deviation of dᵀq in rad, of verticals that are weighed as they are.
+    """
+
+    readings: float
+    noise: float
+
+
+def span_of(problem: Problem, found: Found) -> Span:
+    """Look at the verticals' residuals, one after the other.
+
+    Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
+    Q²/τ, and Q − Q² comes from the readings.
+    """
+    rows, residuals, expected = [], [], 0.0
+    span = found.weights.span
+    for group, directions in zip(found.groups, found.directions, strict=True):
+        if group.down is None or group.attitudes is not None or group.trust is None:
+            continue
+        _, beside = residuals_of(group, found.at, directions)
+        if beside is not None:
+            told = group.trust > 0.0
+            rows.append(group.rows[told])
+            residuals.append(beside[..., 0][told] * np.sqrt(group.trust[told]))
+            left = _left_of(rows_of(group, found.at, directions, problem.layout, found.weights))[told]
+            expected += float(np.sum(left**2 + span * (left - left**2)))
+    if not rows:
+        return Span(1.0, found.weights.vertical)
+    residual = np.concatenate(residuals)[np.argsort(np.concatenate(rows), kind="stable")]
+    alone = Residuals(residual - residual.mean(), np.zeros((len(residual), 1)), [np.arange(len(residual))])
+    noise = math.sqrt(float(np.sum(residual**2)) / max(expected, 1e-300))
+    return Span(max(1.0, time_of(alone.autocovariance())), noise)
+
+
+def _left_of(rows: Rows) -> Floats:
+    """(W, n) of each vertical's row, what the direction of its group leaves."""
+    inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
+    upright = rows.own[:, 3]
+    left: Floats = 1.0 - np.einsum("wna,wab,wnb->wn", upright, inverse, upright)
+    return left
 
 
 def walk_of(problem: Problem, found: Found, textbook: Floats) -> Walk:

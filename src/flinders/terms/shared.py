@@ -40,6 +40,7 @@ curved surface as in `flinders.terms.magnitude`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
@@ -75,11 +76,19 @@ class Weights(NamedTuple):
         Standard deviation of dᵀq, or of an attitude about each axis, in rad.
     own : float
         Share of the variance of dᵀq that is noise of d, and not of a gyro's walk.
+    span : float
+        Verticals in a row that say as much as one: accelerations last.
     """
 
     noise: float
     vertical: float = 1.0
     own: float = 1.0
+    span: float = 1.0
+
+    @property
+    def steepness(self) -> float:
+        """What a residual of a vertical, or of an attitude, counts for, in 1/rad."""
+        return 1.0 / (self.vertical * math.sqrt(self.span))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,7 +303,7 @@ def cost_of(group: Group, at: Parameters, directions: Floats, weights: Weights) 
     residual, beside = residuals_of(group, at, directions)
     cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * group.weight)) / weights.noise**2
     if beside is not None and group.trust is not None:
-        cost += float(np.sum(np.einsum("wni,wni->wn", beside, beside) * group.trust)) / weights.vertical**2
+        cost += float(np.sum(np.einsum("wni,wni->wn", beside, beside) * group.trust)) * weights.steepness**2
     return cost
 
 
@@ -374,16 +383,16 @@ def rows_of(group: Group, at: Parameters, directions: Floats, layout: Layout, we
     for axis in range(2):
         moved = np.swapaxes(turned[..., axis] @ shape.T, 1, 2) * scale
         own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
-    rows = Rows(residual, jacobian_of(group, at, q, layout, weights), own, model, lean, *_told(group, layout))
+    rows = Rows(residual, jacobian_of(group, at, q, layout, weights), own, model, lean, *_told(group, layout, weights))
     if group.trust is not None:
         _add_beside(rows, group, at, q, turned, weights)
     return rows
 
 
-def _told(group: Group, layout: Layout) -> tuple[Floats, tuple[float, float]]:
+def _told(group: Group, layout: Layout, weights: Weights) -> tuple[Floats, tuple[float, float]]:
     """`Rows.still` and `Rows.counts`."""
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
-    trusted *= 1.0 if group.attitudes is None else 2.0
+    trusted *= 1.0 / weights.span if group.attitudes is None else 2.0
     still = np.zeros(layout.size)
     if "sine" in layout:
         still[layout.columns["sine"]] = 1.0
@@ -407,7 +416,7 @@ def _add_beside(rows: Rows, group: Group, at: Parameters, q: Floats, turned: Flo
     weights : Weights
     """
     trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
-    steep = np.sqrt(trust) / weights.vertical
+    steep = np.sqrt(trust) * weights.steepness
     if group.attitudes is not None:
         stands = applied(group.attitudes, q) * steep[..., np.newaxis]
         rows.model[:, 3:] = np.swapaxes(stands, 1, 2)
@@ -415,8 +424,8 @@ def _add_beside(rows: Rows, group: Group, at: Parameters, q: Floats, turned: Flo
         rows.own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis, np.newaxis], 1, 2)
     elif (down := group.upright(at)) is not None:
         usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # a variance is one of trust 1
-        across_it = usual * weights.own * weights.vertical / max(1.0 - at.sine**2, 1e-3)
-        rows.lean[:, 3] = at.sine * across_it * np.sqrt(trust)
+        across_it = usual * weights.own * weights.vertical**2 / max(1.0 - at.sine**2, 1e-3)
+        rows.lean[:, 3] = at.sine * across_it * steep
         height = np.einsum("wni,wni->wn", down, q)
         rows.model[:, 3] = height * steep
         rows.residual[:, 3] = (at.sine * lengths(down) - height) * steep
@@ -435,7 +444,7 @@ def jacobian_of(group: Group, at: Parameters, q: Floats, layout: Layout, weights
         _fill_pointed(jacobian[:, 3:], group, at, layout, moved)
     elif group.down is not None:
         _fill_upright(jacobian[:, 3], group, at, q, layout, moved)
-    jacobian[:, 3:] *= (np.sqrt(group.trust) / weights.vertical)[:, np.newaxis, :, np.newaxis]
+    jacobian[:, 3:] *= (np.sqrt(group.trust) * weights.steepness)[:, np.newaxis, :, np.newaxis]
     return jacobian
 
 

@@ -131,7 +131,7 @@ def pushes(group: Group, at: Parameters, directions: Floats, weights: Weights) -
     pushed[:, :3] = of_field * (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
     if group.trust is None:
         return pushed
-    trust = (np.sqrt(group.trust) / weights.vertical)[..., np.newaxis]
+    trust = (np.sqrt(group.trust) * weights.steepness)[..., np.newaxis]
     if group.attitudes is not None:
         pushed[:, 3:] = np.swapaxes(product(group.attitudes, turned) * trust[..., np.newaxis], 1, 2)
     elif (down := group.upright(at)) is not None:
