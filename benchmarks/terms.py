@@ -41,12 +41,13 @@ from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observ
 from flinders.estimators.aided import solve
 from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.heading import level_error, level_turn
-from flinders.quadric import symmetric, upper
+from flinders.quadric import upper
 from flinders.quaternions import of_matrix
 from flinders.samples import Samples
 from flinders.simulate.rotations import rotation_vectors
 from flinders.terms.parameters import Parameters, across
 from flinders.terms.site import Site
+from flinders.terms.turning import grown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -246,13 +247,14 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
         rotation=simulate.turns(rng.normal(0.0, MOUNTED_RAD, (1, 3)))[0],
         gyro_bias=rng.normal(0.0, 0.01, 3),
         gyro_scale=rng.normal(0.0, SCALE_SIGMA, 6),
+        gyro_turn=rng.normal(0.0, SCALE_SIGMA, 3),
         acceleration_bias=rng.normal(0.0, ACCELERATION_SIGMA / GRAVITY, 3),
         sine=sine,
         direction=simulate.north_and_down(60.0),
     )
     turning, noise, gyro_noise = _motion(motion, rng)
     field = simulate.seen_from(turning.attitudes, true.direction) @ true.ellipsoid_like.T + true.offset
-    felt = turning.rate @ np.linalg.inv(np.eye(3) + symmetric(true.gyro_scale)) + true.gyro_bias
+    felt = turning.rate @ np.linalg.inv(grown(true.gyro)).T + true.gyro_bias
     attitude = None
     if attitude_deg:
         shaken = simulate.turns(rng.normal(0.0, math.radians(attitude_deg), field.shape))
@@ -323,7 +325,7 @@ def errors_of(found: Aided, true: Parameters) -> Floats:
 
 BLOCKS: Final = {
     "b": ("offset",), "S": ("shape",), "R": ("rotation",), "dip or m": ("sine", "direction"),
-    "gyro bias": ("gyro_bias",), "gyro scales": ("gyro_scale",), "delay": ("delay",),
+    "gyro bias": ("gyro_bias",), "gyro scales": ("gyro_scale",), "gyro mounting": ("gyro_turn",), "delay": ("delay",),
     "accelerometer bias": ("acceleration_bias",),
 }  # fmt: skip
 """Columns of the table, and which blocks of parameters each holds."""

@@ -19,9 +19,19 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 LAYOUT = Layout.of(
-    drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, delay=True, acceleration_bias=True, sine=True
+    drivers=2,
+    rotation=True,
+    slope=True,
+    gyro_bias=True,
+    gyro_scale=True,
+    gyro_turn=True,
+    delay=True,
+    acceleration_bias=True,
+    sine=True,
 )
-POINTED = Layout.of(drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, delay=True, direction=True)
+POINTED = Layout.of(
+    drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, gyro_turn=True, delay=True, direction=True
+)
 WEIGHTS = Weights(0.5, 0.004)
 STEP = 1e-6
 
@@ -56,7 +66,7 @@ def somewhere(seed: int) -> Parameters:
     lean = 0.03 * rng.standard_normal(3)
     return replace(
         plain, rotation=turned, drivers=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3, gyro_scale=scale,
-        acceleration_bias=lean,
+        gyro_turn=0.5 * lean, acceleration_bias=lean,
     )  # fmt: skip
 
 

@@ -6,9 +6,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.testing as npt
 import pytest
 
 import flinders
+from flinders import simulate
 from flinders.errors import UsageError
 from flinders.estimators.aided import solve
 from flinders.estimators.aids import aided_by, claim_deg
@@ -158,3 +160,19 @@ def test_accelerations_that_last_outvote_no_prior(seed: int) -> None:
     sigma = 9.80665 * np.sqrt(np.diag(covariance))
     assert np.all(sigma < 0.35)
     assert np.all(np.abs(9.80665 * found.parameters.acceleration_bias) < 3.0 * sigma)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_gyro_that_sits_askew_beside_its_accelerometer_leads_no_rotation_astray(seed: int) -> None:
+    """One degree about each axis: axes of the body are those of the accelerometer."""
+    true = simulate.tumble(seed=seed, motion="hand", n=1500)
+    assert true.samples.rate is not None
+    askew = rotations(np.deg2rad([[1.0, -1.0, 1.0]]))[0]
+    samples = replace(true.samples, rate=true.samples.rate @ askew)
+    found = solve(samples, ("rate", "dip"))
+    covariance = found.rotation_covariance
+    assert covariance is not None
+    turned = found.parameters.rotation
+    left = np.array([turned[2, 1], turned[0, 2], turned[1, 0]])
+    assert left @ np.linalg.solve(covariance, left) < 16.3
+    npt.assert_allclose(np.rad2deg(found.parameters.gyro_turn), [1.0, -1.0, 1.0], atol=0.2)

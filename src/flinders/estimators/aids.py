@@ -166,7 +166,7 @@ def aided_by(
         again, told = aided_by(
             samples, aids, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
         )
-        if (mistake := _of_site(best, told.dip_deg, site)) is not None:
+        if (mistake := _of_site(best, told, site)) is not None:
             return again, replace(told, mistakes=(*of_gaps, *told.mistakes, mistake))
     return best, _told(best, turned, tuple(reports), tuple(mistakes))
 
@@ -178,11 +178,11 @@ def _contradiction(found: Aided, name: str) -> Mistake | None:
     return astray(found, name)
 
 
-def _of_site(bent: Aided, seen_deg: float | None, site: Site) -> Mistake | None:
+def _of_site(bent: Aided, told: Aids, site: Site) -> Mistake | None:
     """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
-    if seen_deg is None:
+    if told.dip_deg is None:
         return elsewhere(dip_of(bent), site) if is_elsewhere(bent, site) else None
-    return elsewhere(seen_deg, site) if is_elsewhere(bent, site) or is_far(seen_deg, site) else None
+    return elsewhere(told.dip_deg, site) if is_far(told.dip_deg, site, told.dip_sigma_deg or 0.0) else None
 
 
 def available(samples: Samples) -> tuple[str, ...]:

@@ -164,6 +164,7 @@ class Problem:
             slope=drivers is not None and drivers.warmth is not None,
             gyro_bias=in_windows,
             gyro_scale=in_windows and gyro_scale > 0.0,
+            gyro_turn=in_windows and gyro_scale > 0.0 and (upright or pointed),
             delay=in_windows and delay,
             sine=upright,
             direction=pointed,
@@ -195,7 +196,7 @@ class Problem:
 
     def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
         """Where to start with what a fit of another `Layout` has found, of as many drivers."""
-        free = ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "delay")
+        free = ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         found = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
         return self.facing(replace(at, rotation=self._seated(at)))
@@ -271,6 +272,7 @@ class Problem:
             ("rotation", angle, ROTATION_SIGMA),
             ("gyro_bias", at.gyro_bias, BIAS_SIGMA),
             ("gyro_scale", at.gyro_scale, self.gyro_scale),
+            ("gyro_turn", at.gyro_turn, self.gyro_scale),
             ("delay", at.delay, DELAY_SIGMA),
             ("acceleration_bias", at.acceleration_bias, self.acceleration_bias / GRAVITY),
             ("slope", at.slope, SLOPE_SIGMA),

@@ -215,9 +215,10 @@ def is_elsewhere(found: Aided, site: Site | None) -> bool:
     return is_far(dip_of(found), site) and abs(found.site_off) > FAR_SITE_SIGMAS
 
 
-def is_far(seen_deg: float, site: Site) -> bool:
-    """Whether a dip is farther from that of the site than iron and rock make it."""
-    return site.inclination_deg is not None and abs(seen_deg - site.inclination_deg) > FAR_SITE_DEG
+def is_far(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
+    """Whether a dip, known to so much, is farther from that of the site than iron and rock and chance make it."""
+    beyond = max(FAR_SITE_DEG, FAR_SITE_SIGMAS * sigma_deg)
+    return site.inclination_deg is not None and abs(seen_deg - site.inclination_deg) > beyond
 
 
 def elsewhere(seen_deg: float, site: Site) -> Mistake:

@@ -6,8 +6,8 @@ A reading, in raw units, is
 
 with the field's direction q in body axes, the symmetric shape S, the rotation R from the magnetometer's axes to those
 of the body, an offset pⱼ for each unit of a driver cⱼ, and a slope a of the scale with the temperature τ. The gyro
-brings its bias, its scales and its delay, the accelerometer its bias and the sine of the dip, a logged attitude the
-direction of the site's field.
+brings its bias, its scales, its mounting and its delay, the accelerometer its bias and the sine of the dip, a logged
+attitude the direction of the site's field.
 
 >>> layout = Layout.of(rotation=True, gyro_bias=True)
 >>> layout.size, layout.columns["gyro_bias"]
@@ -26,13 +26,13 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.quadric import symmetric
-from flinders.terms.turning import rotations
+from flinders.terms.turning import grown, rotations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 SIZES: Final = {
-    "offset": 3, "shape": 6, "rotation": 3, "drivers": 0, "slope": 1, "gyro_bias": 3, "gyro_scale": 6,
+    "offset": 3, "shape": 6, "rotation": 3, "drivers": 0, "slope": 1, "gyro_bias": 3, "gyro_scale": 6, "gyro_turn": 3,
     "delay": 1, "acceleration_bias": 3, "sine": 1, "direction": 2,
 }  # fmt: skip
 """Columns of each block, in their order; of drivers three for each."""
@@ -92,6 +92,8 @@ class Parameters:
         Unit vector: the site's field in the axes that a logged attitude turns into.
     gyro_scale : (6,) float
         Upper triangle of Γ, in the order of `flinders.quadric.symmetric`: the body turns by (1 + Γ)(ω − d).
+    gyro_turn : (3,) float, rad
+        ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d).
     acceleration_bias : (3,) float, of gravity
         β: what an accelerometer adds at rest, so that the vertical is where d + β points.
     """
@@ -106,6 +108,7 @@ class Parameters:
     sine: float
     direction: Floats
     gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
+    gyro_turn: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
     acceleration_bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
 
     @classmethod
@@ -126,7 +129,7 @@ class Parameters:
                 changed[name] = getattr(self, name) + float(parts[name][0])
         if "drivers" in parts:
             changed["drivers"] = self.drivers + parts["drivers"].reshape(-1, 3)
-        for name in ("gyro_bias", "gyro_scale", "acceleration_bias"):
+        for name in ("gyro_bias", "gyro_scale", "gyro_turn", "acceleration_bias"):
             if name in parts:
                 changed[name] = getattr(self, name) + parts[name]
         if "rotation" in parts:
@@ -137,8 +140,13 @@ class Parameters:
 
     def turning(self, rate: Floats) -> Floats:
         """(..., 3) rad/s that the body turns by, of (..., 3) that its gyro says."""
-        turning: Floats = (rate - self.gyro_bias) @ (np.eye(3) + symmetric(self.gyro_scale))
+        turning: Floats = (rate - self.gyro_bias) @ grown(self.gyro).T
         return turning
+
+    @property
+    def gyro(self) -> Floats:
+        """(9,) Γ and ψ."""
+        return np.concatenate([self.gyro_scale, self.gyro_turn])
 
     @property
     def ellipsoid_like(self) -> Floats:

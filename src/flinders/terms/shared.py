@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.terms.turning import Turned
 
-GYRO: Final = ("gyro_bias", "gyro_scale", "delay")
+GYRO: Final = ("gyro_bias", "gyro_scale", "gyro_turn", "delay")
 """Blocks of parameters that turn the field's direction within a window."""
 
 ROOM: Final = 8192
@@ -160,7 +160,7 @@ class Group:
         """The same, turned with the gyro of some parameters."""
         if self.turned is None:
             return self
-        return replace(self, turned=self.turned.with_gyro(at.gyro_bias, at.gyro_scale))
+        return replace(self, turned=self.turned.with_gyro(at.gyro_bias, at.gyro))
 
     @property
     def rotations(self) -> Floats:
@@ -489,7 +489,8 @@ def _moved(group: Group, at: Parameters, q: Floats, layout: Layout) -> Floats | 
     columns = _of_gyro(layout)
     moved = np.empty((3, columns.stop - columns.start, *q.shape[:2]))
     x, y, z = np.moveaxis(q, -1, 0)
-    for name, turns in (("gyro_bias", group.turned.by_bias), ("gyro_scale", group.turned.by_scale)):
+    scale, turn = group.turned.by_scale[..., :6], group.turned.by_scale[..., 6:]
+    for name, turns in (("gyro_bias", group.turned.by_bias), ("gyro_scale", scale), ("gyro_turn", turn)):
         if name in layout:
             begin = layout.columns[name].start - columns.start
             a, b, c = np.moveaxis(turns, (2, 3), (0, 1))

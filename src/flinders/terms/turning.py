@@ -8,7 +8,8 @@ the window, at its first reading, turned back by what the gyro has turned since,
 The rate is integrated, never the field differentiated, so that each reading enters once, with its own white noise; and
 the equation is linear in it. The bias d is found with the rest: with J_k = −ΔR_kᵀ Σ_{j<k} ΔR_{j+1} Δt_j a change
 of δ turns q_k by q_k × J_k δ. Γ is symmetric: what the scales of a gyro's three axes are off by, a few hundredths where
-nobody has calibrated them, and by how much those axes are not square. A body that turns by 15 rad in a window is lost
+nobody has calibrated them, and by how much those axes are not square. Beside an accelerometer or an attitude, whose
+axes are the body's, a small rotation ψ is found as well: 1 + Γ + [ψ]×. A body that turns by 15 rad in a window is lost
 by ten degrees for one hundredth, long before the gyro's noise counts. A magnetometer that lags by δt reads
 q_k + δt ω_k × q_k.
 
@@ -68,15 +69,15 @@ class Turned:
         ΔR: from body axes at each reading into those at the first of its window.
     by_bias : (W, n, 3, 3) float, s
         J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right.
-    by_scale : (W, n, 3, 6) float
-        The same for a Γ larger by γ.
+    by_scale : (W, n, 3, 9) float
+        The same for a Γ larger by γ, and for another ψ.
     rate : (W, n, 3) float, rad/s
         As recorded.
     interval : (W, n) float, s
         From each reading to the next.
     bias : (3,) float, rad/s
-    scale : (6,) float
-        Γ: for which all this holds.
+    scale : (9,) float
+        Γ and ψ: for which all this holds.
     """
 
     rotations: Floats
@@ -88,7 +89,15 @@ class Turned:
     scale: Floats
 
     def with_gyro(self, bias: Floats, scale: Floats) -> Turned:
-        """The same for another gyro: to first order for a small change, integrated anew for a larger one."""
+        """The same for another gyro: to first order for a small change, integrated anew for a larger one.
+
+        Parameters
+        ----------
+        bias : (3,) float, rad/s
+        scale : (6,) or (9,) float
+            Γ, and ψ.
+        """
+        scale = _whole(scale)
         if np.array_equal(bias, self.bias) and np.array_equal(scale, self.scale):
             return self
         change = np.einsum("wnij,j->wni", self.by_bias, bias - self.bias)
@@ -115,28 +124,45 @@ def integrated(rate: Floats, interval: Floats, bias: Floats, scale: Floats | Non
     interval : (W, n) float, s
         From each reading to the next; the last one of a window is not used.
     bias : (3,) float, rad/s
-    scale : (6,) float, optional
-        Γ; nothing where the gyro's scales are right.
+    scale : (6,) or (9,) float, optional
+        Γ, and ψ; nothing where the gyro's scales are right and it sits straight.
     """
-    gamma = np.zeros(6) if scale is None else scale
-    grown = np.eye(3) + symmetric(gamma)
+    gamma = _whole(np.zeros(6) if scale is None else scale)
+    larger = grown(gamma)
     turned = in_pieces(rate - bias) * interval[..., np.newaxis]
     along = np.moveaxis(np.empty((3, 3, *interval.shape)), (0, 1), (2, 3))
-    along[:, :1], along[:, 1:] = np.eye(3), rotations(turned[:, :-1] @ grown)
+    along[:, :1], along[:, 1:] = np.eye(3), rotations(turned[:, :-1] @ larger.T)
     reach = 1
     while reach < interval.shape[1]:  # products of 1, 2, 4, 8 … steps: as many rounds as the window's length has bits
         along[:, reach:] = product(along[:, :-reach], along[:, reach:])
         reach *= 2
     seconds = interval[:, :-1, np.newaxis, np.newaxis]
     by_bias = np.zeros_like(along)
-    weighted = product(np.cumsum(along[:, 1:] * seconds, axis=1), grown[np.newaxis, np.newaxis])
+    weighted = product(np.cumsum(along[:, 1:] * seconds, axis=1), larger[np.newaxis, np.newaxis])
     by_bias[:, 1:] = -product(np.swapaxes(along[:, 1:], 2, 3), weighted)
     return Turned(along, by_bias, _by_scale(along, turned), rate, interval, bias, gamma)
 
 
+def grown(scale: Floats) -> Floats:
+    """(3, 3) 1 + Γ + [ψ]× of (9,) both.
+
+    >>> grown(np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.02])).tolist()
+    [[1.1, -0.02, 0.0], [0.02, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    larger: Floats = np.eye(3) + symmetric(scale[:6]) + cross_matrices(scale[6:])
+    return larger
+
+
+def _whole(scale: Floats) -> Floats:
+    """(9,) Γ and ψ, of (6,) Γ alone or of both."""
+    return np.concatenate([scale, np.zeros(9 - len(scale))])
+
+
 def _by_scale(along: Floats, turned: Floats) -> Floats:
-    """(W, n, 3, 6) how a larger Γ turns ΔR_k, of (W, n, 3) what the gyro turned by from each reading to the next."""
-    moved = np.moveaxis(np.zeros((3, 6, *turned.shape[:2])), (0, 1), (2, 3))
+    """(W, n, 3, 9) how larger Γ and ψ turn ΔR_k, of (W, n, 3) what the gyro turned by from each reading to the next."""
+    moved = np.moveaxis(np.zeros((3, 9, *turned.shape[:2])), (0, 1), (2, 3))
+    for i, j, column in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        moved[..., j, 6 + column], moved[..., i, 6 + column] = turned[..., i], -turned[..., j]
     for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
         moved[..., i, column] = turned[..., j]
         moved[..., j, column] = turned[..., i]

@@ -50,10 +50,9 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from flinders.quadric import symmetric
 from flinders.terms.parameters import Layout, Parameters, across
 from flinders.terms.shared import Group, Rows, Weights, inverse_of, jacobian_of
-from flinders.terms.turning import cross_matrices, in_pieces, product
+from flinders.terms.turning import cross_matrices, grown, in_pieces, product
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -221,11 +220,14 @@ def _of_gyro(walked: Walked, group: Group, at: Parameters, layout: Layout) -> Fl
     turned = np.einsum("wnij,wni,wn->wnj", rotations, of_turn, seconds)  # in the axes of the body
     if "gyro_bias" in layout:
         gradient[layout.columns["gyro_bias"]] = -turned.sum(axis=(0, 1))
-    if "gyro_scale" in layout:
+    if "gyro_scale" in layout or "gyro_turn" in layout:
         before = np.roll(group.turned.rate - at.gyro_bias, 1, axis=1)
         along = np.einsum("wnij,wnik->jk", rotations, product(of_noise, rotations))  # Σ R_jᵀ … R_j
         along += turned.reshape(-1, 3).T @ before.reshape(-1, 3)
-        gradient[layout.columns["gyro_scale"]] = [float(np.sum(along * symmetric(unit))) for unit in np.eye(6)]
+        of_all = [float(np.sum(along * (grown(unit) - np.eye(3)))) for unit in np.eye(9)]
+        for name, part in (("gyro_scale", of_all[:6]), ("gyro_turn", of_all[6:])):
+            if name in layout:
+                gradient[layout.columns[name]] = part
     return gradient
 
 
