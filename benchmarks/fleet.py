@@ -7,7 +7,8 @@ are simulated and the others are those again, with another offset: so a million 
 ``unit``, a time and three axes in single precision, and a row group each; reading means all of that in NumPy, in double
 precision, by one core. Each job has a process of its own. Ratios to reading are of CPU seconds on one core, where
 neither workers nor other programs count, and of time on all cores less the start of their workers. Then follow other
-fits unit by unit, and all that a run takes by the number of units. Prints Markdown.
+fits unit by unit, what the one that started a run does for each partition, and all that a run takes by the number of
+units. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ import flinders
 from flinders.errors import FlindersError
 from flinders.estimators import METHODS, Readings
 from flinders.fleet.engine import cores
-from flinders.fleet.run import run
+from flinders.fleet.run import Parts, run
 from flinders.fleet.table import Rows
 from flinders.fleet.tables import Asked
 from flinders.quadric import Ellipsoid, symmetric
@@ -58,6 +59,8 @@ LIMITS: Final = {"moments": 2.5, "polish": 5.0}
 PEER_LIMIT: Final = 30.0
 MEMORY_LIMIT_MB: Final = 1_000.0
 JOBS: Final = ("read", "moments", "polish")
+A_PART, PARTS = 100, 1_000
+"""Rows of a part, as many as units of ten thousand readings make, and how many of them are written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,7 @@ def main() -> None:
         start_s = _median([measured("moments", Path(made) / "one") for _ in range(given.repeats)]).wall_s
         beside_reading(costs, spread, start_s, given.units)
         beside_peers(pool, whole, costs, given.units)
+        of_parts(Path(made) / "parts", whole)
         print("\n| units | MB | reading, s | moments only, s | polished, s | µs a unit | peak memory, MB |")
         print("|---:|---:|---:|---:|---:|---:|---:|", flush=True)
         for units in given.curve:
@@ -184,6 +188,22 @@ def beside_peers(pool: Sequence[Specimen], folder: Path, costs: dict[str, Cost],
         rows = _calibrated(folder, some, polish=job == "polish")
         each = costs[job].cpu_s / units
         print(f"| the fleet, {job} | {each * 1e3:.3g} | {each / ours:.3g} | {_accuracy(rows, some)} |", flush=True)
+
+
+def of_parts(folder: Path, whole: Path) -> None:
+    """Print what writing a part and taking it away costs the one that started the run."""
+    out = folder.with_suffix(".parquet")
+    run(str(whole / "part-00000.parquet"), out, Asked(polish=False), workers=0)
+    content = Rows.read(out)[:A_PART].to_bytes()
+    folder.mkdir()
+    parts = Parts(folder)
+    begin = perf_counter()
+    for place in range(PARTS):
+        parts.commit(place, content)
+    written = perf_counter()
+    parts.remove()
+    each, away = ((end - start) / PARTS * 1e3 for start, end in ((begin, written), (written, perf_counter())))
+    print(f"\nA part of {A_PART} rows, {len(content) / 1e3:.0f} kB: {each:.2g} ms to write, {away:.2g} ms to remove.")
 
 
 def curve(folder: Path, pool: Sequence[Specimen], units: int) -> None:

@@ -29,13 +29,14 @@ from distributed import Client
 from pyarrow import parquet
 
 from flinders import simulate
+from flinders.fleet.plan import plan_of
 from flinders.fleet.run import run
 from flinders.fleet.tables import Asked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-FILES, UNITS, READINGS = 24, 50, 300
+FILES, UNITS, READINGS = 48, 50, 300
 
 
 def written(folder: Path) -> str:
@@ -182,10 +183,11 @@ def main() -> None:
         begun = time.monotonic()
         run(source, whole, Asked(), workers=2)
         seconds = time.monotonic() - begun
-        print(f"undisturbed: {FILES * UNITS:,} units in {seconds:.1f} s")
+        partitions = len(plan_of(source, Asked()).partitions)
+        print(f"undisturbed: {FILES * UNITS:,} units in {partitions} partitions in {seconds:.1f} s")
         for kind in kinds:
             for _ in range(times):
-                after = rng.randrange(1, FILES - 2)
+                after = rng.randrange(1, partitions - 2)
                 told = kind(source, out, after)
                 same = "same bytes" if out.read_bytes() == whole.read_bytes() else "OTHER BYTES"
                 print(f"after {after:2} partitions: {told}: {same}", flush=True)

@@ -14,12 +14,15 @@ import pytest
 from flinders import fitting
 from flinders.errors import FitError
 from flinders.estimators.slips import SLIPS
+from flinders.quadric import Ellipsoid
 from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.stacked import Stack, columns, fit_stack
-from flinders.stacked.algebra import symmetric
+from flinders.stacked.algebra import symmetric, with_ones
 from flinders.stacked.lane import UPPER, through
+from flinders.stacked.solve import pretended
 from flinders.summary import Summary
+from flinders.terms import support
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -281,3 +284,17 @@ def test_any_array_library_gives_the_same(*, polish: bool) -> None:
         )
     for finding, there in expected.findings.items():
         assert np.asarray(found.findings[finding]).tolist() == there.tolist()
+
+
+def test_what_noise_pretends_is_the_same_from_sums_as_row_by_row() -> None:
+    """For long and flat ellipsoids too, and readings that count more than once or not at all."""
+    rng = np.random.default_rng(8)
+    directions = spheres(rng, 6, 90)
+    shapes = 50.0 * symmetric(np.array([1.0, 1, 1, 0, 0, 0]) + rng.normal(scale=0.15, size=(6, 6)))
+    centres, times = rng.normal(size=(6, 3)), rng.integers(0, 4, size=(6, 90)).astype(float)
+    readings = with_ones(np.swapaxes(directions @ shapes, 1, 2) + centres[:, :, None])
+    together = pretended(readings, times, centres, np.linalg.inv(shapes))
+    for found, u, shape, centre, many in zip(together, directions, shapes, centres, times, strict=True):
+        alone = support.pretended(u, Ellipsoid(centre, shape), many)
+        scale = np.sqrt(np.diag(alone))
+        np.testing.assert_allclose(found / np.outer(scale, scale), alone / np.outer(scale, scale), atol=1e-12)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,8 +29,6 @@ from flinders.fleet.run import run
 from flinders.fleet.tables import Asked
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from flinders.arrays import Floats
     from flinders.fleet.plan import Partition
 
@@ -159,15 +158,17 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
-    synced = []
+    write = Path.write_bytes
+    written: list[int] = []
 
-    def full(descriptor: int) -> None:
-        synced.append(descriptor)
-        if len(synced) > 3:
+    def full(path: Path, content: bytes) -> int:
+        written.append(write(path, content[: len(content) // (1 + len(written) // 2)]))
+        if len(written) > 2:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return written[-1]
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", full)
+        patch.setattr(Path, "write_bytes", full)
         with pytest.raises(OutputError, match=r"no space left.* 2 partitions are done, and kept: go on with --resume"):
             run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
@@ -189,6 +190,20 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
     told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
     assert told.resumed > 0
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: Path) -> None:
+    """One cut short, one emptied and one of zeros are found by their lengths and check sums."""
+    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    asked, out = Asked(), tmp_path / "out.parquet"
+    plan = plan_of(str(logs), asked)
+    parts = running.Parts.of(out, plan, resume=False, force=False)
+    paths = [parts.commit(place, work.done(each, asked=asked)) for place, each in enumerate(plan.partitions)]
+    held = [path.read_bytes() for path in paths]
+    for path, spoilt in zip(paths, (held[0][:-9], b"", bytes(len(held[2]))), strict=False):
+        path.write_bytes(spoilt)
+    assert run(str(logs), out, asked, workers=0, resume=True).resumed == len(paths) - 3 > 0
+    assert out.read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> None:

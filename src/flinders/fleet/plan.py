@@ -44,12 +44,16 @@ READABLE: Final = (*{suffix for reader in READERS for suffix in reader.suffixes}
 """Endings of files that are taken from a folder; a pattern takes what it names."""
 LARGEST: Final = 1_000_000
 """Rows that a partition holds in memory, 64 MB with times and what becomes of them."""
-SMALLEST: Final = 100_000
-"""Rows below which small files are put together into one partition."""
+SMALLEST: Final = 400_000
+"""Rows below which small files are put together into one partition: each costs a few milliseconds of its own."""
 MOST_PIECES: Final = 64
 """Files in a partition."""
 LEAST_PARTITIONS: Final = 64
 """Fewer of them, and workers would wait for each other: a small job has small partitions."""
+SHORT: Final = 100_000
+"""Rows that take a worker a tenth of a second: a job of few partitions is not cut into smaller ones,"""
+FEW_PARTITIONS: Final = 16
+"""unless there are fewer than that."""
 LOG_BYTES: Final = 1 << 24
 """Bytes of log files in a partition."""
 LOOKS: Final = 32
@@ -303,9 +307,15 @@ def _tables(tables: Sequence[_Surveyed], asked: Asked) -> Iterator[Partition]:
 
 
 def _packed(pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
-    """Put small pieces together, in order."""
+    """Put small pieces together, in order.
+
+    >>> files = [Piece(Member("part.parquet", "part.parquet", 0), (0,), rows) for rows in [20_000] * 200]
+    >>> [len([*_packed(files[:count])]) for count in (3, 32, 100, 200)]
+    [3, 16, 20, 40]
+    """
     held: list[Piece] = []
-    enough = min(SMALLEST, sum(piece.rows for piece in pieces) // LEAST_PARTITIONS)
+    every = sum(piece.rows for piece in pieces)
+    enough = min(SMALLEST, max(every // LEAST_PARTITIONS, min(SHORT, every // FEW_PARTITIONS)))
     for piece in pieces:
         rows = sum(each.rows for each in held)
         if held and (len(held) >= MOST_PIECES or rows >= enough or rows + piece.rows > LARGEST):

@@ -5,6 +5,10 @@ done: a file for each partition, which appears under its name when it is complet
 Whoever starts again with `resume` does what is missing; the table is the same to the last byte, also for another number
 of workers. The folder goes when the table is there. Of a table that goes to a store it lies in the working directory.
 
+The table is on the disk before it has its name; for parts nobody waits. What a program that was killed has left is
+whole. Of what a machine has left that lost its power parts may be missing, cut short or empty: the name of each tells
+its length and check sum, and one that has not got them is done again.
+
 >>> import tempfile
 >>> from pathlib import Path, PurePosixPath
 >>> from flinders.fleet.tables import Asked
@@ -20,8 +24,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import shutil
 import time
+import zlib
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -30,7 +36,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.errors import OutputError, UsageError
-from flinders.files import reason, refuse_existing, write_bytes, write_text
+from flinders.files import reason, refuse_existing, write_text
 from flinders.fleet import work
 from flinders.fleet.counts import Counts
 from flinders.fleet.engine import Lost, map_units
@@ -38,7 +44,7 @@ from flinders.fleet.log import Log
 from flinders.fleet.merge import merge
 from flinders.fleet.plan import Partition, Plan, plan_of
 from flinders.fleet.store import is_remote, put, refuse_object
-from flinders.fleet.table import VERDICTS, Rows, needs_arrow
+from flinders.fleet.table import VERDICTS, Rows, needs_arrow, rows_in
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -155,22 +161,23 @@ def run(
         refuse_object(far, force=force)
     plan = plan_of(where, asked)
     parts = Parts.of(out, plan, resume=resume, force=force)
-    missing = [place for place in range(len(plan.partitions)) if not parts.path(place).exists()]
-    resumed = len(plan.partitions) - len(missing)
+    kept = parts.kept()
+    resumed = len(kept)
+    missing = [place for place in range(len(plan.partitions)) if place not in kept]
     retried = 0
     with _kept(parts):
         log.event("planned", input=where, files=plan.files, partitions=len(plan.partitions), resumed=resumed)
         weights = [partition.weight for partition in plan.partitions]
         finished, rows = sum(weights) - sum(weights[place] for place in missing), 0
         for place, content, was_lost in _results(plan, missing, asked, workers, scheduler):
-            parts.commit(place, content)
-            count = len(Rows.from_bytes(content))
+            kept[place] = parts.commit(place, content)
+            count = rows_in(content)
             finished, rows, retried = finished + weights[place], rows + count, retried + was_lost
             log.event("partition", place=place, rows=count, lost=was_lost)
             if watch is not None:
                 watch(finished, sum(weights), rows)
         table = parts.folder / TABLE if far else out
-        merge([parts.path(place) for place in range(len(plan.partitions))], table)
+        merge([kept[place] for place in range(len(plan.partitions))], table)
         if far:
             put(parts.folder / TABLE, far)
     counted = Counts.of(table)
@@ -284,19 +291,48 @@ class Parts:
         held = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
         write_text(json.dumps(held) + "\n", path, force=True)
 
-    def path(self, place: int) -> Path:
-        """Where the rows of a partition are, once they are there."""
-        return self.folder / f"part-{place:07d}.arrow"
+    def kept(self) -> dict[int, Path]:
+        """Files of the partitions that are done; those that a power cut has spoilt are taken away.
 
-    def commit(self, place: int, content: bytes) -> None:
-        """Write the rows of a partition, all of them or none.
+        >>> import tempfile
+        >>> parts = Parts(Path(tempfile.mkdtemp()))
+        >>> paths = [parts.commit(place, b"rows") for place in range(3)]
+        >>> _ = paths[2].write_bytes(b"row")
+        >>> sorted(parts.kept()), paths[2].exists()
+        ([0, 1], False)
+        """
+        found = {}
+        for path in sorted(self.folder.glob("part-*.arrow")):
+            with contextlib.suppress(OSError):
+                place = int(path.name.split("-")[1])
+                if path == self._path(place, path.read_bytes()):
+                    found[place] = path
+                else:
+                    path.unlink()
+        return found
+
+    def _path(self, place: int, content: bytes) -> Path:
+        """Where the rows of a partition are, once they are there."""
+        return self.folder / f"part-{place:07d}-{len(content)}-{zlib.crc32(content):08x}.arrow"
+
+    def commit(self, place: int, content: bytes) -> Path:
+        """Write the rows of a partition, all of them or none, and return the file.
 
         Raises
         ------
         OutputError
             Where they cannot be written.
         """
-        write_bytes(content, self.path(place), force=True)
+        path = self._path(place, content)
+        temporary = self.folder / f".flinders-{secrets.token_hex(8)}.tmp"
+        try:
+            temporary.write_bytes(content)
+            return temporary.replace(path)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink()
 
     def remove(self) -> None:
         """Take it away; what cannot be taken away does no harm."""

@@ -329,6 +329,11 @@ class Rows:
         return cls.from_arrow(needs_arrow().ipc.open_file(content).read_all())
 
 
+def rows_in(content: bytes) -> int:
+    """How many rows there are in what `Rows.to_bytes` made."""
+    return int(needs_arrow().ipc.open_file(content).read_all().num_rows)
+
+
 NAMES: Final = tuple(field.name for field in dataclasses.fields(Rows))
 """The columns, in order."""
 VERDICTS: Final = ("good", "limited", "refused", "failed")
@@ -399,8 +404,12 @@ def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
         return arrow.FixedSizeListArray.from_arrays(flat, LISTS[name], mask=missing)
     if name in COUNTS:
         return arrow.array(column)
-    cells = [list(cell) for cell in column] if name == "findings" else column.tolist()
-    return arrow.array(cells, type=schema().field(name).type)
+    kind = schema().field(name).type
+    if name == "findings":  # few combinations, each of which many rows have
+        kinds: dict[tuple[str, ...], int] = {}
+        places = [kinds.setdefault(cell, len(kinds)) for cell in column.tolist()]
+        return arrow.array(map(list, kinds), type=kind, size=len(kinds)).take(arrow.array(places, arrow.int64()))
+    return arrow.array(column, type=kind)
 
 
 def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401

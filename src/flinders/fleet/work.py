@@ -17,7 +17,7 @@ import contextlib
 import math
 from collections import Counter, defaultdict
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from flinders.stacked import Lined, fit_stack
 from flinders.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Hashable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -46,9 +46,6 @@ if TYPE_CHECKING:
     from flinders.units import Unit
 
 Pair = tuple[str, str]
-
-WORTH: Final = 64
-"""Recordings of one table of several from which on it is worth while to fit them by themselves."""
 
 
 class LostWorker(InputError):
@@ -275,17 +272,21 @@ def _of_tables(partition: Partition, asked: Asked) -> Rows:
     if partition.rows <= LARGEST:
         return _taken(partition, asked)
     counts: Counter[Pair] = Counter()
+    sound: list[Piece] = []
+    failed: list[Row] = []
     for piece in partition.pieces:
         try:
             with opened(piece.member, asked) as file:
                 counts += KeyedTable.of(file, asked).counts(piece.groups, Names())
-        except FlindersError:  # its row comes with the first of what fits into memory
-            continue
+            sound.append(piece)
+        except FlindersError as error:
+            failed.append(_failed(piece, error))
     wanted = {pair: rows for pair, rows in sorted(counts.items()) if _is_wanted(partition, pair[0])}
-    stacks = _stacks({pair: rows for pair, rows in wanted.items() if rows <= LARGEST}) or [set()]
-    found = [_taken(partition, asked, some.__contains__, is_first=some is stacks[0]) for some in stacks]
+    stacks = _stacks({pair: rows for pair, rows in wanted.items() if rows <= LARGEST})
+    held = replace(partition, pieces=tuple(sound))
+    found = [_taken(held, asked, some.__contains__, is_first=some is stacks[0]) for some in stacks]
     streamed = [_streamed(partition, pair, rows, asked) for pair, rows in wanted.items() if rows > LARGEST]
-    return Rows.joined([*found, Rows.of(streamed)])
+    return Rows.joined([*found, Rows.of(failed + streamed)])
 
 
 def of_table(table: KeyedTable, partition: Partition, asked: Asked) -> Rows:
@@ -316,7 +317,7 @@ def _stacks(counts: dict[Pair, int]) -> list[set[Pair]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Lot:
-    """The readings that one piece has of recordings.
+    """The readings that one piece, or several, have of recordings.
 
     Attributes
     ----------
@@ -326,19 +327,46 @@ class _Lot:
         The readings that can be used.
     rows : (R,) int
         How many rows each has.
-    start_s : float, s
-        What times count from.
+    start_s : (R,) float, s
+        What times of each count from.
     """
 
     pairs: Sequence[Pair]
     lined: Lined
     rows: NDArray[np.int64]
-    start_s: float
+    start_s: Floats
+
+    @classmethod
+    def joined(cls, lots: Sequence[_Lot]) -> list[_Lot]:
+        """Put those together that may be fitted together: more of them at a time, and each costs less."""
+        alike: dict[Hashable, list[_Lot]] = defaultdict(list)
+        for place, lot in enumerate(lots):
+            whole = lot.lined.whole
+            is_bare = whole.strength is None and not whole.skipped
+            alike[(whole.unit, whole.axes, whole.time is None) if is_bare else place].append(lot)
+        return [each[0] if len(each) == 1 else cls._one(each) for each in alike.values()]
+
+    @classmethod
+    def _one(cls, lots: Sequence[_Lot]) -> _Lot:
+        """Recordings of readings and times in the same unit and axes, one after the other."""
+        wholes = [lot.lined.whole for lot in lots]
+        field = np.concatenate([whole.field.T for whole in wholes], axis=1).T
+        times = [whole.time for whole in wholes if whole.time is not None]
+        above = np.cumsum([0, *(len(whole) for whole in wholes[:-1])])
+        ends = np.concatenate([lot.lined.ends + shift for lot, shift in zip(lots, above, strict=True)])
+        whole = replace(wholes[0], field=field, time=np.concatenate(times) if times else None)
+        sources = [source for lot in lots for source in lot.lined.sources]
+        return cls(
+            [pair for lot in lots for pair in lot.pairs],
+            Lined(whole, ends, sources),
+            np.concatenate([lot.rows for lot in lots]),
+            np.concatenate([lot.start_s for lot in lots]),
+        )
 
     def jobs(self) -> Iterator[Job]:
         """One by one."""
-        for pair, samples, rows in zip(self.pairs, self.lined, self.rows.tolist(), strict=True):
-            yield Job(*pair, samples, rows, self.start_s)
+        columns = zip(self.pairs, self.lined, self.rows.tolist(), self.start_s.tolist(), strict=True)
+        yield from (Job(*pair, samples, rows, start_s) for pair, samples, rows, start_s in columns)
 
     @property
     def spans(self) -> Floats:
@@ -348,8 +376,8 @@ class _Lot:
         if time is not None:
             there = self.lined.counts > 0
             ends = self.lined.ends[there]
-            spans[there, 0] = self.start_s + time[ends - self.lined.counts[there]]
-            spans[there, 1] = self.start_s + time[ends - 1]
+            spans[there, 0] = self.start_s[there] + time[ends - self.lined.counts[there]]
+            spans[there, 1] = self.start_s[there] + time[ends - 1]
         return spans
 
 
@@ -370,7 +398,7 @@ def _taken(
     whole: list[_Lot] = []
     parts: dict[Pair, list[Job]] = defaultdict(list)
     for lot in lots:
-        if len(lots) == 1 or (len(lot.pairs) >= WORTH and all(held[pair] == 1 for pair in lot.pairs)):
+        if all(held[pair] == 1 for pair in lot.pairs):
             whole.append(lot)
         else:
             for job in lot.jobs():
@@ -378,7 +406,8 @@ def _taken(
     jobs = [_gathered(each) for _, each in sorted(parts.items())]
     rows = [job for job in jobs if isinstance(job, Row)]
     rest = fitted([job for job in jobs if isinstance(job, Job)], asked)
-    return Rows.joined([Rows.of(failed + rows), rest, *(_lined(lot, asked) for lot in whole)])
+    del lots
+    return Rows.joined([Rows.of(failed + rows), rest, *(_lined(lot, asked) for lot in _Lot.joined(whole))])
 
 
 class Wanted:
@@ -399,6 +428,8 @@ class Wanted:
 
     def mask(self, numbers: Any) -> Any:  # noqa: ANN401 - arrays
         """(B,) which of these are taken."""
+        if self._partition.only is None and not self._partition.without and self._is_taken is None:
+            return np.ones(numbers.shape, dtype=bool)
         distinct, places = np.unique(numbers, return_inverse=True)
         return np.array([self._one(number) for number in distinct.tolist()], dtype=bool)[places]
 
@@ -437,7 +468,7 @@ def _lot(table: KeyedTable, piece: Piece, wanted: Wanted) -> _Lot:
         read, ends = read[:, usable], np.concatenate([[0], np.cumsum(usable)])[ends]
     pairs = [wanted.names.pair(number) for number in runs.numbers.tolist()]
     lined = Lined(table.samples(read, piece.member.name), ends, [" ".join(filter(None, pair)) for pair in pairs])
-    return _Lot(pairs, lined, runs.lengths, table.start_s)
+    return _Lot(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s))
 
 
 def _gathered(parts: Sequence[Job]) -> Job | Row:

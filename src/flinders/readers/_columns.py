@@ -162,8 +162,11 @@ class Columns:
         return replace(self, beside=others, left_out=(*self.left_out, reason))
 
     def taken(self, values: Floats, column: Column) -> Floats:
-        """Pick one of the columns from what was read of `cells`."""
-        return values[:, [self.cells.index(cell) for cell in column.cells]]
+        """Pick one of the columns from what was read of `cells`; a view where that lies column by column, in order."""
+        places = [self.cells.index(cell) for cell in column.cells]
+        if values.flags.fnc and places == list(range(places[0], places[0] + len(places))):
+            return values[:, places[0] : places[0] + len(places)]
+        return values[:, places]
 
     def told(self, unit: str) -> str:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
@@ -211,7 +214,9 @@ class Columns:
             return None
         with np.errstate(over="ignore"):
             taken = (self.taken(values, column) - column.start) * column.factor
-        taken[np.isinf(taken)] = np.nan
+        infinite = np.isinf(taken)
+        if infinite.any():
+            taken[infinite] = np.nan
         return taken[:, 0] if len(column.cells) == 1 and kind not in OF_MOTORS else taken
 
 

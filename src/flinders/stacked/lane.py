@@ -313,8 +313,7 @@ def _weighed_thrice(directions: Array, many: Array, inverse: Array, radius: Arra
 
 def _pretended(centre: Array, shape: Array, directions: Array, many: Array, inverse: Array) -> Array:
     """What noise pretends at (u, 3, W) directions with so many readings each, as `pretended`."""
-    readings = with_ones(centre[:, :, None] + shape @ directions)
-    return pretended(readings, namespace(many).sqrt(many), centre, inverse)
+    return pretended(with_ones(centre[:, :, None] + shape @ directions), many, centre, inverse)
 
 
 def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, dip_deg: float) -> Lane:

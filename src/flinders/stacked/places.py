@@ -264,9 +264,15 @@ def _has_hole(means: Means, unit: Array, cell: Array, units: int) -> Array:
     Of others it is known that a direction lies nearer.
     """
     xp = namespace(means.directions)
-    directions, counts = means.table(unit, units)  # what fills rows up comes last, and its first direction is one
-    middles = xp.take(like(CELLS, directions), cell, axis=0)[:, None, :]
-    across = (middles @ directions)[:, 0, :] - 3.0 * xp.astype(counts == 0.0, directions.dtype)
-    nearest = xp.clip(xp.max(across, axis=1), -1.0, 1.0)
+    first = xp.searchsorted(unit, xp.arange(units + 1, device=unit.device))
+    (some,) = xp.nonzero(first[1:] > first[:-1])
+    begin, many = xp.take(first, some), xp.take(first[1:] - first[:-1], some)
+    place = xp.arange(int(xp.max(many)), device=unit.device)[None, :]
+    at = begin[:, None] + xp.minimum(place, many[:, None] - 1)  # the last again and again fills rows up
+    directions, counts = means.table(some, units)
+    middles = xp.take(like(CELLS, directions), xp.take(cell, xp.reshape(at, (-1,))), axis=0)
+    across = xp.reshape(middles, (*at.shape, 3)) @ directions
+    across -= 3.0 * xp.astype(counts == 0.0, directions.dtype)[:, None, :]
+    nearest = xp.clip(xp.min(xp.max(across, axis=2), axis=1), -1.0, 1.0)
     hole = xp.astype(xp.acos(nearest) * (180.0 / np.pi) > HOLE_DEG, directions.dtype)
-    return counted_in(unit, units, hole) > 0.0
+    return counted_in(some, units, hole) > 0.0

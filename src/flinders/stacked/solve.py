@@ -612,38 +612,80 @@ class Supports:
 
 
 def pretended(readings: Array, inside: Array | None, centre: Array, inverse: Array) -> Array:
-    """(u, 9, 9) information that noise pretends, for a unit of its variance, as `support.pretended`."""
-    xp = namespace(readings)
-    _, unit, normal, steepness, _ = surface(readings, centre, inverse)
-    total = xp.zeros((readings.shape[0], 9, 9), dtype=readings.dtype, device=readings.device)
-    for tangent in _tangents(normal):
-        along = turned(inverse, tangent)
-        change = turned(inverse, along)
-        across = normal[:, 0, :] * change[:, 0, :]
-        across += normal[:, 1, :] * change[:, 1, :]
-        across += normal[:, 2, :] * change[:, 2, :]
-        bent = (change - normal * across[:, None, :]) * (1.0 / steepness)[:, None, :]
-        rows = gathered(bent, unit)
-        rows[:, 3:, :] += gathered(normal, along)[:, 3:, :]
-        if inside is not None:
-            rows *= inside[:, None, :]
-        total += rows @ xp.matrix_transpose(rows)
-    return total
+    """(u, 9, 9) information that noise pretends, for a unit of its variance, as `support.pretended`.
 
+    A direction t along the surface, at right angles to the normal n, turns the row of a reading in the direction u by
+    f = (B t − (uᵀV³t/|Vu|²) T z)/|Vu|, see `carriers`, with B t = ``gathered(V²t, u) + gathered(Vu, Vt)``, of which the
+    last counts for the shape only. With B V u = C z and B V³u = D z, what two such directions give is the sum over all
+    less that of n: products of monomials in four weights, and no row of any reading.
 
-def _tangents(normal: Array) -> tuple[Array, Array]:
-    """Two (u, 3, N) unit vectors along the surface at each of its normals.
-
-    Any two at right angles give the same sum of squares; these have no case to tell apart (Duff et al., Building an
-    orthonormal basis, revisited, J. Comput. Graph. Tech. 6 (2017)).
+    Parameters
+    ----------
+    readings : (u, 4, N)
+    inside : (u, N), optional
+        How often each counts.
+    centre, inverse : (u, 3), (u, 3, 3)
     """
-    xp = namespace(normal)
-    x, y, z = normal[:, 0, :], normal[:, 1, :], normal[:, 2, :]
-    sign = signs(z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    first = xp.stack([1.0 + sign * x * x * a, sign * b, -sign * x], axis=1)
-    return first, xp.stack([b, sign + y * y * a, -y], axis=1)
+    xp = namespace(readings)
+    unit = turned(moving(inverse, centre), readings)
+    unit *= (1.0 / lengths(unit))[:, None, :]
+    normal = turned(inverse, unit)
+    along = turned(inverse, normal)
+    flat, once, twice = 1.0 / squares(normal), squares(along), squares(turned(inverse, along))
+    weights = [flat if inside is None else flat * inside]
+    weights.append(weights[0] * flat)
+    weights.append(weights[1] * (once * flat))
+    weights.append(weights[1] * flat * (twice - once * once * flat))
+    rows = monomials(unit)
+    first, second, third, fourth = (
+        weighed(rows @ xp.matrix_transpose(rows[:, ENOUGH, :] * weight[:, None, :])) for weight in weights
+    )
+    square = inverse @ inverse
+    normals, c, d = carriers(inverse), _along(inverse, square, inverse), _along(inverse, square, square @ inverse)
+    mixed = (c @ third - d @ second) @ xp.matrix_transpose(normals)
+    found = normals @ fourth @ xp.matrix_transpose(normals) - c @ second @ xp.matrix_transpose(c)
+    return _turning(inverse, square, first) + found + mixed + xp.matrix_transpose(mixed)
+
+
+_PAIRED: Final = np.zeros((9, 6))
+_PAIRED[np.arange(9), [0, 5, 4, 5, 1, 3, 4, 3, 2]] = 1.0
+"""Which product of two coordinates is which of the last six `monomials`."""
+_ONE, _OTHER = np.divmod(np.arange(9), 3)
+
+
+def _paired(one: Array, other: Array) -> Array:
+    """(u, 6, 9) what (u, 3, 3) matrices X and Y give of ``gathered(X a, Y b)`` for the shape, by products aᵢ bⱼ."""
+    xp = namespace(one)
+    left, right = xp.take(one, like(_ONE, one), axis=2), xp.take(other, like(_OTHER, other), axis=2)
+    return gathered(left, right)[:, 3:, :]
+
+
+def _along(inverse: Array, square: Array, power: Array) -> Array:
+    """(u, 9, 9) matrices C that give B Vᵏu = C z of `monomials` z of u, for the (u, 3, 3) `power` Vᵏ."""
+    xp = namespace(inverse)
+    same = xp.zeros_like(inverse) + like(np.eye(3), inverse)
+    products = _paired(square @ power, same) + _paired(inverse, inverse @ power)
+    carried = xp.zeros((inverse.shape[0], 9, 9), dtype=inverse.dtype, device=inverse.device)
+    carried[:, :3, :3] = square @ power
+    carried[:, 3:, 3:] = products @ like(_PAIRED, products)
+    return carried
+
+
+def _turning(inverse: Array, square: Array, sums: Array) -> Array:
+    """(u, 9, 9) Σ w B Bᵀ from (u, 9, 9) Σ w zzᵀ; B is V² for the offset, and linear in u for the shape."""
+    xp = namespace(inverse)
+    same = xp.zeros_like(inverse) + like(np.eye(3), inverse)
+    second, first = sums[:, :3, :3], xp.sum(sums[:, :3, 3:6], axis=2)
+    of_steps, of_turns = (xp.reshape(_paired(*both), (-1, 6, 3, 3)) for both in ((square, same), (inverse, inverse)))
+    linear = of_steps + xp.matrix_transpose(of_turns)  # by the axis of t, then of u
+    found = xp.zeros_like(sums)
+    found[:, :3, :3] = xp.linalg.trace(second)[:, None, None] * (square @ square)
+    for axis in range(3):
+        own = linear[:, :, axis, :]
+        found[:, :3, 3:] += square[:, :, axis, None] * applied(own, first)[:, None, :]
+        found[:, 3:, 3:] += own @ second @ xp.matrix_transpose(own)
+    found[:, 3:, :3] = xp.matrix_transpose(found[:, :3, 3:])
+    return found
 
 
 @dataclass(frozen=True, eq=False)
