@@ -236,7 +236,8 @@ def solve(
     delay : bool
         Whether to find by how much the magnetometer is behind the gyro.
     gyro_scale : float
-        What the scales of the gyro may be off by, 1 σ, and its axes from square, in rad: they are found with the rest.
+        What the scales of the gyro may be off by, 1 σ, and its axes from square and from those of an accelerometer, in
+        rad: they are found with the rest.
         0 where that gyro has been calibrated. Scales that come out at more than `FAR_SCALES` times as much tell of
         something else that is wrong; they are then held, and `Aided.scales_off` says what they were.
     acceleration_bias : float
