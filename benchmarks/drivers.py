@@ -133,17 +133,29 @@ def parted(seed: int, apart: float) -> Flown:
     return Flown(recording, recording.samples, per_unit)
 
 
-def metered(seed: int, meter: Callable[[Floats, np.random.Generator], Floats]) -> Flown:
+def metered(seed: int, meter: Callable[[Floats, np.random.Generator], Floats], lag_s: float = 0.0) -> Flown:
     """Fly a minute by the current that another meter tells."""
-    one = flown(seed, ("current",))
+    one = flown(seed, ("current",), lag_s=lag_s)
     assert one.samples.current is not None
     told = meter(one.samples.current, np.random.default_rng([2028, seed]))
     return replace(one, samples=replace(one.samples, current=told))
 
 
+def metered_motors(seed: int, lag_s: float = 0.0) -> Flown:
+    """Fly a minute with four motors, each with a meter with noise of 1 A, that come so much later."""
+    one = parted(seed, 0.1)
+    time, currents = one.samples.time, one.samples.currents
+    assert time is not None
+    assert currents is not None
+    early = np.stack([lagged(column, time, -lag_s) for column in currents.T], axis=1)
+    return replace(
+        one, samples=replace(one.samples, currents=noisy(early, np.random.default_rng([2029, seed]))), lag_s=lag_s
+    )
+
+
 def noisy(current: Floats, rng: np.random.Generator) -> Floats:
     """A meter with noise of 1 A."""
-    return current + rng.normal(size=len(current))
+    return current + rng.normal(size=current.shape)
 
 
 def holding(current: Floats, _rng: np.random.Generator) -> Floats:
@@ -167,6 +179,9 @@ CASES: Final[dict[str, Callable[[int], Flown]]] = {
     "four motors, 10 % apart": partial(parted, apart=0.1),
     "four motors, 2 % apart": partial(parted, apart=0.02),
     "current, meter with noise of 1 A": partial(metered, meter=noisy),
+    "the same, lag 0.13 s": partial(metered, meter=noisy, lag_s=LAG_S),
+    "four motors, 10 % apart, meters with noise of 1 A": metered_motors,
+    "the same with a lag of 0.13 s": partial(metered_motors, lag_s=LAG_S),
     "current, meter that tells twice a second": partial(metered, meter=holding),
     "current, in whole amperes": partial(metered, meter=rounded),
 }

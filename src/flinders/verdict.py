@@ -65,7 +65,7 @@ CODES: Final = {
     "driver-entangled": "`number` of what tells about a driver could be the attitude as well",
     "driver-alike": "drivers rise and fall together: `number` of the course of one follows from the others",
     "driver-one-way": "`number` of a driver's course goes one way: an offset that drifts would look the same",
-    "driver-noisy": "the meter of a driver is noisy: its offset per unit is `number` too small",
+    "driver-noisy": "meters of drivers are noisy: the offset per unit of one is `number` too small",
     "driver-lag": "the end of the search for a lag, `number` seconds, is best",
     "driver-range": "a driver was recorded at `number`, which its unit or its sign hardly allows",
     "driver-reference": "the offset is told for a reference `number` of a driver's range outside of that range",
@@ -166,6 +166,8 @@ UPSIDE_DOWN: Final = 180.0
 def of_drivers(fit: Fit) -> Iterator[Finding]:
     """What there is to know of each thing that the offset follows."""
     yield from of_alike(fit.driven)
+    yield from of_noisy(fit.driven)
+    family = [driven.name for driven in fit.driven if driven.driver is not None and motor(driven.name)[1]]
     for driven in fit.driven:
         driver = driven.driver
         if driver is None:
@@ -177,13 +179,15 @@ def of_drivers(fit: Fit) -> Iterator[Finding]:
             )  # fmt: skip
             continue
         at = f"at {driver.amount(driver.farthest)}"
+        running = ", the other motors running along as they did then" if family[1:] and driver.name in family else ""
         noise = "" if fit.noise_undriven is None else (
             f"; without, readings lie {figures(fit.noise_undriven)} off instead of {figures(fit.noise)}"
         )  # fmt: skip
         yield Finding(
             "driver", "note", driven.taken_deg, 0.0,
             f"the offset follows {driver} ({label(fit.calibration.unit)}): that takes away up to "
-            f"{figures(driven.taken_deg)}° of heading {at}, {figures(driven.left_deg)}° of it left (1 σ){noise}",
+            f"{figures(driven.taken_deg)}° of heading {at}, {figures(driven.left_deg)}° of it left "
+            f"(1 σ{running}){noise}",
         )  # fmt: skip
         if driven.left_deg > fit.target_deg:
             yield Finding(
@@ -214,6 +218,23 @@ def of_alike(driven: Sequence[Driven]) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def of_noisy(driven: Sequence[Driven]) -> Iterator[Finding]:
+    """Whether meters of drivers are noisy: one finding for all of them."""
+    noisy = [one for one in driven if one.driver is not None and one.attenuation > NOISY]
+    if noisy:
+        names, most = ", ".join(one.name for one in noisy), max(one.attenuation for one in noisy)
+        what = "its meter is noisy, and what was found of it is" if len(noisy) == 1 else (
+            "their meters are noisy, and what was found of each is, by its own course,"
+        )  # fmt: skip
+        least = min(one.attenuation for one in noisy)
+        share = f"{most:.0%}" if f"{least:.0%}" == f"{most:.0%}" else f"{100.0 * least:.0f} to {most:.0%}"
+        yield Finding(
+            "driver-noisy", "limits", most, NOISY,
+            f"readings do not follow fast changes of {names}: {what} about {share} too small; log "
+            f"{'a smoother ' + names if len(noisy) == 1 else 'them smoother'}, or hold each setting for longer",
+        )  # fmt: skip
+
+
 def of_column(driven: Driven, *, unsaid_deg: float = 0.0) -> Iterator[Finding]:
     """Whether what was logged of a driver is fit to be followed; of a turned sensor or of one on a bench.
 
@@ -227,12 +248,6 @@ def of_column(driven: Driven, *, unsaid_deg: float = 0.0) -> Iterator[Finding]:
             "driver-one-way", "limits", driven.one_way, ONE_WAY,
             f"{name} only went one way while this was recorded: an offset that drifts, or a sensor that moved, would "
             f"look the same; let {name} go up and down again while recording",
-        )  # fmt: skip
-    if driven.attenuation > NOISY:
-        yield Finding(
-            "driver-noisy", "limits", driven.attenuation, NOISY,
-            f"readings do not follow fast changes of {name}: its meter is noisy, and what was found of it is about "
-            f"{driven.attenuation:.0%} too small; log a smoother {name}, or hold each setting for longer",
         )  # fmt: skip
     if driven.lag_is_beyond:
         yield Finding(

@@ -18,10 +18,13 @@ from flinders.conventions.ardupilot import Parameters as ArduPilot
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
 from flinders.estimators.meters import noise_of
+from flinders.evaluation import evaluate
+from flinders.judged import Judged
 from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.simulate import table
-from flinders.verdict import CODES, of_column
+from flinders.simulate.truth import Truth
+from flinders.verdict import CODES, of_column, of_noisy
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -139,6 +142,73 @@ def test_an_exact_meter_does_not_widen_a_claim() -> None:
     assert noise_of(settings, rng.normal(size=3000), np.ones(3000)).square == 0.0
 
 
+def metered(seed: int, rate_hz: float, lag_s: float, noise: float) -> Samples:
+    """A minute in which a current wanders, by a meter with so much noise in A, whose readings come so much later."""
+    simulated = simulate.tumble(seed=seed, n=1500, rate_hz=rate_hz)
+    time, rng = simulated.samples.time, np.random.default_rng([31, seed])
+    assert time is not None
+    often = np.arange(time[0] - 2.0, time[-1] + 2.0, 0.01)
+    slow = np.convolve(rng.normal(size=len(often) + 200), np.hanning(201) / np.linalg.norm(np.hanning(201)), "valid")
+    drawn, late = (10.0 + 3.0 * np.interp(time - lag, often, slow) for lag in (0.0, lag_s))
+    field = simulated.samples.field + np.outer(late, PER_AMPERE)
+    return replace(simulated.samples, field=field, current=drawn + rng.normal(scale=noise, size=len(time)))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("readings", [0.0, 0.5, 2.5, 3.0])
+def test_a_noisy_meter_makes_no_lag_and_hides_none(readings: float, noise: float) -> None:
+    """Seeds 0 to 9: between two readings interpolation halves the noise, so that a lag by half of one would fit."""
+    scores = []
+    for seed in range(10):
+        found = driving_of([metered(seed, 25.0, readings / 25.0, noise)], ("current",))
+        scores.append((found.drivers[0].lag_s - readings / 25.0) / found.found[0].lag_sigma_s)
+        assert found.drivers[0].lag_s == 0.0 or readings
+    assert np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def test_a_noisy_meter_on_the_bench_makes_no_lag() -> None:
+    for seed in range(10):
+        found = still([bench(RUNS, noise=1.0, seed=seed)], ["current"])
+        assert found is not None
+        assert found.drivers[0].lag_s == 0.0
+
+
+ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
+"""µT/A of four motors."""
+
+
+def by_four(seed: int, noise: float) -> simulate.Simulated:
+    """A minute with four motors that hardly part, by meters with so much noise in A."""
+    return simulate.tumble(seed=seed, disturbances=[simulate.Motors(ARMS, apart=0.05, noise=noise)])
+
+
+def test_noisy_meters_of_motors_that_go_together_are_in_the_claim() -> None:
+    """Seeds 0 to 9: little but noise parts these motors. Of P, and of the heading where none runs."""
+    nees, ratios = [], []
+    for seed in range(10):
+        flight = by_four(seed, 0.3)
+        fit = followed(flight.samples, "currents")
+        assert fit.drivers_covariance is not None
+        error = np.concatenate([driver.per_unit for driver in fit.calibration.drivers]) - ARMS.ravel()
+        nees.append(error @ np.linalg.solve(fit.drivers_covariance[9:, 9:], error) / len(error))
+        ratios.append(evaluate(Judged.from_fit(fit), Truth.of(flight)).heading_ratio)
+    assert np.mean(nees) < 1.6
+    assert np.sqrt(np.mean(np.square(np.array(ratios, float)))) < 1.5
+
+
+def test_noisy_meters_of_several_motors_are_one_finding_that_names_all() -> None:
+    fit = followed(by_four(1, 1.0).samples, "currents")
+    [told] = [finding for finding in fit.findings if finding.code == "driver-noisy"]
+    noisy = [driven.name for driven in fit.driven if driven.attenuation > told.limit]
+    assert len(noisy) > 1
+    assert f"{', '.join(noisy)}: their meters are noisy" in told.advice
+    assert told.number == max(driven.attenuation for driven in fit.driven)
+    notes = [finding.advice for finding in fit.findings if finding.code == "driver"]
+    assert all("of it left (1 σ, the other motors running along as they did then)" in note for note in notes)
+    alone = next(one.advice for one in followed(flown(), "current").findings if one.code == "driver")
+    assert "other motors" not in alone
+
+
 def test_two_drivers_that_go_together_are_named() -> None:
     samples = flown()
     together = replace(samples, throttle=np.clip(current_of(samples) / 20.0, 0.0, 1.0))
@@ -166,7 +236,8 @@ RUNS: Final = 10.0 - 10.0 * np.cos(np.arange(600) / 600 * 4.0 * np.pi)
 def of_bench(samples: Samples) -> set[str]:
     found = still([samples], ["current"])
     assert found is not None
-    return {one.code for one in (*found.findings, *(one for each in found.driven for one in of_column(each)))}
+    columns = (one for each in found.driven for one in of_column(each))
+    return {one.code for one in (*found.findings, *of_noisy(found.driven), *columns)}
 
 
 def test_a_good_bench_has_no_findings_and_true_claims() -> None:

@@ -175,7 +175,7 @@ def bench(
     from flinders.judged import Judged
     from flinders.samples import singles
     from flinders.units import label
-    from flinders.verdict import of_alike, of_column
+    from flinders.verdict import of_alike, of_column, of_noisy
 
     parts = list(singles(recording))
     found = still(parts, drivers)
@@ -186,14 +186,16 @@ def bench(
     known = Judged.load(previous)
     refuse_other_axes(known.calibration, parts, previous)
     calibration = found.onto(known.calibration)
+    alone = "; it alone running" if len(found.drivers) > 1 else ""
     for driver in found.drivers:
         cost = figures(min(calibration.driven_deg(driver), 180.0))
         left = figures(_left_deg(found, calibration, driver.name))
         far = driver.amount(driver.farthest)
-        say(f"{driver} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°)")
+        say(f"{driver} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°{alone})")
     findings = [
         *found.findings,
         *of_alike(found.driven),
+        *of_noisy(found.driven),
         *(finding for driven in found.driven for finding in of_column(driven)),
     ]
     for finding in findings:

@@ -33,9 +33,9 @@ from flinders.drivers import Driver
 from flinders.errors import counted, figures
 from flinders.estimators.correlation import Residuals
 from flinders.estimators.curves import curvature
-from flinders.estimators.lags import grid_of, kept, lagging, profile
+from flinders.estimators.lags import Shifted, grid_of, kept, lagging, profile, scattered
 from flinders.estimators.logged import Logged
-from flinders.estimators.meters import alike, attenuation, noise_of, one_way, rounding
+from flinders.estimators.meters import Meter, alike, attenuation, noise_of, one_way, rounding, widened
 from flinders.estimators.settling import WEAK
 from flinders.result import Driven, Finding
 from flinders.terms.equations import NormalEquations
@@ -147,7 +147,7 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     departures = logged.departures(moving, seconds)
     left, _, design = _line(logged.field, departures)
     noise = float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
-    if not _is_still(logged.field, noise):
+    if not _is_still(logged.field, min(noise, _quiet(logged, moving))):
         return None
     believed = noise**2 * _precision(logged.field, departures)
     shifts = np.linalg.solve(design.T @ design + believed, design.T @ logged.field)[:-1]
@@ -158,7 +158,7 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     )
     made = float(np.sqrt(np.var(departures @ shifts, axis=0).sum()))
     driven = tuple(_driven(driver, place, departures, left, lags) for place, driver in enumerate(drivers))
-    covariance = _covariance(left, design, believed) + _metered(logged, departures, left, drivers)
+    covariance = _metered(logged, departures, left, drivers, _covariance(left, design, believed))
     tilted = _tilted_deg(_felt(recordings, logged), departures)
     return Still(drivers, covariance, noise, made, constant, driven, _step(left), tilted)
 
@@ -180,6 +180,14 @@ def _is_still(readings: Floats, noise: float) -> bool:
     if noise > UNMOVED * length:
         return False
     return scatter <= UNMOVED * length or noise**2 < (1.0 - SHARES) * scatter**2
+
+
+def _quiet(logged: Logged, names: tuple[str, ...]) -> float:
+    """What a line in smoothed columns leaves of an axis, 1 σ, where there are times: a noisy meter is no turn."""
+    if not (names and logged.is_timed):
+        return np.inf
+    left, _, design = _line(logged.field, Shifted(logged, names, (), {})(0.0))
+    return float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
 
 
 def _line(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floats]:
@@ -214,17 +222,20 @@ def _covariance(left: Floats, design: Floats, believed: Floats | None = None) ->
     return blocks.reshape(3 * count, 3 * count)
 
 
-def _metered(logged: Logged, departures: Floats, left: Floats, drivers: Sequence[Driver]) -> Floats:
-    """(3 K, 3 K) by what the noise of meters moves the slopes, squared, as in `flinders.estimators.driving`."""
+def _metered(logged: Logged, departures: Floats, left: Floats, drivers: Sequence[Driver], covariance: Floats) -> Floats:
+    """(3 K, 3 K) covariance of the slopes with what the noise of meters adds to it."""
     about = departures - departures.mean(axis=0)
-    inverse = np.linalg.pinv(about.T @ about, hermitian=True)
-    widening = np.zeros((3 * len(drivers), 3 * len(drivers)))
-    for place, driver in enumerate(drivers):
-        off = np.outer(len(left) * inverse[:, place], driver.per_unit).ravel()
-        meter = noise_of(departures[:, place], *_along(driver, left))
-        rounded, _ = rounding(logged.values[driver.name])
-        widening += (meter.square + rounded**2) * np.outer(off, off)
-    return widening
+    inverse = np.kron(np.linalg.pinv(about.T @ about, hermitian=True), np.eye(3))
+    meters = [
+        Meter(
+            noise_of(departures[:, place], *_along(driver, left)),
+            rounding(logged.values[driver.name])[0],
+            np.sqrt(len(left)) * np.eye(3 * len(drivers))[:, 3 * place : 3 * place + 3],
+        )
+        for place, driver in enumerate(drivers)
+    ]
+    found = np.concatenate([np.zeros(0), *(driver.per_unit for driver in drivers)])
+    return widened(covariance, inverse, found, meters)
 
 
 def _along(driver: Driver, left: Floats) -> tuple[Floats, Floats]:
@@ -238,7 +249,8 @@ def _lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
     """The best lag of each motor."""
     lags: dict[str, Lag] = {}
     for late in lagging(names) if logged.is_timed else ():
-        lag = profile(late[0], _Cost(logged, names, late, kept(lags)), grid_of(logged.step_s))
+        cost = _Cost(logged, Shifted(logged, names, late, kept(lags)))
+        lag = cost.scattered(profile(late[0], cost, grid_of(logged.step_s)))
         lags |= {name: replace(lag, name=name) for name in late}
     return lags
 
@@ -246,8 +258,8 @@ def _lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
 class _Cost:
     """χ² that a straight line leaves, in the variance that the best lag leaves."""
 
-    def __init__(self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float]) -> None:
-        self._logged, self._names, self._late, self._lags = logged, names, late, lags
+    def __init__(self, logged: Logged, shifted: Shifted) -> None:
+        self._field, self._shifted = logged.field, shifted
         least = min(float(np.sum(self._left(lag) ** 2)) for lag in grid_of(logged.step_s))
         self._variance = max(least / (3.0 * len(logged.field)), 1e-300)
 
@@ -255,10 +267,16 @@ class _Cost:
         """χ² at a lag in s."""
         return float(np.sum(self._left(lag_s) ** 2)) / self._variance
 
+    def scattered(self, lag: Lag) -> Lag:
+        """The same lag with the standard deviation that what it leaves allows."""
+        left, slopes, design = _line(self._field, self._shifted(lag.seconds))
+        moved = self._shifted.slope(lag.seconds) @ slopes
+        moved -= design @ np.linalg.lstsq(design, moved, rcond=None)[0]
+        return scattered(lag, left.T, moved.T, self._variance)
+
     def _left(self, lag_s: float) -> Floats:
         """(N, 3) what a line leaves."""
-        lags = self._lags | dict.fromkeys(self._late, lag_s)
-        return _line(self._logged.field, self._logged.departures(self._names, lags))[0]
+        return _line(self._field, self._shifted(lag_s))[0]
 
 
 def _driven(driver: Driver, place: int, drivers: Floats, left: Floats, lags: dict[str, Lag]) -> Driven:
@@ -270,7 +288,7 @@ def _driven(driver: Driver, place: int, drivers: Floats, left: Floats, lags: dic
         driver,
         one_way=one_way(departures),
         attenuation=attenuation(departures, *_along(driver, left)),
-        lag_sigma_s=np.nan if lag is None else lag.sigma_s,
+        lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
         lag_is_beyond=lag is not None and lag.is_beyond,
         curvature=_curvature(driver, departures, left, design),
         alike=alike(departures, np.delete(drivers, place, axis=1)),

@@ -39,9 +39,9 @@ from flinders.drivers import Driver, motor
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.bench import still
 from flinders.estimators.curves import curvature
-from flinders.estimators.lags import kept, lags_of, residuals_of
+from flinders.estimators.lags import kept, lagging, lags_of, residuals_of
 from flinders.estimators.logged import Logged
-from flinders.estimators.meters import alike, attenuation, noise_of, one_way, rounding
+from flinders.estimators.meters import Meter, alike, attenuation, noise_of, one_way, pooled, rounding, widened
 from flinders.estimators.settling import Problem, Solver, settle
 from flinders.heading import HeadingError, level_error
 from flinders.planar import down_of
@@ -58,6 +58,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.estimators.lags import Lag
+    from flinders.estimators.meters import Noise
     from flinders.estimators.settling import Solved
     from flinders.quadric import Ellipsoid
     from flinders.result import Fit
@@ -85,7 +86,7 @@ class Found:
     attenuation : float
         By which share P is too small, as its meter is noisy.
     lag_sigma_s : float
-        Standard deviation of the lag, s; NaN where none was looked for.
+        Standard deviation of the lag, s, of none where it is not proven; NaN where none was looked for.
     chi_square : float
         What it takes off the sum of squares, in the noise variance that is left.
     is_beyond : bool
@@ -220,7 +221,7 @@ def _told(
     residuals = residuals_of(solved)
     scatter = residuals.scatter(residuals.autocovariance()) / solved.noise**4
     believed = solver.equations(solved, np.zeros(len(solved.distances))).matrix
-    covariance = inverse @ (scatter + believed) @ inverse + _metered(problem, solved, inverse)
+    covariance = _metered(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
     return Driving(
         _drivers(problem, solved),
@@ -254,25 +255,40 @@ def _leaning(solved: Solved, matrix: Floats) -> Floats:
     return found
 
 
-def _metered(problem: Problem, solved: Solved, inverse: Floats) -> Floats:
-    """(9 + K, 9 + K) by what the noise of meters moves all parameters: squares of it, as its size is known roughly.
+def _metered(problem: Problem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
+    """(9 + K, 9 + K) covariance with what the meters add to it.
 
-    White noise of variance v in a driver adds v Σ n nᵀ to the normal matrix, which no reading tells: the solution is
-    off by the inverse times that times P. What was rounded off is the same throughout a setting, and pulls as one.
+    What was rounded off is the same throughout a setting, and pulls as one beside what it does to the normal matrix.
     """
-    used, departures = solved.used, problem.departures
-    normals, widening = solved.jacobian[used, :3], np.zeros_like(inverse)
+    used = solved.used
+    normals = solved.jacobian[used, :3]
+    squares, turned = np.linalg.eigh(normals.T @ normals)
+    per_variance = turned * np.sqrt(np.maximum(squares, 0.0)) / solved.noise
+    noises = _noises(problem, solved)
+    meters, pulled = [], np.zeros_like(inverse)
     for place, name in enumerate(problem.names):
-        per_unit = solved.driven[3 * place : 3 * place + 3]
-        off = inverse[:, 9 + 3 * place : 12 + 3 * place] @ normals.T @ (normals @ per_unit) / solved.noise**2
-        meter = noise_of(departures[used, place], solved.distances[used], normals @ per_unit)
         rounded, setting = rounding(problem.logged.values[name])
-        widening += (meter.square + rounded**2) * np.outer(off, off)
-        pulled = solved.jacobian[used] * (normals @ per_unit)[:, np.newaxis]
-        pulls = np.stack([np.bincount(setting[used], weights=column) for column in pulled.T], axis=1)
+        root = np.zeros((len(inverse), 3))
+        root[9 + 3 * place : 12 + 3 * place] = per_variance
+        meters.append(Meter(noises[name], rounded, root))
+        rows = solved.jacobian[used] * (normals @ solved.driven[3 * place : 3 * place + 3])[:, np.newaxis]
+        pulls = np.stack([np.bincount(setting[used], weights=column) for column in rows.T], axis=1)
         moved = pulls @ inverse / solved.noise**2
-        widening += rounded * moved.T @ moved
-    return widening
+        pulled += rounded * moved.T @ moved
+    found = np.append(np.zeros(9), solved.driven)
+    found[9 + 3 * len(problem.names) :] = 0.0  # the growth of the scale is multiplied with no column of a meter alone
+    return widened(covariance, inverse, found, meters) + pulled
+
+
+def _noises(problem: Problem, solved: Solved) -> dict[str, Noise]:
+    """Noise of each meter; those of motors that are followed one by one are of one kind."""
+    used, departures, noises = solved.used, problem.departures, {}
+    for place, name in enumerate(problem.names):
+        sensitivity = solved.jacobian[used, :3] @ solved.driven[3 * place : 3 * place + 3]
+        noises[name] = noise_of(departures[used, place], solved.distances[used], sensitivity)
+    for late in lagging(problem.names):
+        noises |= zip(late, pooled([noises[name] for name in late]), strict=True)
+    return noises
 
 
 def _along(problem: Problem) -> Floats:
@@ -313,7 +329,7 @@ def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: La
         shared=term.shared(solved.jacobian[used, :9], driven),
         one_way=one_way(values),
         attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
-        lag_sigma_s=np.nan if lag is None else lag.sigma_s,
+        lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
         chi_square=float(per_unit @ np.linalg.solve(inverse[rows, rows], per_unit)),
         is_beyond=lag is not None and lag.is_beyond,
         curvature=curvature(values, residuals_of(solved), normals, per_unit),

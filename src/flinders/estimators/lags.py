@@ -4,8 +4,15 @@ With the surface as it is, and all parameters free to first order, what a lag le
 
     χ²(lag) = min Σ (s + J_P P − J θ(lag))² / σ²
 
-whose curvature at the least is that of 1/σ²(lag). A lag is kept only where it saves more χ² than chance: three standard
-deviations. Residuals that hang together count for as many as are independent.
+with columns smoothed as in `flinders.estimators.courses`, as the noise of a meter would otherwise be less between two
+of its values than at one, and any such lag look better. With d = ∂s/∂lag, made free of the parameters, and C the
+covariance of what is left, the best lag scatters by
+
+    var lag = H⁻¹ dᵀC d H⁻¹,        H = ½ ∂²Σ r²/∂lag²
+
+H does not grow with the noise of the meter, which is the same at each lag, and d does. A lag is kept only where it
+saves more than chance, three standard deviations, and where the columns as they were logged fit better with it too: a
+few large steps that smoothing blurs must not decide.
 
 When to use it: for motors, whose meter is filtered or whose clock is another one. Not for a temperature, which follows
 in minutes. Motors of which each has a column of its own are logged by one meter, and have one lag.
@@ -34,6 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
+    from flinders.estimators.courses import Course
     from flinders.estimators.logged import Logged
     from flinders.estimators.settling import Solved
 
@@ -45,6 +53,9 @@ LAGS: Final = 20
 
 PROVEN: Final = 9.0
 """χ² that a lag has to save: three standard deviations."""
+
+SMALL_S: Final = 1e-3
+"""Difference of two lags by which the slope in it is told."""
 
 UNLAGGED: Final = ("temperature",)
 """What follows in minutes."""
@@ -63,7 +74,7 @@ class Lag:
     sigma_s : float
         Its standard deviation.
     saved : float
-        χ² that it saves, against none.
+        χ² that it saves, against none; in variances of the lag once its scatter is known.
     is_beyond : bool
         The end of the search is best: the true one lies beyond it, or what was logged is something else.
     """
@@ -78,6 +89,11 @@ class Lag:
     def is_proven(self) -> bool:
         """No chance makes so much of it."""
         return self.saved > PROVEN
+
+    @property
+    def kept_sigma_s(self) -> float:
+        """Standard deviation of what is kept of it: about none where it is not proven, which it is off by itself."""
+        return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
 
 
 def grid_of(step_s: float) -> Floats:
@@ -124,7 +140,8 @@ def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict
     for late in lagging(names) if logged.is_timed else ():
         for _ in range(2):  # the second time with the noise that the first lag leaves
             solved = settle(Problem(logged, names, spread, kept(lags)), solved)
-            lag = profile(late[0], _Cost(logged, names, late, kept(lags), solved), grid_of(logged.step_s))
+            cost = _Cost(logged, names, late, kept(lags), solved)
+            lag = cost.judged(profile(late[0], cost, grid_of(logged.step_s)))
             lags |= {name: replace(lag, name=name) for name in late}
             if not lag.is_proven:
                 break
@@ -156,6 +173,64 @@ def residuals_of(solved: Solved) -> Residuals:
     return Residuals(solved.distances[used], solved.jacobian[used], [np.arange(int(used.sum()))])
 
 
+class Shifted:
+    """Departures of drivers from their references, all smoothed, those of a family later by a lag that is tried.
+
+    The others are smoothed as well: beside one that is not, one that is would stand for fast changes of its own.
+    """
+
+    def __init__(self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float]) -> None:
+        self._logged, self._names, self._lags = logged, names, lags
+        courses = {name: logged.courses(name) for name in names}
+        departed = [self._departed(name, courses[name], lags.get(name, 0.0)) for name in names]
+        self._departures, self._courses = np.stack(departed, axis=1), {name: courses[name] for name in late}
+
+    def __call__(self, lag_s: float) -> Floats:
+        """(N, K) at a lag in s."""
+        departures = self._departures.copy()
+        for name, courses in self._courses.items():
+            departures[:, self._names.index(name)] = self._departed(name, courses, lag_s)
+        return departures
+
+    def plainly(self, lag_s: float) -> Floats:
+        """(N, K) the same of columns that are not smoothed."""
+        return self._logged.departures(self._names, self._lags | dict.fromkeys(self._courses, lag_s))
+
+    def _departed(self, name: str, courses: list[Course], lag_s: float) -> Floats:
+        """(N,) of one of them."""
+        departed: Floats = self._logged.along(courses, lag_s) - self._logged.reference(name)
+        return departed
+
+    def slope(self, lag_s: float) -> Floats:
+        """(N, K) by how much they grow with it, for each s."""
+        grown: Floats = (self(lag_s + SMALL_S) - self(lag_s - SMALL_S)) / (2.0 * SMALL_S)
+        return grown
+
+
+def scattered(lag: Lag, distances: Floats, moved: Floats, variance: float) -> Lag:
+    """A lag with the standard deviation that what it leaves allows, and what it saves counted in that.
+
+    Parameters
+    ----------
+    lag : Lag
+        With that of the curvature alone.
+    distances : (A, N) float
+        What it leaves, axis by axis in the order of recording.
+    moved : (A, N) float
+        By how much those move with the lag, made free of all other parameters.
+    variance : float
+        That of χ².
+    """
+    pulls = distances * moved
+    rows = list(np.arange(pulls.size).reshape(pulls.shape))
+    residuals = Residuals(pulls.ravel(), np.ones((pulls.size, 1)), rows)
+    scatter = float(residuals.scatter(residuals.autocovariance())[0, 0])
+    if not (np.isfinite(lag.sigma_s) and scatter > 0.0):
+        return lag
+    sigma = lag.sigma_s**2 * float(np.sqrt(scatter)) / variance
+    return replace(lag, sigma_s=sigma, saved=lag.saved * (lag.sigma_s / sigma) ** 2)
+
+
 class _Cost:
     """χ² that another lag of some drivers leaves, with the surface as it is and all parameters free to first order.
 
@@ -165,7 +240,7 @@ class _Cost:
     def __init__(
         self, logged: Logged, names: tuple[str, ...], late: tuple[str, ...], lags: dict[str, float], solved: Solved
     ) -> None:
-        self._logged, self._names, self._late, self._lags, self._used = logged, names, late, lags, solved.used
+        self._shifted, self._used = Shifted(logged, names, late, lags), solved.used
         places = 3 * len(names)
         self._shape = solved.jacobian[self._used, :9]
         self._target = solved.distances[self._used]
@@ -174,10 +249,40 @@ class _Cost:
 
     def __call__(self, lag_s: float) -> float:
         """χ² at a lag in s."""
-        departures = self._logged.departures(self._names, self._lags | dict.fromkeys(self._late, lag_s))[self._used]
-        normals = self._shape[:, :3]
-        moved = (departures[:, :, np.newaxis] * normals[:, np.newaxis]).reshape(len(normals), -1)
-        design = np.column_stack([self._shape, moved])
-        gradient = design.T @ self._target
-        taken = gradient @ np.linalg.lstsq(design.T @ design, gradient, rcond=1e-12)[0]
+        return self._left(self._shifted(lag_s))
+
+    def judged(self, lag: Lag) -> Lag:
+        """The same lag with the standard deviation that what it leaves allows; columns as logged have to be for it."""
+        saved = self._left(self._shifted.plainly(0.0)) - self._left(self._shifted.plainly(lag.seconds))
+        found = self._scattered(lag)
+        return replace(found, saved=min(found.saved, saved))
+
+    def _left(self, departures: Floats) -> float:
+        """χ² that departures leave."""
+        gradient, square = self._equations(self._design(departures))
+        taken = gradient @ np.linalg.lstsq(square, gradient, rcond=1e-12)[0]
         return float(self._target @ self._target - taken) / self._variance
+
+    def _scattered(self, lag: Lag) -> Lag:
+        """The same lag with the standard deviation that what it leaves allows."""
+        design = self._design(self._shifted(lag.seconds))
+        gradient, square = self._equations(design)
+        inverse = np.linalg.pinv(square, rcond=1e-12, hermitian=True)
+        found = inverse @ gradient
+        moved = self._columns(self._shifted.slope(lag.seconds)) @ found[9:]
+        moved -= design @ (inverse @ (design.T @ moved))
+        return scattered(lag, (self._target - design @ found)[np.newaxis], moved[np.newaxis], self._variance)
+
+    def _equations(self, design: Floats) -> tuple[Floats, Floats]:
+        """Gradient (K,) and square (K, K) of a design."""
+        return design.T @ self._target, design.T @ design
+
+    def _design(self, departures: Floats) -> Floats:
+        """(M, 9 + 3 K) columns of offset, shape and P."""
+        return np.column_stack([self._shape, self._columns(departures)])
+
+    def _columns(self, departures: Floats) -> Floats:
+        """(M, 3 K) those of P."""
+        normals = self._shape[:, :3]
+        moved: Floats = departures[self._used][:, :, np.newaxis] * normals[:, np.newaxis]
+        return moved.reshape(len(normals), -1)

@@ -19,6 +19,7 @@ import numpy as np
 
 from flinders.drivers import MOTORS, known, lagged, place_of
 from flinders.errors import InputError, TooFewSamples
+from flinders.estimators.courses import Course
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,6 +79,15 @@ class Logged:
         if lag_s == 0.0:
             return self.values[name]
         return np.concatenate([part.lagged(name, lag_s) for part in self.parts])
+
+    def courses(self, name: str) -> list[Course]:
+        """A driver's smoothed course in each recording, which has times."""
+        return [Course.of(part.time, part.columns[name]) for part in self.parts if part.time is not None]
+
+    def along(self, courses: Sequence[Course], lag_s: float) -> Floats:
+        """(N,) values of such courses so much earlier."""
+        times = [part.time[:: part.stride] for part in self.parts if part.time is not None]
+        return np.concatenate([course.at(time - lag_s) for course, time in zip(courses, times, strict=True)])
 
     @property
     def is_timed(self) -> bool:

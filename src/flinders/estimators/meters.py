@@ -13,11 +13,17 @@ is too small, readings follow real changes more than the fit does; with both, an
 
     var e = ρ var h / (1 − 1/w − (1 − ρ) var h / var c)
 
+With several drivers it is the normal matrix N that grows, by V = Σ v ∂N/∂v: what was found is N⁻¹(N − V) of what there
+is, and is off most where drivers went along with each other, as little but noise tells them apart there. Around what
+was found, P̂ with its covariance C, the truth scatters by
+
+    M C Mᵀ + (M − 1) P̂ P̂ᵀ (M − 1)ᵀ,        M = (N − V)⁻¹ N
+
 **One way.** What only rises, or is switched on once, goes with time as well: an offset that drifts, or a sensor that
 moved, would look the same. `one_way` is the share of its variance that a monotone function of time explains.
 
-Source: errors in variables as in Fuller, "Measurement Error Models" (1987), §1.1; isotonic regression by pooling
-adjacent violators, Barlow et al. (1972).
+Source: errors in variables as in Fuller, "Measurement Error Models" (1987), §1.1 and chapter 2; isotonic regression by
+pooling adjacent violators, Barlow et al. (1972).
 
 >>> rng = np.random.default_rng(1)
 >>> drawn = np.repeat(rng.uniform(0.0, 20.0, 30), 40)
@@ -42,6 +48,8 @@ import numpy as np
 from flinders.estimators.robust import TO_SIGMA
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
@@ -60,6 +68,12 @@ SIGNIFICANT: Final = 4.0
 
 FURTHER: Final = 3.0
 """Standard deviations by which a longer window has to tell more than a shorter one: chance makes one of them most."""
+
+MOST_NOISE: Final = 0.75
+"""Share of what tells about a combination of drivers that noise of their meters makes, at most."""
+
+MEAN: Final = 0.75
+"""Share of a mean square that is the square of the mean, of what lies anywhere between none and a largest value."""
 
 STRETCHES: Final = 100
 """Means of which a course is made up."""
@@ -152,6 +166,83 @@ def _noise_by(window: int, values: Floats, residuals: Floats, sensitivity: Float
     missing = -size * float(residuals @ moved) / square
     slow = max(1.0 - 1.0 / window - (size - missing) / whole, LEFT)
     return Noise(missing / slow, size * float(np.std(residuals)) / np.sqrt(square) / slow)
+
+
+def pooled(noises: Sequence[Noise]) -> list[Noise]:
+    """Noise of meters of one kind: what all show together, where they show it and do not differ.
+
+    >>> [round(noise.variance, 2) for noise in pooled([Noise(0.9, 0.2), Noise(0.6, 0.2), Noise(1.1, 0.4)])]
+    [0.79, 0.79, 0.79]
+    >>> pooled([Noise(0.9, 0.1), Noise(0.0, 0.1)])
+    [Noise(variance=0.9, sigma=0.1, own=inf), Noise(variance=0.0, sigma=0.1, own=inf)]
+    """
+    told = [noise for noise in noises if noise.sigma > 0.0]
+    if len(told) < max(len(noises), 2):
+        return list(noises)
+    weights = np.array([noise.sigma**-2.0 for noise in told])
+    variances = np.array([noise.variance for noise in told])
+    mean, sigma = float(weights @ variances / weights.sum()), float(weights.sum() ** -0.5)
+    spread, count = float(weights @ (variances - mean) ** 2), len(told) - 1
+    if mean < SIGNIFICANT * sigma or spread > count + FURTHER * np.sqrt(2.0 * count):
+        return list(noises)
+    return [Noise(mean, sigma, noise.own) for noise in noises]
+
+
+class Meter(NamedTuple):
+    """What the meter of one driver does to a solution.
+
+    Attributes
+    ----------
+    noise : Noise
+    rounded : float
+        Variance of what was rounded off.
+    root : (K, r) float
+        Its product with its transpose is what a unit of variance adds to the normal matrix of K parameters.
+    """
+
+    noise: Noise
+    rounded: float
+    root: Floats
+
+
+def widened(covariance: Floats, inverse: Floats, found: Floats, meters: Sequence[Meter]) -> Floats:
+    """(K, K) covariance of what was found, about what there is, with the noise of the meters.
+
+    Noise that readings show moves all parameters at once, as above; how much of it there is, is known for each meter by
+    itself. Where they show none, as much as may be there moves them the same way for all meters, by its mean.
+
+    Parameters
+    ----------
+    covariance : (K, K) float
+        With the drivers as they were logged.
+    inverse : (K, K) float
+        Of the normal matrix.
+    found : (K,) float
+        Parameters that the drivers' columns are multiplied with; 0 for all others.
+    meters : sequence of Meter
+
+    Examples
+    --------
+    Half of what tells about the one parameter is noise:
+
+    >>> half = Meter(Noise(1.0, 0.0), 0.0, np.array([[1.0]]))
+    >>> widened(np.array([[0.01]]), np.array([[0.5]]), np.array([3.0]), [half])
+    array([[9.04]])
+    """
+    shown = [np.sqrt(meter.noise.variance) * meter.root for meter in meters if meter.noise.is_proven]
+    root = np.column_stack([np.zeros((len(found), 0)), *shown])
+    shares, turned = np.linalg.eigh(root.T @ inverse @ root)
+    along = root @ turned
+    grown = np.eye(len(found)) + inverse @ along / (1.0 - np.minimum(shares, MOST_NOISE)) @ along.T
+    moved = grown @ found - found
+    wider: Floats = grown @ covariance @ grown.T + np.outer(moved, moved)
+    pulled = np.zeros(len(found))
+    for meter in meters:
+        off = grown @ inverse @ meter.root @ (meter.root.T @ found)
+        unknown = meter.noise.sigma**2 if meter.noise.is_proven else (1.0 - MEAN) * meter.noise.square
+        wider += (unknown + (1.0 - MEAN) * meter.rounded**2) * np.outer(off, off)
+        pulled += np.hypot(0.0 if meter.noise.is_proven else np.sqrt(meter.noise.square), meter.rounded) * off
+    return wider + MEAN * np.outer(pulled, pulled)
 
 
 def attenuation(values: Floats, residuals: Floats, sensitivity: Floats) -> float:

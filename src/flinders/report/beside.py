@@ -5,7 +5,7 @@
 >>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
 >>> fit = flinders.fit(boat, aids=("rate", "dip"))
 >>> mounting(fit)
-'how the axes sit in the body, as gyro and accelerometer tell it, adds 0.37° (1 σ)'
+'how the axes sit in the body, as gyro and accelerometer tell it, adds 0.75° (1 σ)'
 >>> [row.name for row in aids(fit)]
 ['Gyro', 'Accelerometer']
 """
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.drivers import motor
 from flinders.errors import figures
 from flinders.report.text import degrees, with_uncertainty
 from flinders.units import label
@@ -129,7 +130,12 @@ def drivers(fit: Fit) -> list[DriverRow]:
                 driver.name.capitalize(),
                 f"{label(fit.calibration.unit)} per {driver.kind.per}",
                 _offsets(fit, driver, place),
-                _told(driver, fit.calibration.driven_deg(driver, dip_deg=dip), known.get(driver.name)),
+                _told(
+                    driver,
+                    fit.calibration.driven_deg(driver, dip_deg=dip),
+                    known.get(driver.name),
+                    _running(fit, driver),
+                ),
             )
         )
     return rows
@@ -146,10 +152,16 @@ def _offsets(fit: Fit, driver: Driver, place: int) -> tuple[tuple[str, str], ...
     return tuple((value, uncertainty) for value, _, uncertainty in pairs)
 
 
-def _told(driver: Driver, taken_deg: float, driven: Driven | None) -> str:
+def _running(fit: Fit, driver: Driver) -> str:
+    """Of one of several motors: how the others run where so much is left."""
+    beside = [motor(other.name)[1] for other in fit.calibration.drivers if other is not driver]
+    return " and the other motors run along as they did then" if motor(driver.name)[1] and any(beside) else ""
+
+
+def _told(driver: Driver, taken_deg: float, driven: Driven | None, running: str) -> str:
     """Where it was seen, what it does to a heading, and what is left of that."""
     told = [f"recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}"]
-    left = "" if driven is None else f", of which {degrees(driven.left_deg)} (1 σ) is left when it is followed"
+    left = "" if driven is None else f", of which {degrees(driven.left_deg)} (1 σ) is left when it is followed{running}"
     told.append(f"at {driver.amount(driver.farthest)} it moves headings by up to {degrees(taken_deg)}{left}")
     return f"{'; '.join([*told, *_more(driver)])}.".replace("-", "−")
 

@@ -143,7 +143,8 @@ FINDINGS: Final = {
         "Record again, and let it go up and down again meanwhile.",
     ),
     "driver-noisy": Words(
-        "What the compass follows is measured with so much noise that its effect was found {number:.0%} too small.",
+        "What the compass follows is measured with so much noise that its effect was found up to {number:.0%} "
+        "too small.",
         "Record a steadier value of it, or hold each setting for longer.",
     ),
     "driver-lag": Words(
