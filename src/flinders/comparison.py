@@ -25,6 +25,7 @@ from flinders.heading import HeadingError, level_error, level_turn
 from flinders.judged import refuse_unlike, rescaled, without_scale
 from flinders.pooling import chance_of, chi_square_of
 from flinders.quadric import Ellipsoid, upper
+from flinders.quaternions import of_matrix
 from flinders.simulate import fibonacci
 from flinders.units import label
 
@@ -42,6 +43,88 @@ DIRECTIONS: Final = fibonacci(400).T
 """(3, 400) unit vectors, over which the direction difference is taken."""
 
 
+IN_PLANE: Final = (0, 1, 3, 4, 6)
+"""Where the middle and the shape of an ellipse in x and y stand among the nine; the rest follows from those."""
+
+SAME_DEG: Final = 1e-6
+"""Rotations nearer than that are the same but for rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RotationDifference:
+    """How far the rotations from the magnetometer's axes into those of the body are apart, b after a undone.
+
+    Attributes
+    ----------
+    vector_deg : (3,) float
+        The rotation between both, about the axes of the body.
+    covariance : (3, 3) float or None, degrees²
+        The sum of both; None unless both state theirs.
+
+    Examples
+    --------
+    >>> apart = RotationDifference(np.array([0.0, 0.0, 3.0]), np.eye(3))
+    >>> apart.angle_deg, apart.heading_deg(60.0), round(apart.p_value, 3)
+    (3.0, 3.0, 0.029)
+    """
+
+    vector_deg: Floats
+    covariance: Floats | None = None
+
+    @classmethod
+    def of(cls, a: Judged, b: Judged) -> Self | None:
+        """Take b's rotation after a's is undone; None unless both know one."""
+        if "symmetric" in (a.calibration.rotation, b.calibration.rotation):
+            return None
+        both = (a.rotation_covariance, b.rotation_covariance)
+        covariance = None if both[0] is None or both[1] is None else np.rad2deg(np.rad2deg(both[0] + both[1]))
+        return cls(np.rad2deg(_rotation_vector(b.rotation @ a.rotation.T)), covariance)
+
+    @property
+    def angle_deg(self) -> float:
+        """The angle between both."""
+        return math.hypot(*self.vector_deg)
+
+    @property
+    def sigma_deg(self) -> Floats | None:
+        """(3,) 1 σ about each axis of the body."""
+        if self.covariance is None:
+            return None
+        sigma: Floats = np.sqrt(np.diag(self.covariance))
+        return sigma
+
+    @property
+    def angle_sigma_deg(self) -> float | None:
+        """1 σ of that angle: along the axis that it is about, or of any where there is none."""
+        if self.covariance is None:
+            return None
+        if not self.angle_deg > 0.0:
+            return math.sqrt(float(np.trace(self.covariance)) / 3.0)
+        along = self.vector_deg / self.angle_deg
+        return math.sqrt(max(float(along @ self.covariance @ along), 0.0))
+
+    @property
+    def p_value(self) -> float | None:
+        """How often chance alone turns them as far apart; None where not both say how well they know theirs."""
+        if self.covariance is None:
+            return None
+        return chance_of(*chi_square_of(self.vector_deg, self.covariance))
+
+    def heading_deg(self, dip_deg: float) -> float:
+        """What it makes of a level vehicle's heading at the worst: a turn about z in full, a tilt by tan I."""
+        x, y, z = (abs(part) for part in self.vector_deg.tolist())
+        return float(z + abs(math.tan(math.radians(dip_deg))) * math.hypot(x, y))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "vector_deg": self.vector_deg.tolist(),
+            "sigma_deg": None if self.sigma_deg is None else self.sigma_deg.tolist(),
+            "angle_deg": self.angle_deg,
+            "p_value": self.p_value,
+        }
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """How far two calibrations a and b are apart, and how far chance could have put them. Differences are b less a.
@@ -55,8 +138,7 @@ class Comparison:
     claimed_deg : HeadingError or None
         1 σ of the heading difference, if both covariances are right; None where neither states one.
     direction_difference_deg : float
-        Angle between the corrected fields, rms over 400 directions spread evenly over the sphere. A rotation
-        common to all directions is left in: both matrices are applied as they are.
+        Angle between the corrected fields, rms over 400 directions spread evenly over the sphere.
     offset_difference : (3,) float, in `unit`
     offset_sigma : (3,) float or None, in `unit`
         1 σ of that, as claimed.
@@ -74,6 +156,10 @@ class Comparison:
     target_deg : float
         The worst heading difference that is good enough.
     unit : str
+    rotation : RotationDifference, optional
+        How far the rotations into the body are apart, where both know one. They are in none of the other numbers.
+    left_out_deg : float, optional
+        Angle of the rotation, where one of both alone knows one.
     """
 
     heading_difference_deg: HeadingError
@@ -89,6 +175,8 @@ class Comparison:
     freedom: int
     target_deg: float
     unit: str
+    rotation: RotationDifference | None = None
+    left_out_deg: float | None = None
 
     @property
     def offset_share(self) -> float:
@@ -116,7 +204,27 @@ class Comparison:
         by_chance = self._is_nothing if self.p_value is None else self.p_value >= CHANCE
         if by_chance:
             return "agree"
-        return "differ" if self.heading_difference_deg.worst <= self.target_deg else "contradict"
+        return "differ" if self.worst_deg <= self.target_deg else "contradict"
+
+    @property
+    def is_turned(self) -> bool:
+        """Both know a rotation, and theirs differ by more than chance explains; without any covariance, at all.
+
+        That is no verdict on the ellipsoids: a sensor that was turned in its mounting is still the same sensor.
+        """
+        if self.rotation is None:
+            return False
+        if self.rotation.p_value is None:
+            return self.p_value is None and self.rotation.angle_deg > SAME_DEG
+        return self.rotation.p_value < CHANCE
+
+    @property
+    def worst_deg(self) -> float:
+        """The worst heading difference; where nothing is left to chance, with that of the rotations."""
+        worst = self.heading_difference_deg.worst
+        if self.rotation is None or self.p_value is not None:
+            return worst
+        return worst + self.rotation.heading_deg(self.heading_difference_deg.dip_deg)
 
     @property
     def is_telling(self) -> bool:
@@ -127,10 +235,11 @@ class Comparison:
     def _is_nothing(self) -> bool:
         """The same but for rounding."""
         scale = abs(self.scale_difference) if self.is_scale_known else 0.0
-        return max(math.radians(self.direction_difference_deg), self.offset_share, scale) < 1e-9
+        apart = max(math.radians(self.direction_difference_deg), self.offset_share, scale)
+        return apart < 1e-9 and not self.is_turned
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints."""
+        """JSON-ready: what ``--json`` prints; no key of a rotation where nobody knows one."""
         found, claimed = self.heading_difference_deg, self.claimed_deg
         return {
             "verdict": self.verdict,
@@ -154,6 +263,8 @@ class Comparison:
             "unit": self.unit,
             "scale_difference": self.scale_difference,
             "scale_known": self.is_scale_known,
+            **({} if self.rotation is None else {"rotation": self.rotation.as_dict()}),
+            **({} if self.left_out_deg is None else {"rotation_left_out_deg": self.left_out_deg}),
         }
 
     def __repr__(self) -> str:
@@ -233,6 +344,10 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
     One that rests on a level turn knows x and y alone: both are then held against each other as that turn reads
     them, at the dip of the level turn, and the direction is that of a level vehicle's horizontal field.
 
+    The rotation: an ellipsoid knows none, and where an aid has found how the magnetometer's axes sit in the body, that
+    is no part of what the ellipsoids say. Both are held against each other in the magnetometer's own axes, degrees
+    as chi-square; where both know a rotation, `Comparison.rotation` says how far those are apart.
+
     Parameters
     ----------
     a, b : Judged
@@ -251,15 +366,37 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
     UsageError
         For a target that is not positive, or a dip within a degree of the poles.
     """
+    if "xy" in (a.plane, b.plane):
+        refuse_unlike(a, b)
+        held = compare_level(a.level(dip_deg), b.level(dip_deg), dip_deg=dip_deg, target_deg=target_deg)
+    else:
+        held = _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
+    return replace(held, rotation=RotationDifference.of(a, b), left_out_deg=_left_out_deg(a, b))
+
+
+def compare_level(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
+    """Say how far two calibrations are apart of which both are the ellipse of a level turn, as `Judged.level` gives it.
+
+    Parameters
+    ----------
+    a, b : Judged
+    dip_deg : float
+        Inclination of the field at the turn, in degrees; said, and in both ellipses already.
+    target_deg : float
+        As for `compare`, and so is what is raised.
+    """
+    return _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=True)
+
+
+def _compared(a: Judged, b: Judged, *, dip_deg: float, target_deg: float, is_flat: bool) -> Comparison:
+    """Hold two calibrations against each other, whatever they rest on; `is_flat`: both are ellipses of a level turn."""
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    dip = dip_deg
-    if "xy" in (a.plane, b.plane) and a.calibration.rotation == b.calibration.rotation == "symmetric":
-        refuse_unlike(a, b)
-        a, b, dip_deg = a.level(dip_deg), b.level(dip_deg), 0.0
+    dip, dip_deg = dip_deg, 0.0 if is_flat else dip_deg
     pair = _Pair.of(a, b)
     heading, mean = pair.heading_difference(dip_deg)
-    chi_square, freedom = chi_square_of(pair.difference, pair.covariance)
+    told = list(IN_PLANE if is_flat else range(9))
+    chi_square, freedom = chi_square_of(pair.difference[told], pair.covariance[np.ix_(told, told)])
     stated = a.covariance is not None or b.covariance is not None
     return Comparison(
         heading_difference_deg=replace(heading, dip_deg=float(dip)),
@@ -267,7 +404,7 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
         claimed_deg=replace(level_error(pair.middle, pair.covariance, dip_deg=dip_deg), dip_deg=float(dip))
         if stated
         else None,
-        direction_difference_deg=pair.direction_difference() if dip == dip_deg else math.hypot(heading.rms, mean),
+        direction_difference_deg=math.hypot(heading.rms, mean) if is_flat else pair.direction_difference(),
         offset_difference=b.calibration.offset - a.calibration.offset,
         offset_sigma=np.sqrt(np.diag(pair.covariance)[:3]) if stated else None,
         field_strength=pair.middle.radius,
@@ -280,24 +417,40 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
     )
 
 
+def _left_out_deg(a: Judged, b: Judged) -> float | None:
+    """The angle of the rotation that one of both alone knows."""
+    knowing = [one for one in (a, b) if one.calibration.rotation != "symmetric"]
+    if len(knowing) != 1:
+        return None
+    return float(np.rad2deg(np.linalg.norm(_rotation_vector(knowing[0].rotation))))
+
+
+def _rotation_vector(rotation: Floats) -> Floats:
+    """(3,) axis times angle, in rad, of a proper rotation (3, 3).
+
+    >>> _rotation_vector(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
+    array([0.    , 0.    , 1.5708])
+    """
+    w, *vector = of_matrix(rotation).tolist()
+    sine = math.hypot(*vector)
+    angle = 2.0 * math.atan2(sine, w)
+    return np.array(vector) * (angle / sine if sine > 0.0 else 2.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pair:
     """Two calibrations brought to one field.
 
     Attributes
     ----------
-    offsets, shapes : pairs of (3,) and (3, 3)
-        As they correct, with their rotations.
     ellipsoids : pair of Ellipsoid
-        What the covariances speak of, without rotations.
+        What the covariances speak of: in the magnetometer's own axes, without rotations.
     covariance : (9, 9) float
         The sum of both.
     scale_difference : float
     is_scale_known : bool
     """
 
-    offsets: tuple[Floats, Floats]
-    shapes: tuple[Floats, Floats]
     ellipsoids: tuple[Ellipsoid, Ellipsoid]
     covariance: Floats
     scale_difference: float
@@ -316,8 +469,6 @@ class _Pair:
         ellipsoids = Ellipsoid(first.centre, p * first.shape), Ellipsoid(second.centre, q * second.shape)
         shape = (ellipsoids[0].shape + ellipsoids[1].shape) / 2.0
         return cls(
-            (first.centre, second.centre),
-            (p * a.calibration.shape, q * b.calibration.shape),
             ellipsoids,
             _claimed(a, p, shape, known=known) + _claimed(b, q, shape, known=known),
             second.radius / first.radius * (q / p if known else 1.0) - 1.0,
@@ -338,7 +489,8 @@ class _Pair:
 
     def corrected(self, directions: Floats) -> tuple[Floats, Floats]:
         """What the second makes of the readings that the first expects for (3, K) directions, and the other way."""
-        (p, q), (first, second) = [offset[:, np.newaxis] for offset in self.offsets], self.shapes
+        p, q = (ellipsoid.centre[:, np.newaxis] for ellipsoid in self.ellipsoids)
+        first, second = (ellipsoid.shape for ellipsoid in self.ellipsoids)
         return np.linalg.solve(second, p + first @ directions - q), np.linalg.solve(first, q + second @ directions - p)
 
     def heading_difference(self, dip_deg: float) -> tuple[HeadingError, float]:

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 LEVEL: Final = "level"
 """The name of the heading from two axes."""
 
+STANDARD_GRAVITY: Final = 9.80665
+"""m/s²."""
+
 SHAKEN: Final = 0.1
 """Share of gravity by which the acceleration may differ from it before a reading counts as shaken."""
 
@@ -100,6 +103,9 @@ class Compass:
         Added to magnetic headings it gives true ones.
     gravity : float, optional
         Length of the acceleration at rest, in its own unit; by default the median of each block.
+    acceleration_bias : (3,) float, optional, m/s²
+        What the accelerometer reads too much, in the calibration's axes, and is taken off; as a share of gravity, so
+        that the acceleration may be in any unit.
 
     Raises
     ------
@@ -112,6 +118,7 @@ class Compass:
     acceleration_axes: Axes = AS_THEY_ARE
     declination_deg: float | None = None
     gravity: float | None = None
+    acceleration_bias: Floats | None = None
 
     def __post_init__(self) -> None:
         """Refuse a name that is none."""
@@ -138,7 +145,7 @@ class Compass:
                 f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
                 "name its columns with --acceleration, or say --level if the sensor never tilts"
             )
-        force = self.acceleration_axes.apply(samples.acceleration)
+        force = self._unbiased(self.acceleration_axes.apply(samples.acceleration))
         magnetic = FORMULAS[self.formula](corrected, force)
         roll, pitch = roll_pitch_deg(force)
         frames = Frames.of(corrected, force, gravity=self.gravity)
@@ -147,6 +154,19 @@ class Compass:
             magnetic, strength, self._true(magnetic), roll, pitch, dip_deg(corrected, force), frames,
             max(present - frames.readings, 0),
         )  # fmt: skip
+
+    def _unbiased(self, force: Floats) -> Floats:
+        """Take the bias of the accelerometer off (N, 3)."""
+        if self.acceleration_bias is None:
+            return force
+        gravity = self.gravity
+        if gravity is None:
+            with np.errstate(over="ignore", invalid="ignore"):
+                length = np.linalg.norm(force, axis=1)
+            finite = length[np.isfinite(length)]
+            gravity = float(np.median(finite)) if len(finite) else 0.0
+        unbiased: Floats = force - self.acceleration_bias * (gravity / STANDARD_GRAVITY)
+        return unbiased
 
     def _true(self, magnetic: Floats) -> Floats | None:
         return None if self.declination_deg is None else wrapped(magnetic + self.declination_deg)

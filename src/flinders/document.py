@@ -51,6 +51,8 @@ from flinders.files import read_bytes, write_text
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from flinders.arrays import Floats
+
 VERSION: Final = 1
 """The newest schema that this release reads, and the one it writes."""
 
@@ -180,6 +182,29 @@ class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     advice: str = ""
 
 
+class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What the fit found of the instruments beside the magnetometer.
+
+    Attributes
+    ----------
+    rotation_covariance : (3, 3), rad², optional
+        Of the rotation from the magnetometer's axes to those of the body, about the axes of the body.
+    acceleration_bias, acceleration_bias_sigma : (3,), m/s², optional
+        What the accelerometer reads too much, and 1 σ of that.
+    """
+
+    rotation_covariance: tuple[Triple, Triple, Triple] | UnsetType = UNSET
+    acceleration_bias: Triple | UnsetType = UNSET
+    acceleration_bias_sigma: Triple | UnsetType = UNSET
+
+
+def beside_record(**found: Floats | None) -> BesideRecord | UnsetType:
+    """Keep what was found, by the names of `BesideRecord`; nothing where nothing was, or no number came out."""
+    kept = {name: value.tolist() for name, value in found.items() if value is not None}
+    finite = {name: value for name, value in kept.items() if not any(gaps(value))}
+    return msgspec.convert(finite, BesideRecord) if finite else UNSET
+
+
 class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How the calibration was found, and how far to trust it.
 
@@ -199,6 +224,8 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     heading_error_deg : HeadingErrorRecord or None
     coverage : name to number
     findings : of FindingRecord
+    beside : BesideRecord, optional
+        Where something beside the magnetometer was used.
     """
 
     method: str
@@ -210,6 +237,7 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     heading_error_deg: HeadingErrorRecord | None = None
     coverage: dict[str, float] = {}
     findings: tuple[FindingRecord, ...] = ()
+    beside: BesideRecord | UnsetType = UNSET
 
     @property
     def plane(self) -> Literal["xy", "yz", "zx"] | None:

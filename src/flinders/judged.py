@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from msgspec import UNSET
 
 from flinders.arrays import floats
 from flinders.calibration import Calibration
@@ -110,6 +111,29 @@ class Judged:
         shape = self.calibration.shape
         squares, axes = np.linalg.eigh(shape @ shape.T)
         return Ellipsoid(self.calibration.offset, (axes * np.sqrt(squares)) @ axes.T)
+
+    @property
+    def rotation(self) -> Floats:
+        """(3, 3) from the magnetometer's own axes to those it corrects to; unity where it knows none."""
+        turned = self.calibration.matrix @ self.ellipsoid.shape / self.calibration.field_strength
+        left, _, right = np.linalg.svd(turned)  # rounding off
+        rotation: Floats = left @ right
+        return rotation
+
+    @property
+    def rotation_covariance(self) -> Floats | None:
+        """(3, 3) rad², about the axes of the body; None where nobody said."""
+        return self._beside("rotation_covariance")
+
+    @property
+    def acceleration_bias(self) -> Floats | None:
+        """(3,) m/s² what the accelerometer beside it reads too much; None where nobody found out."""
+        return self._beside("acceleration_bias")
+
+    def _beside(self, what: str) -> Floats | None:
+        """What the record holds of the instruments beside the magnetometer."""
+        value = getattr(None if self.record is None else self.record.beside, what, UNSET)
+        return None if value is UNSET else np.array(value)
 
     @property
     def plane(self) -> str | None:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
+from msgspec import UNSET
 
 from flinders.coverage import CELLS
-from flinders.document import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, write
+from flinders.document import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, beside_record, write
 from flinders.errors import FitError, counted, figures
 from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
 from flinders.notebook import SIGNS, correction, refusal
@@ -25,10 +26,12 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterable
 
+    from msgspec import UnsetType
+
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
     from flinders.coverage import Coverage
-    from flinders.document import Document, Provenance
+    from flinders.document import BesideRecord, Document, Provenance
     from flinders.drivers import Driver
     from flinders.heading import HeadingError
     from flinders.planar import Plane
@@ -345,6 +348,14 @@ class Aids:
         x, y, z = np.diag(self.rotation_covariance).tolist()
         return float(np.rad2deg(np.sqrt(z + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x + y))))
 
+    def to_record(self) -> BesideRecord | UnsetType:
+        """What the calibration file keeps of it."""
+        return beside_record(
+            rotation_covariance=self.rotation_covariance,
+            acceleration_bias=self.acceleration_bias,
+            acceleration_bias_sigma=self.acceleration_bias_sigma,
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         biases = ("gyro_bias", "gyro_bias_sigma", "acceleration_bias", "acceleration_bias_sigma")
@@ -639,6 +650,7 @@ class Fit(Outcome):
             heading_error_deg=error_record(self.heading_error_deg, self.target_deg),
             coverage=self.coverage.as_dict(),
             findings=self.finding_records,
+            beside=UNSET if self.aids is None else self.aids.to_record(),
         )
         return self.calibration.to_document(fit=fitted, provenance=provenance)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 import struct
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ from flinders.errors import (
     UnreadableInput,
     UsageError,
 )
+from flinders.exporters import EXPORTERS, Asked
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import open_dataflash, sniff_dataflash
@@ -813,3 +815,20 @@ def _roll_and_pitch(attitude: Floats) -> tuple[Floats, Floats]:
     """Degrees, from where the vehicle has down."""
     x, y, z = quaternions.rotated(quaternions.inverse(attitude), np.array([0.0, 0.0, 1.0])).T
     return np.rad2deg(np.arctan2(y, z)), np.rad2deg(np.arctan2(-x, np.hypot(y, z)))
+
+
+def test_a_rotation_that_is_left_out_is_told_with_the_parameters_that_are_right_once_it_is_in_the_mounting() -> None:
+    turned = euler(4.0, -9.0, 30.0)
+    plain = np.diag([1.1, 1.0, 0.95])
+    found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("mG"))
+    with pytest.raises(NotExportable, match="--lossy"):
+        EXPORTERS["ardupilot"].render(found)
+    export = EXPORTERS["ardupilot"].render(found, asked=Asked(lossy=True))
+    (note,) = (note for note in export.fields["notes"] if note.startswith("left out"))
+    assert "roll 4.00°, pitch −9.00°, yaw 30.00°" in note
+    raw = np.random.default_rng(1).normal(scale=400.0, size=(20, 3))
+    now = Parameters.read(export.fields["values"])
+    npt.assert_allclose(now.apply(raw) @ turned.T, found.apply(raw / 10.0) * 10.0, atol=0.02)
+    told = dict(re.findall(r"(COMPASS_\w+) (-?[\d.e-]+)", note.partition("below: ")[2]))
+    then = Parameters.read({name: float(value) for name, value in told.items()})
+    npt.assert_allclose(then.apply(raw @ turned.T), found.apply(raw / 10.0) * 10.0, atol=0.02)

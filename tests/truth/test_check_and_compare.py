@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from msgspec import structs
 from rich.console import Console
 
 import flinders
 from flinders import document, simulate
 from flinders.calibration import Calibration
 from flinders.cli import main
+from flinders.conventions._rotations import euler
 from flinders.report.comparison import page
 
 if TYPE_CHECKING:
@@ -306,3 +308,51 @@ def test_numbers_beyond_reason_are_no_fault() -> None:
     assert flinders_("compare", "monday.json", "huge.json").code == 4
     assert flinders_("check", "huge.json", "monday.csv").code == 4
     assert flinders_("check", "huge.json", "monday.csv", "--json").json["residual"]["calibration"]["spread"] is None
+
+
+def test_a_drift_that_no_fit_survives_is_followed_by_the_calibration(tmp_path: Path) -> None:
+    """5 µT along x over the recording: the fit is refused, and the path is that of the calibration alone."""
+    tumble = simulate.tumble(seed=5, motion="uniform", n=3000, sensor=SENSOR)
+    time = np.linspace(0.0, 120.0, 3000)
+    moved = tumble.samples.field + np.outer(5.0 * time / 120.0, [1.0, 0.0, 0.0])
+    for name, field in (("still.csv", tumble.samples.field), ("moved.csv", moved)):
+        table = np.column_stack([time, field])
+        np.savetxt(tmp_path / name, table, delimiter=",", header=f"time_s,{HEADER}", comments="", fmt="%.6f")
+    known, moving = str(tmp_path / "still.json"), str(tmp_path / "moved.csv")
+    runner = CliRunner()
+    runner.invoke(main, ["calibrate", str(tmp_path / "still.csv"), "-o", known])
+    ended = runner.invoke(main, ["check", known, moving, "--drift"])
+    assert ended.exit_code == 4
+    assert "drift under the calibration: the offset moved by up to" in ended.output
+    told = json.loads(runner.invoke(main, ["check", known, moving, "--drift", "--json"]).stdout)
+    assert told["verdict"] == told["fresh"]["verdict"] == "refused"
+    assert told["drift"]["proven"]
+    assert told["drift"]["moved"] == pytest.approx(5.0, abs=0.7)
+    assert np.array(told["drift"]["path"])[-1] - np.array(told["drift"]["path"])[0] == pytest.approx([5, 0, 0], abs=0.7)
+
+
+def test_an_aided_calibration_is_checked_without_its_rotation(tmp_path: Path) -> None:
+    """The same sensor, nothing changed, whose axes an aid has found 12° from those of the body."""
+    calibration = calibrated_with_a_turn(tmp_path)
+    write_tumble(tmp_path / "later.csv", seed=9)
+    told = json.loads(CliRunner().invoke(main, ["check", calibration, str(tmp_path / "later.csv"), "--json"]).stdout)
+    assert told["verdict"] == "agree"
+    assert told["heading_difference_deg"]["worst"] < 4.0 * told["claimed_deg"]["worst"]
+    assert told["rotation_left_out_deg"] == pytest.approx(12.0)
+
+
+def write_tumble(path: Path, *, seed: int) -> None:
+    tumble = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=SENSOR)
+    np.savetxt(path, tumble.samples.field, delimiter=",", header=HEADER, comments="", fmt="%.6f")
+
+
+def calibrated_with_a_turn(home: Path) -> str:
+    """A calibration file whose matrix is turned by 12° about x, as if an aid had told so."""
+    write_tumble(home / "first.csv", seed=8)
+    path = str(home / "turned.json")
+    CliRunner().invoke(main, ["calibrate", str(home / "first.csv"), "-o", path])
+    found = document.read(path)
+    turn = euler(12.0, 0.0, 0.0) @ np.array(found.calibration.matrix)
+    correction = structs.replace(found.calibration, matrix=tuple(map(tuple, turn.tolist())), rotation="estimated")
+    document.write(structs.replace(found, calibration=correction), path, force=True)
+    return path

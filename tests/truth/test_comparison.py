@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from msgspec import structs
 from scipy import stats
 
 import flinders
@@ -16,7 +17,8 @@ from flinders import simulate
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.comparison import Strength, compare
-from flinders.document import PARAMETERS, Fitted
+from flinders.conventions._rotations import euler
+from flinders.document import PARAMETERS, Fitted, beside_record
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.judged import Judged
 from flinders.pooling import chance_of
@@ -98,14 +100,38 @@ def test_the_heading_difference_is_the_one_of_the_offset() -> None:
     assert found.direction_difference_deg == pytest.approx(np.rad2deg(0.1 / 50.0) * np.sqrt(2 / 3), rel=0.01)
 
 
-def test_a_rotation_is_the_mean_of_the_heading_difference_and_left_in_the_direction_difference() -> None:
-    turn = np.deg2rad(2.0)
-    about_z = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-    one = Judged(Calibration(np.eye(3), np.zeros(3), 50.0))
-    found = compare(one, changed(one, matrix=about_z, rotation="estimated"))
-    assert found.heading_mean_deg == pytest.approx(-2.0)
+@pytest.mark.parametrize("angles", [(0.0, 0.0, 2.0), (12.0, -5.0, 30.0), (0.0, 0.0, 180.0)])
+def test_a_rotation_that_one_alone_knows_is_left_out(angles: tuple[float, float, float]) -> None:
+    """An aid finds how the axes sit in the body; the ellipsoid is the same, and so is its heading."""
+    one, turn = judged(0), euler(*angles)
+    matrix = turn @ one.calibration.matrix
+    found = compare(one, changed(one, matrix=matrix, rotation="estimated"))
+    assert (found.verdict, found.rotation) == ("agree", None)
     assert found.heading_difference_deg.worst == pytest.approx(0.0, abs=1e-9)
-    assert found.direction_difference_deg == pytest.approx(2.0 * np.sqrt(2 / 3), rel=0.01)
+    assert found.direction_difference_deg == pytest.approx(0.0, abs=1e-5)
+    cosine = (np.trace(turn) - 1.0) / 2.0
+    assert found.left_out_deg == pytest.approx(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))), abs=1e-6)
+
+
+def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipsoids() -> None:
+    """A sensor that was turned in its mounting by 3°, known to 0.1° about each axis both times."""
+    one = judged(0)
+    record = one.record
+    assert record is not None
+    covariance = np.deg2rad(0.1) ** 2 * np.eye(3)
+    aided = structs.replace(record, beside=beside_record(rotation_covariance=covariance))
+    first, second, alike = (
+        replace(changed(one, matrix=euler(0, 0, yaw) @ one.calibration.matrix, rotation="estimated"), record=aided)
+        for yaw in (5.0, 8.0, 5.1)
+    )
+    found = compare(first, second)
+    assert found.rotation is not None
+    npt.assert_allclose(found.rotation.vector_deg, [0.0, 0.0, 3.0], atol=1e-9)
+    assert found.rotation.angle_sigma_deg == pytest.approx(0.1 * np.sqrt(2.0))
+    assert (found.verdict, found.is_turned) == ("agree", True)
+    assert not compare(first, alike).is_turned
+    bare = [Judged(each.calibration) for each in (first, second)]
+    assert (compare(*bare).verdict, compare(bare[0], bare[0]).verdict) == ("contradict", "agree")
 
 
 def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:

@@ -20,9 +20,12 @@ from flinders.angles import folded
 from flinders.attitude import magnetic_heading_deg
 from flinders.calibration import Calibration
 from flinders.cli import main
+from flinders.compass import Compass
+from flinders.document import Fitted, beside_record
 from flinders.fitting import fit
 from flinders.heading import deviation_covariance
 from flinders.judged import Judged
+from flinders.samples import Samples
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -588,3 +591,20 @@ def test_the_command_gives_what_the_library_gives(home: Path) -> None:
     found = magnetic_heading_deg(calibration.apply(log[:, 1:4]), log[:, 4:])
     ended = flinders_("heading", "calibration.json", "log.csv")
     assert_headings(ended, found)
+
+
+def test_the_bias_of_the_accelerometer_that_the_calibration_found_is_taken_off(home: Path) -> None:
+    """In m/s² or in shares of gravity: what it reads too much tilts the vertical no longer."""
+    headings = np.arange(0.0, 360.0, 1.0)
+    body = turned(headings, 6.0, -12.0)
+    bias = np.array([0.3, -0.2, 0.1])
+    calibration = Calibration(np.eye(3), np.zeros(3), 50.0, raw=Unit.of("uT"))
+    fitted = Fitted(method="likelihood", samples=360, beside=beside_record(acceleration_bias=bias))
+    for gravity in (9.80665, 1.0):
+        force = body @ np.array([0.0, 0.0, -gravity])
+        samples = Samples.of(body @ FIELD, unit="uT", acceleration=force + bias * gravity / 9.80665)
+        judged = Judged.from_document(calibration.to_document(fit=fitted))
+        compass = Compass(judged.calibration, acceleration_bias=judged.acceleration_bias, gravity=gravity)
+        apart = folded(compass.read(samples).magnetic_deg - headings)
+        assert np.abs(apart).max() < 0.01
+        assert np.abs(folded(Compass(calibration).read(samples).magnetic_deg - headings)).max() > 1.0

@@ -29,6 +29,7 @@ from flinders.errors import (
     UnreadableInput,
     UsageError,
 )
+from flinders.exporters import EXPORTERS, Asked
 from flinders.readers._beside import Beside
 from flinders.readers._source import File
 from flinders.readers.ulog import open_ulog, sniff_ulog
@@ -635,3 +636,16 @@ def test_two_hundred_broken_logs_end_in_an_error_of_ours_or_in_readings(tmp_path
                 assert all(np.isfinite(block.field).all() for block in rows(compass))
             read += 1
     assert 100 < read < 200
+
+
+def test_a_rotation_that_is_left_out_belongs_into_the_mounting_as_it_is_said() -> None:
+    turned = euler(4.0, -9.0, 30.0)
+    plain = np.diag([1.1, 1.0, 0.95])
+    found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("G"))
+    with pytest.raises(NotExportable, match="--lossy"):
+        EXPORTERS["px4"].render(found)
+    export = EXPORTERS["px4"].render(found, asked=Asked(lossy=True))
+    assert any("roll 4.00°, pitch −9.00°, yaw 30.00°" in note for note in export.fields["notes"])
+    held = Parameters.read(export.fields["values"])
+    raw = np.random.default_rng(1).normal(scale=0.4, size=(20, 3))
+    npt.assert_allclose(held.apply(raw) @ turned.T, found.apply(raw * 100.0) / 100.0, atol=1e-6)

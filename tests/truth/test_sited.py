@@ -126,6 +126,16 @@ def test_a_slope_counts_as_a_tilt_of_the_vehicle() -> None:
     assert two == pytest.approx(2.0 / 5.0 * five, rel=0.3)
 
 
+@pytest.mark.parametrize("slope", [0.0, 5.0])
+def test_what_stays_in_the_body_is_a_bias_of_the_accelerometer_and_no_slope(slope: float) -> None:
+    """0.3 m/s² is 1.8° of tilt, and stays where it is while the vehicle turns; a slope goes round."""
+    truth, site = Turned(slope_deg=slope).record(1, 300)
+    assert truth.samples.acceleration is not None
+    biased = replace(truth.samples, acceleration=truth.samples.acceleration + np.array([0.3, -0.2, 0.1]))
+    claims = [refit(samples, site=site).heading_error_deg.worst for samples in (truth.samples, biased)]
+    assert claims[1] == pytest.approx(claims[0], rel=0.05)
+
+
 @pytest.mark.parametrize("aids", [("dip",), ("rate",), ("rate", "dip"), "auto"])
 def test_aids_of_a_level_turn_are_left_out_and_named(aids: str | tuple[str, ...]) -> None:
     truth, site = Turned(mounted_deg=2.0).record(2, 300)

@@ -130,4 +130,18 @@ def told(fit: Any) -> str:  # noqa: ANN401 - a Fit
             if aid.kept
             else f"{aid.name} was left out: {aid.words}"
         )
+    if fit.aids is not None and fit.aids.acceleration_bias is not None:
+        lines.append(
+            f"{biased(fit.aids.acceleration_bias)}; the calibration file keeps it, and flinders heading uses it"
+        )
     return "\n".join(lines)
+
+
+def biased(bias: Iterable[float]) -> str:
+    """What an accelerometer reads too much, in words.
+
+    >>> biased([0.1784, -0.3, 0.0])
+    'the accelerometer reads 0.178, −0.300 and 0.000 m/s² too much along x, y and z'
+    """
+    x, y, z = (f"{round(value, 3) + 0.0:.3f}".replace("-", "−") for value in bias)
+    return f"the accelerometer reads {x}, {y} and {z} m/s² too much along x, y and z"

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from flinders.cli import _drivers, _options
+from flinders.cli import _aids, _drivers, _options
 from flinders.cli._calibration import agree, is_calibration, load
+from flinders.cli._talk import say
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -224,7 +225,10 @@ def open_log(
     agree(judged.calibration, opened)
     site = None if place is None else site_of(place, date, opened)
     declination = declination_deg if site is None else site.declination_deg
-    compass = Compass(judged.calibration, LEVEL if is_level else formula, turned, declination)
+    bias = None if is_level else judged.acceleration_bias
+    if bias is not None:
+        say(f"{_aids.biased(bias)}, by {calibration}: taken off")
+    compass = Compass(judged.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
     return Log(judged, opened, compass, site, settler=settler)
 
 

@@ -18,7 +18,7 @@ from flinders.errors import FitError, FlindersError, OutputError, UsageError
 from flinders.files import reason
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
 GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
 
@@ -61,11 +61,11 @@ class Program(click.Group):
             say("interrupted")
             code = INTERRUPTED
         except FlindersError as error:
-            code = _told(error, as_json=as_json)
+            code = told(error, as_json=as_json)
         except SystemExit as end:  # 1 is how click ends when whoever read our output has gone
             code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
-            code = _told(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
+            code = told(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
             _silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
             code = _confessed(error)
@@ -73,8 +73,11 @@ class Program(click.Group):
         return sys.exit(code) if standalone_mode else code
 
 
-def _told(error: FlindersError, *, as_json: bool) -> int:
-    """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for."""
+def told(error: FlindersError, *, as_json: bool, beside: Mapping[str, Any] | None = None) -> int:
+    """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for.
+
+    `beside`: what else the JSON is to hold.
+    """
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
         print_fit(fit, err=True)
@@ -85,19 +88,19 @@ def _told(error: FlindersError, *, as_json: bool) -> int:
         say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {message}")
     if as_json:
         with contextlib.suppress(OSError):
-            print_json(_as_dict(error))
+            print_json({**_as_dict(error), **(beside or {})})
     return error.exit_code
 
 
 def _as_dict(error: FlindersError) -> dict[str, Any]:
     """The error as a result: a refusal has the keys of a fit, with null where there is none."""
-    told: dict[str, Any] = {"code": error.code, "message": str(error), "exit_code": error.exit_code}
+    about: dict[str, Any] = {"code": error.code, "message": str(error), "exit_code": error.exit_code}
     if not isinstance(error, FitError):
         evidence = getattr(error, "evidence", None)
-        return {"error": told if evidence is None else {**told, "evidence": dict(evidence)}}
+        return {"error": about if evidence is None else {**about, "evidence": dict(evidence)}}
     fit = getattr(error, "fit", None)
     fields = fit.as_dict() if fit else {**dict.fromkeys(FIT_KEYS), "verdict": "refused", "findings": []}
-    return {**fields, "error": {**told, "evidence": dict(error.evidence)}}
+    return {**fields, "error": {**about, "evidence": dict(error.evidence)}}
 
 
 def _misused(error: click.ClickException, *, as_json: bool) -> int:
@@ -108,7 +111,7 @@ def _misused(error: click.ClickException, *, as_json: bool) -> int:
         return USAGE
     context = getattr(error, "ctx", None)
     found = " ".join(message.split()).rstrip(".")
-    return _told(UsageError(f"{found}; see {context.command_path if context else 'flinders'} --help"), as_json=as_json)
+    return told(UsageError(f"{found}; see {context.command_path if context else 'flinders'} --help"), as_json=as_json)
 
 
 def _confessed(error: Exception) -> int:

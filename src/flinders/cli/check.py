@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from typing import TYPE_CHECKING, Any, cast
 
@@ -9,16 +10,17 @@ import click
 
 from flinders.cli import _drivers, _options
 from flinders.cli._calibration import agree, choice, is_calibration, load, made_from, say_sensor, sensor_option
-from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._program import GOOD, LIMITED, REFUSED, told
 from flinders.cli._sources import saying_what_was_skipped
 from flinders.cli._talk import drawn, print_json, progress, say
-from flinders.errors import UsageError
+from flinders.errors import NeedsSamples, TooFewSamples, UsageError
 
 if TYPE_CHECKING:
     from flinders.calibration import Calibration
-    from flinders.comparison import Strength
+    from flinders.comparison import Comparison, Strength
     from flinders.estimators.walk import Walk
-    from flinders.result import Fit
+    from flinders.judged import Judged
+    from flinders.result import Fit, Refused
     from flinders.samples import Joined
 
 
@@ -63,10 +65,8 @@ def command(
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
-    from flinders.comparison import compare
     from flinders.driven import settled
     from flinders.fitting import fit
-    from flinders.judged import Judged
     from flinders.report.comparison import page
     from flinders.result import Refused
 
@@ -81,15 +81,18 @@ def command(
         try:
             with saying_what_was_skipped(as_recorded.recordings):
                 fresh = fit(recording, target_deg=target_deg, dip_deg=dip_deg)
-        except Refused:
+        except Refused as refused:
             say(
                 f"under {calibration} the strength is {found.mean:.3f} of its field, with a spread of "
                 f"{found.spread:.1%}; the recording does not tell more:"
             )
-            raise
+            walk = _walked_anyhow(recording, known, dip_deg) if is_followed else None
+            if walk is None:
+                raise
+            return _refused(refused, walk, target_deg=target_deg, dip_deg=dip_deg, as_json=as_json)
         renewed = _strength(fresh.calibration, recording)
-    dip = _dip(known.calibration, recording, fresh)
-    comparison = compare(known, Judged.from_fit(fresh, name="fresh fit"), dip_deg=dip, target_deg=target_deg)
+    comparison = _compared(known, fresh, recording, target_deg=target_deg)
+    dip = comparison.heading_difference_deg.dip_deg
     own = made_from(calibration, as_recorded.recordings)
     walk = _walked(recording, fresh) if is_followed else None
     if as_json:
@@ -108,7 +111,8 @@ def command(
     else:
         click.echo(drawn(page(comparison, fresh=fresh, strengths=(found, renewed), own=own), sys.stdout))
         if walk is not None:
-            click.echo(_told(walk, fresh, target_deg))
+            unit, dip = fresh.calibration.unit, fresh.heading_error_deg.dip_deg
+            click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip))
     if comparison.verdict == "contradict":
         return REFUSED
     holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good" and not own
@@ -143,6 +147,19 @@ def opened(
     return Joined(parts)
 
 
+def _compared(known: Judged, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
+    """Hold them against each other; where the recording is a level turn, in the plane that was turned."""
+    from flinders.comparison import compare
+    from flinders.judged import Judged
+    from flinders.levelled import compare_turned
+
+    found = Judged.from_fit(fresh, name="fresh fit")
+    if found.plane == "xy" and known.plane is None:
+        return compare_turned(known, found, recording, target_deg=target_deg)
+    dip = _dip(known.calibration, recording, fresh)
+    return compare(known, found, dip_deg=dip, target_deg=target_deg)
+
+
 def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
     """The dip with the sign that the recording shows: a level turn alone does not tell which side is up."""
     dip = fresh.heading_error_deg.dip_deg
@@ -159,17 +176,34 @@ def _walked(recording: Joined, fresh: Fit) -> Walk:
     return walk_through(recording, fresh.ellipsoid, plane=fresh.plane, dip_deg=fresh.heading_error_deg.dip_deg)
 
 
-def _told(walk: Walk, fresh: Fit, target_deg: float) -> str:
+def _walked_anyhow(recording: Joined, known: Judged, dip_deg: float) -> Walk | None:
+    """How it moved where no fit is fit for use: by the calibration itself; None where nothing can be followed."""
+    from flinders.estimators.walk import walk_through
+
+    with contextlib.suppress(NeedsSamples, TooFewSamples):
+        return walk_through(recording, known.ellipsoid, dip_deg=dip_deg, is_own=False)
+    return None
+
+
+def _refused(refused: Refused, walk: Walk, *, target_deg: float, dip_deg: float, as_json: bool) -> int:
+    """Say why the recording cannot be fitted, and how far the offset moved under the calibration; `drift` is that."""
+    fields = {"fresh": refused.fit.as_dict(), "drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}
+    code = told(refused, as_json=as_json, beside=fields)
+    if not as_json:
+        unit = refused.fit.calibration.unit
+        click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip_deg, under=" under the calibration"))
+    return code
+
+
+def _told(walk: Walk, unit: str, *, target_deg: float, dip_deg: float, under: str = "") -> str:
     """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
     from flinders.cli._reports import can_show
     from flinders.estimators.walk import BARS
     from flinders.units import label
 
-    words = walk.words(
-        label(fresh.calibration.unit), level_deg=target_deg, dip_deg=abs(fresh.heading_error_deg.dip_deg)
-    )
+    words = walk.words(label(unit), level_deg=target_deg, dip_deg=abs(dip_deg))
     bars = f"\n{walk.drawn()}  0 to {walk.moved:.2g}" if walk.is_proven and can_show(sys.stdout.encoding, BARS) else ""
-    return f"drift: {words}{bars}"
+    return f"drift{under}: {words}{bars}"
 
 
 def _strength(calibration: Calibration, recording: Joined) -> Strength:

@@ -27,7 +27,8 @@ Example:
 \b
 Exit codes:
   0  they agree
-  3  they differ by less than the target, or claim too little to tell
+  3  they differ by less than the target, or claim too little to tell,
+     or agree and sit otherwise in the body
   4  they contradict each other
 """,
 )
@@ -59,7 +60,8 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
         click.echo(drawn(page(comparison), sys.stdout))
     if comparison.verdict == "contradict":
         return REFUSED
-    return GOOD if comparison.verdict == "agree" and comparison.is_telling else LIMITED
+    firm = comparison.is_telling and not comparison.is_turned
+    return GOOD if comparison.verdict == "agree" and firm else LIMITED
 
 
 def _load(path: str, other: str) -> Judged:

@@ -10,6 +10,7 @@ and 68.8° and 293.3° in ArduPilot; from 41 on PX4 and ArduPilot mean different
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -73,19 +74,51 @@ def without_turn(matrix: Floats) -> tuple[Floats, float]:
     return (held + held.T) / 2, float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def symmetric(matrix: Floats, who: str, beyond: str, *, by: str) -> Floats:
+def angles_of(rotation: Floats) -> tuple[float, float, float]:
+    """Roll, pitch and yaw in degrees, as `euler` takes them.
+
+    >>> [round(angle, 9) for angle in angles_of(euler(10, -20, 170))]
+    [10.0, -20.0, 170.0]
+    """
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    pitch = math.asin(min(max(-float(rotation[2, 0]), -1.0), 1.0))
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+
+
+def turn_of(matrix: Floats) -> Floats | None:
+    """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None where it hardly turns."""
+    held, angle = without_turn(matrix)
+    if angle <= MOST_TURN_DEG:
+        return None
+    rotation: Floats = matrix @ np.linalg.inv(held)
+    return rotation
+
+
+def said(rotation: Floats) -> str:
+    """A rotation in words, as autopilots take it.
+
+    >>> said(euler(0, -12, 3))
+    'roll 0.00°, pitch −12.00°, yaw 3.00°'
+    """
+    named = zip(("roll", "pitch", "yaw"), angles_of(rotation), strict=True)
+    return ", ".join(f"{name} {round(angle, 2) + 0.0:.2f}°" for name, angle in named).replace("-", "−")
+
+
+def symmetric(matrix: Floats, who: str, beyond: str, *, by: str, lossy: bool = False) -> Floats:
     """(3, 3) the symmetric matrix of what hardly turns, for an autopilot that holds six numbers.
 
     Raises
     ------
     NotExportable
-        For a matrix that turns readings by more than `MOST_TURN_DEG`; `by` is what sets the mounting instead.
+        For a matrix that turns readings by more than `MOST_TURN_DEG`, unless `lossy`; `by` is what sets the mounting
+        instead.
     """
     held, angle = without_turn(matrix)
-    if angle > MOST_TURN_DEG:
+    if angle > MOST_TURN_DEG and not lossy:
         raise NotExportable(
-            f"the calibration turns readings by {figures(angle)}°, and {who}'s symmetric matrix cannot: set the "
-            f"mounting with {by}, and calibrate without aligning to other sensors",
+            f"the calibration turns readings by {figures(angle)}°, and {who}'s symmetric matrix cannot: flinders "
+            f"export --lossy writes the rest, and says what roll, pitch and yaw then belong into the mounting ({by})",
             beyond=(beyond,),
             turn_deg=angle,
         )

@@ -115,6 +115,7 @@ class Parameters:
         motor_by: int = OFF,
         orientation: int = 0,
         external: bool = False,
+        lossy: bool = False,
     ) -> Self:
         """Turn a calibration into parameters.
 
@@ -134,6 +135,8 @@ class Parameters:
             COMPASS_MOTCT: `BY_THROTTLE` or `BY_CURRENT`, where there is a `motor`.
         orientation, external
             As the attributes of the same name; kept, and not used.
+        lossy : bool
+            Leave a rotation of the calibration out, which belongs into the mounting.
 
         Raises
         ------
@@ -153,13 +156,14 @@ class Parameters:
         plain, follows = followed(calibration)
         matrix, centre = in_recorded_axes(plain)
         turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
+        by = "COMPASS_ORIENT or a custom rotation"
+        held = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by=by, lossy=lossy) @ turn.T
         if motor is None and follows is not None:
-            motor = -turn @ matrix @ driven_in_recorded_axes(calibration, follows) / MG
+            motor = -held @ turn @ driven_in_recorded_axes(calibration, follows) / MG
             motor_by = BY_CURRENT if follows.name == "current" else BY_THROTTLE
         motor = np.zeros(3) if motor is None else vectors(motor, "motor")
         if motor.any() and motor_by not in (BY_THROTTLE, BY_CURRENT):
             raise UsageError("a motor term needs what it depends on: motor_by=1 for throttle, 2 for current")
-        held = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by="COMPASS_ORIENT or a custom rotation") @ turn.T
         scale = float(np.trace(held) / 3)
         if not 0 < scale < np.inf:
             raise NotExportable(

@@ -123,6 +123,7 @@ class Parameters:
         device_id: int | None = None,
         priority: int | None = None,
         compensation: ArrayLike | None = None,
+        lossy: bool = False,
     ) -> Self:
         """Turn a calibration into parameters; they act in the axes as recorded, which must be those of the sensor.
 
@@ -137,6 +138,8 @@ class Parameters:
         compensation : (3,) array-like, optional
             CAL_MAGn_COMP: what is added to a reading, in G for each kA or at full throttle; by default that of the
             calibration, where it follows a current or, failing that, a throttle: −P.
+        lossy : bool
+            Leave a rotation of the calibration out, which belongs into the mounting.
 
         Raises
         ------
@@ -158,7 +161,7 @@ class Parameters:
         if compensation is None and follows is not None:
             per_unit = KILO if follows.name == "current" else 1.0
             compensation = -driven_in_recorded_axes(calibration, follows) * per_unit / GAUSS
-        held = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROT or SENS_BOARD_ROT")
+        held = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROLL, PITCH and YAW", lossy=lossy)
         mounting(rotation)
         found = cls(
             offset=centre / GAUSS,

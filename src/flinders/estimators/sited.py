@@ -53,6 +53,8 @@ from flinders.quadric import Ellipsoid, symmetric
 from flinders.samples import frame_of
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from flinders.arrays import Floats
     from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
@@ -68,7 +70,10 @@ STRAY: Final = 6.0
 """Times the median of their deviations beyond which heights are left out."""
 
 BY_CHANCE: Final = 10.0
-"""Of the noise's variance over the root of the readings: three standard deviations of what chance makes of no tilt."""
+"""Of the variance that chance gives a tilt: its square is beyond that in one recording of 20,000."""
+
+HALF_A_TURN: Final = 0.6
+"""1 − |mean way|² of headings spread evenly over half of a turn: 1 − (2/π)²."""
 
 CONTRADICTED: Final = 4.0
 """Standard deviations between a strength and an ellipsoid, beyond which the unit or the gain is another."""
@@ -107,7 +112,7 @@ def sited(
         return estimate  # a recipe of two axes, which claims nothing of the third
     if not estimate.plane:
         return estimate if site is None else _by_strength(estimate, site)
-    shown = _shown(readings)
+    shown = _shown(readings, estimate, math.radians(dip_deg))
     if site is not None and shown.down is False:
         return replace(estimate, z_down=site.inclination_deg is None)
     if site is not None:
@@ -330,38 +335,88 @@ class _Shown(NamedTuple):
     down : bool, optional
         Whether it points down, to `FARTHEST_DEG`; None where nothing was recorded.
     tilt_deg : float
-        How far from vertical it was, rms.
+        How far its axis of turning was from vertical.
     """
 
     down: bool | None = None
     tilt_deg: float = 0.0
 
 
-def _shown(readings: Readings) -> _Shown:
+def _shown(readings: Readings, estimate: Estimate, dip: float) -> _Shown:
     """Look at the accelerometer.
 
-    Its noise is taken off: it is alike in all directions, and along gravity it is the scatter of the length.
+    On a slope the vertical leans to one side of the world, and goes round in the body as the field does. What stays
+    where it is in the body is a bias of the accelerometer, a trim of the vehicle or the mounting, and no slope: with
+    the headings ψ of the ellipse, felt along x and y is a + t exp(−iψ) in complex numbers, and t is what a slope does.
+    Where less than half of a turn was made, nobody can tell one from the other, and both count.
     """
     if readings.recording is None:
         return _Shown()
-    total, squares, lengths, count = np.zeros(3), 0.0, np.zeros(2), 0
+    inverse = np.linalg.inv(math.cos(dip) * estimate.ellipsoid.shape[:2, :2])
+    middle = estimate.ellipsoid.centre[:2] + math.sin(dip) * estimate.ellipsoid.shape[:2, 2]
+    total, sums = np.zeros(3), _Harmonics()
     for block in readings.recording.blocks():
         if block.acceleration is None:
             return _Shown()
-        felt = block.acceleration[np.isfinite(block.acceleration).all(axis=1)]
-        length = np.linalg.norm(felt, axis=1)
+        there = np.isfinite(block.acceleration).all(axis=1)
+        felt, turned = block.acceleration[there], (block.field[there, :2] - middle) @ inverse
         total -= felt.sum(axis=0)
-        squares += float(np.sum(felt[:, :2] ** 2))
-        lengths += [float(length.sum()), float(length @ length)]
-        count += len(felt)
-    if count == 0 or not lengths[0] > 0.0:
+        sums += _Harmonics.of(felt[:, 0] + 1j * felt[:, 1], turned[:, 0] + 1j * turned[:, 1])
+    gravity = float(np.linalg.norm(total)) / max(sums.count, 1)
+    if not gravity > 0.0:
         return _Shown()
     if float(total[2]) < float(np.linalg.norm(total)) * math.cos(math.radians(FARTHEST_DEG)):
         return _Shown(down=False)
-    gravity = lengths[0] / count
-    noise = max(lengths[1] / count - gravity**2, 0.0)
-    excess = squares / count - 2.0 * noise
-    if excess < BY_CHANCE * noise / math.sqrt(count):
-        return _Shown(down=True)
-    sine = math.sqrt(excess) / gravity
-    return _Shown(down=True, tilt_deg=math.degrees(math.asin(min(sine, 1.0))))
+    return _Shown(down=True, tilt_deg=math.degrees(math.asin(min(sums.going_round() / gravity, 1.0))))
+
+
+@dataclass(frozen=True, slots=True)
+class _Harmonics:
+    """Sums over readings of what is felt in the plane, f, and of the way the field points there, u with |u| = 1.
+
+    Attributes
+    ----------
+    count : int
+    felt, way, both : complex
+        Σ f, Σ u and Σ f ū.
+    squares : float
+        Σ |f|².
+    """
+
+    count: int = 0
+    felt: complex = 0j
+    way: complex = 0j
+    both: complex = 0j
+    squares: float = 0.0
+
+    @classmethod
+    def of(cls, felt: NDArray[np.complex128], turned: NDArray[np.complex128]) -> Self:
+        """Add up (N,) readings; one in the middle of the ellipse points nowhere."""
+        way = turned / np.maximum(np.abs(turned), np.finfo(float).tiny)
+        both, squares = complex(np.vdot(way, felt)), float(np.vdot(felt, felt).real)
+        return cls(len(felt), complex(felt.sum()), complex(way.sum()), both, squares)
+
+    def __add__(self, other: _Harmonics) -> _Harmonics:
+        return _Harmonics(
+            self.count + other.count,
+            self.felt + other.felt,
+            self.way + other.way,
+            self.both + other.both,
+            self.squares + other.squares,
+        )
+
+    def going_round(self) -> float:
+        """How much of what is felt goes round with the field; nothing where chance makes as much.
+
+        Least squares of f = a + t u. Of less than half of a turn, a and t are the same, and it is the root of the mean
+        square of both.
+        """
+        felt, way = self.felt / self.count, self.way / self.count
+        spread = 1.0 - abs(way) ** 2
+        scatter = max(self.squares / self.count - abs(felt) ** 2, 0.0)
+        if spread < HALF_A_TURN:
+            return math.sqrt(abs(felt) ** 2 + scatter)
+        round_ = (self.both / self.count - felt * way.conjugate()) / spread
+        left = max(scatter - spread * abs(round_) ** 2, 0.0)
+        by_chance = BY_CHANCE * left / (self.count * spread)
+        return abs(round_) if abs(round_) ** 2 > by_chance else 0.0

@@ -131,18 +131,31 @@ class Walk:
         level = np.deg2rad(level_deg) * self.field * np.cos(np.deg2rad(dip_deg))
         return float((level / q) ** 2) if q > 0.0 else np.inf
 
+    @property
+    def at_most_moved(self) -> float:
+        """How far (1 σ) the largest walk that it could be goes over the recording, in the unit of the readings."""
+        return float(self.at_most * np.sqrt(self.seconds))
+
+    def is_told(self, level_deg: float, *, dip_deg: float = 60.0) -> bool:
+        """Whether the recording tells if the offset stayed: a walk that goes beyond this level in it would show."""
+        return self.is_proven or self.valid_for_s(level_deg, dip_deg=dip_deg) >= self.seconds
+
     def words(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, and for how long a calibration holds."""
         held = _duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
         least = "" if self.is_proven else "at least "
-        return (
-            f"{self.story(unit)}: valid for {least}{held} at this level ({level_deg:g}° of heading, 1 σ, "
-            f"dip {dip_deg:.0f}°)"
-        )
+        story = self.story(unit, level_deg=level_deg, dip_deg=dip_deg)
+        level = f"{level_deg:g}° of heading, 1 σ, dip {dip_deg:.0f}°"
+        return f"{story}: valid for {least}{held} at this level ({level})"
 
-    def story(self, unit: str) -> str:
-        """Say how far the offset moved."""
+    def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
+        """Say how far the offset moved, or that nobody can tell to this level."""
         over = _duration(self.seconds)
+        if not self.is_told(level_deg, dip_deg=dip_deg):
+            return (
+                f"cannot tell whether the offset stayed where it was: {figures(self.at_most_moved)} {unit} over {over} "
+                "would not show in this recording"
+            )
         if not self.is_proven:
             return f"the offset stayed where it was over {over}, as far as this recording tells"
         return (
@@ -164,7 +177,7 @@ class Walk:
         return "".join(BARS[round(float(height / most) * (len(BARS) - 1))] for height in heights)
 
     def as_dict(self, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> dict[str, Any]:
-        """JSON-ready; `valid_for_s` is None for any time."""
+        """JSON-ready; `valid_for_s` is None for any time, `told` as `is_told`."""
         held = self.valid_for_s(level_deg, dip_deg=dip_deg)
         return {
             "level_deg": level_deg,
@@ -173,6 +186,7 @@ class Walk:
             "at_most": self.at_most,
             "gain": self.gain,
             "proven": self.is_proven,
+            "told": self.is_told(level_deg, dip_deg=dip_deg),
             "moved": self.moved,
             "seconds": self.seconds,
             "time_s": self.time.tolist(),
@@ -199,7 +213,13 @@ class _Spans(NamedTuple):
 
 
 def walk_of(
-    readings: Floats, time: Floats | None, ellipsoid: Ellipsoid, *, plane: Plane | None = None, dip_deg: float = 60.0
+    readings: Floats,
+    time: Floats | None,
+    ellipsoid: Ellipsoid,
+    *,
+    plane: Plane | None = None,
+    dip_deg: float = 60.0,
+    is_own: bool = True,
 ) -> Walk:
     """Follow the offset through a recording.
 
@@ -216,6 +236,9 @@ def walk_of(
         That of a fit to readings of one plane.
     dip_deg : float
         With a plane: the inclination that the fit was made with.
+    is_own : bool
+        The ellipsoid is the fit to these readings, and what they lie off it is noise. Of another one, noise is what is
+        left beside a course of twelve pieces.
 
     Raises
     ------
@@ -228,7 +251,8 @@ def walk_of(
         raise NeedsSamples("walk")
     if len(readings) < FEWEST:
         raise TooFewSamples(found=len(readings), needed=FEWEST, method="walk")
-    spans = _spans(*(readings, ellipsoid) if plane is None else _laid_flat(readings, ellipsoid, plane, dip_deg), time)
+    laid = (readings, ellipsoid) if plane is None else _laid_flat(readings, ellipsoid, plane, dip_deg)
+    spans = _spans(*laid, time, is_own=is_own)
     sizes = np.append(0.0, np.geomspace(1e-6, 1.0, TRIED - 1) * ellipsoid.radius / np.sqrt(time[-1] - time[0]))
     likelihoods = _filtered(spans, sizes, ellipsoid.radius).likelihood
     gain = 2.0 * float(likelihoods.max() - likelihoods[0])
@@ -258,7 +282,12 @@ def _sigma(covariance: Floats) -> Floats:
 
 
 def walk_through(
-    recording: Recording, ellipsoid: Ellipsoid, *, plane: Plane | None = None, dip_deg: float = 60.0
+    recording: Recording,
+    ellipsoid: Ellipsoid,
+    *,
+    plane: Plane | None = None,
+    dip_deg: float = 60.0,
+    is_own: bool = True,
 ) -> Walk:
     """Follow the offset through a recording, or through the first of several: nobody knows what was between two.
 
@@ -276,7 +305,7 @@ def walk_through(
     times = [block.time for block in blocks if block.time is not None]
     time = np.concatenate(times) if len(times) == len(blocks) else None
     field = np.concatenate([block.field for block in blocks])
-    return walk_of(field, time, ellipsoid, plane=plane, dip_deg=dip_deg)
+    return walk_of(field, time, ellipsoid, plane=plane, dip_deg=dip_deg, is_own=is_own)
 
 
 def _laid_flat(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: float) -> tuple[Floats, Ellipsoid]:
@@ -291,12 +320,13 @@ def _laid_flat(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: fl
     return flat, Ellipsoid(level.centre[there], level.shape[np.ix_(there, there)])
 
 
-def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats) -> _Spans:
+def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool = True) -> _Spans:
     """Put readings together, a reading that is far off with no more weight than one at the limit."""
     distances = magnitude.distances(readings, ellipsoid)
     jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
-    noise = max(spread_of(distances), 1e-9 * ellipsoid.radius)
-    weights = np.minimum(1.0, NEAR * noise / np.maximum(np.abs(distances), np.finfo(float).tiny)) ** 2
+    beside = distances if is_own else distances - _in_pieces(distances, jacobian, time)
+    noise = max(spread_of(beside), 1e-9 * ellipsoid.radius)
+    weights = np.minimum(1.0, NEAR * noise / np.maximum(np.abs(beside), np.finfo(float).tiny)) ** 2
     left = distances * np.sqrt(weights)
     alike = _time_of_noise(left, jacobian, time)
     normals = jacobian[:, :3] * (weights / (noise**2 * alike))[:, np.newaxis]
@@ -311,6 +341,12 @@ def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats) -> _Spans:
 
 def _time_of_noise(left: Floats, jacobian: Floats, time: Floats) -> float:
     """Readings that say as much as one independent one, once a walk of a few spans was taken off them."""
+    residuals = Residuals(left - _in_pieces(left, jacobian, time), jacobian, [np.arange(len(left))])
+    return max(1.0, time_of(residuals.autocovariance()))
+
+
+def _in_pieces(left: Floats, jacobian: Floats, time: Floats) -> Floats:
+    """(N,) what offsets make of distances that stay the same for a twelfth of the recording each."""
     slow = np.clip(((time - time[0]) / (time[-1] - time[0]) * 12.0).astype(int), 0, 11)
     smooth = np.zeros(len(left))
     for part in range(12):
@@ -318,8 +354,7 @@ def _time_of_noise(left: Floats, jacobian: Floats, time: Floats) -> float:
         if np.count_nonzero(rows) > 12:
             normals = jacobian[rows, :3]
             smooth[rows] = normals @ np.linalg.lstsq(normals, left[rows], rcond=1e-6)[0]
-    residuals = Residuals(left - smooth, jacobian, [np.arange(len(left))])
-    return max(1.0, time_of(residuals.autocovariance()))
+    return smooth
 
 
 class _Filtered(NamedTuple):

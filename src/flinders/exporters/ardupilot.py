@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.conventions._affine import Affine
 from flinders.conventions._parsing import chosen, decoded
+from flinders.conventions._recorded import in_recorded_axes
+from flinders.conventions._rotations import said, turn_of
 from flinders.conventions.ardupilot import Parameters, compasses, in_vehicle_axes, names, parse
 from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
@@ -64,12 +66,33 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     compass = 1 if asked.compass is None else asked.compass
     in_place = in_vehicle_axes(calibration)
     Affine.of(in_place, SHEET.unit, who=SHEET.title)  # refuses counts, and numbers beyond all bounds
-    parameters = Parameters.of(in_place, compass=compass).as_held()
+    parameters = Parameters.of(in_place, compass=compass, lossy=asked.lossy).as_held()
     values = dict(parameters.rows())
     body = [f"{name},{value:.9g}" for name, value in values.items()]
+    left_out = _left_out(in_place, compass)
     if not parameters.is_driven:
-        return Written(parameters.apply, body, values, notes=(MOTORS,))
-    return Written(parameters.apply, body, values, notes=(COMPENSATED,), driven=parameters.apply)
+        return Written(parameters.apply, body, values, notes=(*left_out, MOTORS))
+    return Written(parameters.apply, body, values, notes=(*left_out, COMPENSATED), driven=parameters.apply)
+
+
+def _left_out(calibration: Calibration, compass: int) -> tuple[str, ...]:
+    """What a rotation would have to be put into, and the parameters that are right from then on.
+
+    They act after the mounting: with W = Q P and Q in the mounting, readings are Q r, and Q P Qᵀ and Q b correct them.
+    """
+    matrix, _ = in_recorded_axes(calibration)
+    turn = turn_of(matrix)
+    if turn is None:
+        return ()
+    digit = "" if compass == 1 else str(compass)
+    then = Parameters.of(calibration, compass=compass, mounting=turn, lossy=True).as_held()
+    rows = ", ".join(f"{name} {value:.6g}" for name, value in then.rows() if "MOT" not in name)
+    note = (
+        f"left out: a rotation of {said(turn)}. It belongs into the mounting (COMPASS_ORIENT{digit} 101, "
+        "CUST_ROT1_ROLL, PITCH and YAW: after the rotation that is set now), and only once it is there the numbers "
+        f"are, in place of those below: {rows}"
+    )
+    return (note,)
 
 
 def sniff(head: bytes) -> bool:

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Final
 from flinders.conventions._affine import Affine
 from flinders.conventions._driven import followed
 from flinders.conventions._parsing import chosen, decoded
+from flinders.conventions._recorded import in_recorded_axes
+from flinders.conventions._rotations import said, turn_of
 from flinders.conventions.ardupilot import parse
 from flinders.conventions.px4 import BY_CURRENT, BY_THROTTLE, COMPASSES, INTERNAL, KILO, Parameters
 from flinders.exporters._export import Written
@@ -47,6 +49,12 @@ COMPENSATED: Final = (
     "reading before OFF is taken off; CAL_MAG_COMP_TYP is one for all compasses"
 )
 
+LEFT_OUT: Final = (
+    "left out: a rotation of {turn}. It belongs into the mounting, before the rotation that is set now: put the "
+    "product of both into CAL_MAG{compass}_ROLL, PITCH and YAW, which recent versions of PX4 have; the numbers stay as "
+    "they are"
+)
+
 
 def write(calibration: Calibration, asked: Asked) -> Written:
     """Write the five columns that QGroundControl loads: vehicle, component, name, value, type.
@@ -71,7 +79,7 @@ def write_shell(calibration: Calibration, asked: Asked) -> Written:
 def _written(calibration: Calibration, line: Callable[[str, str], str], asked: Asked) -> Written:
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, SHEET.unit, who=SHEET.title)  # refuses counts, and numbers beyond all bounds
-    parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL).as_held()
+    parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL, lossy=asked.lossy).as_held()
     values: dict[str, float] = dict(parameters.rows())
     driven: Callable[[Floats, float], Floats] | None = None
     if (motor := followed(calibration)[1]) is not None:
@@ -84,7 +92,9 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: A
         f"CAL_MAG{compass}_ID must already be the device_id of this sensor, and CAL_MAG{compass}_ROT its mounting; "
         "restart the vehicle afterwards"
     )
-    notes = [ready] if driven is None else [ready, COMPENSATED]
+    turn = turn_of(in_recorded_axes(calibration)[0])
+    notes = [] if turn is None else [LEFT_OUT.format(turn=said(turn), compass=compass)]
+    notes += [ready] if driven is None else [ready, COMPENSATED]
     return Written(parameters.apply, body, values, notes, driven=driven)
 
 

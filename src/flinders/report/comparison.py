@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 TITLES: Final = {"agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS")}
 """Of two calibrations, and of one on another recording."""
 
+TURNED: Final = (
+    "their rotations into the body differ by more than chance explains: the sensor was turned in its mounting, or an "
+    "instrument beside it"
+)
+
 UNTOLD: Final = "NO CHECK"
 """Of a calibration that agrees with its own recording."""
 
@@ -84,6 +89,10 @@ def _angles(comparison: Comparison) -> RenderableType:
     if claimed is not None:
         table.add_row("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst), "")
     table.add_row("direction", _angle(comparison.direction_difference_deg), "", "")
+    if (rotation := comparison.rotation) is not None:
+        table.add_row("rotation in the body", _angle(rotation.angle_deg), "", "")
+        if rotation.angle_sigma_deg is not None:
+            table.add_row("  claimed, 1 σ", degrees(rotation.angle_sigma_deg), "", "")
     return table
 
 
@@ -115,12 +124,14 @@ def _verdict(comparison: Comparison, fresh: Fit | None, own: Sequence[str]) -> R
     from rich.text import Text
 
     limits = [] if fresh is None else [finding.advice for finding in fresh.findings if finding.severity == "limits"]
-    firm = comparison.is_telling and not limits and not own
+    firm = comparison.is_telling and not limits and not own and not comparison.is_turned
     colour = {"agree": "good" if firm else "limited", "differ": "limited", "contradict": "refused"}[comparison.verdict]
     basis = f"held level, dip {abs(comparison.heading_difference_deg.dip_deg):g}°"
     if comparison.chi_square is not None:
         square = f"= {comparison.chi_square:.3g}" if comparison.chi_square < 1000.0 else "> 1000"
         basis += f"; χ² {square} for {comparison.freedom} degrees of freedom"
+    if comparison.left_out_deg is not None:
+        basis += f"; the rotation into the body of {degrees(comparison.left_out_deg)}, known to one alone, is left out"
     if fresh is not None:
         basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere seen"
     grid = Table.grid(padding=(0, 2))
@@ -133,6 +144,8 @@ def _verdict(comparison: Comparison, fresh: Fit | None, own: Sequence[str]) -> R
     grid.add_row("", Text(basis, "dim"))
     if own:
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
+    if comparison.is_turned:
+        limits.insert(0, TURNED)
     mark, style = MARKS["limits"]
     for limit in limits:
         grid.add_row(Text(f"  {mark}".rjust(len(title)), style=style), limit)

@@ -290,7 +290,11 @@ def _walk(walk: Walk | None, fit: Fit | None) -> dict[str, Any] | None:
     unit = label(fit.calibration.unit)
     is_claimed = fit.verdict != "refused" and not claims_nothing(fit)
     dip = abs(fit.heading_error_deg.dip_deg)
-    words = walk.words(unit, level_deg=fit.target_deg, dip_deg=dip) if is_claimed else walk.story(unit)
+    words = (
+        walk.words(unit, level_deg=fit.target_deg, dip_deg=dip)
+        if is_claimed
+        else walk.story(unit, level_deg=fit.target_deg, dip_deg=dip)
+    )
     return {"words": f"{words[:1].upper()}{words[1:]}.", "is_proven": walk.is_proven}
 
 

@@ -1,0 +1,227 @@
+"""A calibration held against a level turn: in the plane that was turned, and in what the turn tells.
+
+A level turn of a vehicle about its vertical is one about the sensor's z only where that is upright. Corrected with the
+right calibration its readings lie on a circle about the vertical, wherever that points in the sensor: the normal of
+their plane is the vertical d, and their height over it is F sin I. In axes with z along d the calibration expects
+
+    the circle 0 + F cos I (cos ψ, −sin ψ)
+
+and the turn's ellipse, found in the sensor's x and y, is an ellipse there. Both are held against each other: two
+numbers for the middle, three for the shape. What the turn does not tell, how the third column of the shape and the
+offset share the middle, is in neither. With y = V F S⁻¹ (x − b), an error δ of the calibration and
+X = V F S⁻¹ δS Vᵀ the calibration expects to first order
+
+    the middle V F S⁻¹ δb + sin I (X + Xᵀ) ẑ,        the shape cos I (F + (X + Xᵀ)/2)
+
+since the plane of the readings shows where d is: the antisymmetric part of X, a rotation, goes with it.
+
+>>> from flinders import fitting, simulate
+>>> sensor = simulate.Sensor.random(np.random.default_rng(4))
+>>> tumbled, turned = (simulate.tumble(seed=1, motion=how, sensor=sensor) for how in ("hand", "level"))
+>>> known, fresh = (Judged.from_fit(fitting.fit(each.samples)) for each in (tumbled, turned))
+>>> held = Levelled.of(known, fresh, turned.samples)
+>>> compare_level(held.known, held.fresh, dip_deg=held.dip_deg).verdict
+'agree'
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.calibration import Calibration
+from flinders.comparison import IN_PLANE, compare_level
+from flinders.equator import equator, to_equator
+from flinders.estimators.correlation import Residuals, time_of
+from flinders.estimators.sited import Heights
+from flinders.heading import upright
+from flinders.judged import Judged
+from flinders.planar import root
+from flinders.samples import singles
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.comparison import Comparison
+    from flinders.samples import Recording
+
+STEP: Final = 1e-6
+"""Of the radius: by how much a number is changed to see what becomes of the ellipse."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Levelled:
+    """A calibration and a turn, as ellipses in the plane that was turned.
+
+    Attributes
+    ----------
+    known, fresh : Judged
+        In axes whose z is the vertical of the turn, as equators of ellipsoids.
+    dip_deg : float
+        Inclination of the field as the calibration sees it, positive where it points along +z of the mapped axes.
+    """
+
+    known: Judged
+    fresh: Judged
+    dip_deg: float
+
+    @classmethod
+    def of(cls, known: Judged, fresh: Judged, recording: Recording) -> Self:
+        """Find the plane of the turn, and take both there.
+
+        Parameters
+        ----------
+        known : Judged
+            Of all attitudes.
+        fresh : Judged
+            Of a level turn, `plane` xy.
+        recording : Recording
+            The turn, in the unit and axes of both.
+        """
+        turn = _Turn.of(known, fresh, recording)
+        middle, shape, height = turn.seen(turn.numbers)
+        dip = math.atan2(height, math.sqrt(float(np.linalg.det(shape))))
+        strength = known.calibration.field_strength
+        expected = strength * math.cos(dip) * np.eye(2)
+        return cls(
+            _flat(known, np.zeros(2), expected, turn.expected_covariance(dip)),
+            _flat(fresh, middle, shape, turn.seen_covariance()),
+            math.degrees(dip),
+        )
+
+
+def compare_turned(known: Judged, fresh: Judged, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
+    """Say how far a calibration is from a level turn, as `flinders.comparison.compare` does for two calibrations.
+
+    Parameters
+    ----------
+    known, fresh, recording
+        As for `Levelled.of`.
+    target_deg : float
+        Worst heading difference that is good enough, in degrees.
+    """
+    held = Levelled.of(known, fresh, recording)
+    return compare_level(held.known, held.fresh, dip_deg=held.dip_deg, target_deg=target_deg)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Turn:
+    """A level turn beside a calibration.
+
+    Attributes
+    ----------
+    known : Judged
+    numbers : (8,) float
+        Middle (2) and shape (S₁₁, S₂₂, S₁₂) of the ellipse in the sensor's x and y; height and slopes of its plane.
+    covariance : (8, 8) float
+    """
+
+    known: Judged
+    numbers: Floats
+    covariance: Floats
+
+    @classmethod
+    def of(cls, known: Judged, fresh: Judged, recording: Recording) -> Self:
+        """Lay a plane through the readings."""
+        record = fresh.record
+        error = None if record is None else record.heading_error_deg
+        dip_deg = 60.0 if error is None or error.dip_deg is None else error.dip_deg
+        ellipse = equator(fresh.ellipsoid, "xy", dip_deg=dip_deg)
+        noise = 0.0 if record is None or record.noise is None else record.noise
+        heights = _heights(recording, ellipse.centre[:2], noise)
+        numbers = np.concatenate([ellipse.parameters[list(IN_PLANE)], [heights.height], heights.slopes])
+        covariance = np.zeros((8, 8))
+        if fresh.covariance is not None:
+            rows = to_equator("xy", dip_deg=dip_deg)[list(IN_PLANE)]
+            covariance[:5, :5] = rows @ fresh.covariance @ rows.T
+        covariance[5:, 5:] = heights.covariance
+        return cls(known, numbers, covariance)
+
+    @property
+    def inverse(self) -> Floats:
+        """(3, 3) F S⁻¹ of the calibration, without a rotation."""
+        inverse: Floats = self.known.calibration.field_strength * np.linalg.inv(self.known.ellipsoid.shape)
+        return inverse
+
+    def levelling(self, slopes: Floats) -> Floats:
+        """(3, 3) V, from the magnetometer's own axes, corrected, to those with z along the vertical."""
+        normal = np.linalg.solve(self.inverse, np.append(-slopes, 1.0))  # symmetric: M⁻ᵀ n
+        return upright(normal / np.linalg.norm(normal)).T
+
+    def seen(self, numbers: Floats) -> tuple[Floats, Floats, float]:
+        """Middle (2,) and shape (2, 2) of the ellipse about the vertical, and its height."""
+        turn = self.levelling(numbers[6:]) @ self.inverse
+        centre = turn @ (np.append(numbers[:2], numbers[5]) - self.known.calibration.offset)
+        along = (turn @ np.vstack([np.eye(2), numbers[6:]]))[:2]
+        shape = along @ np.array([[numbers[2], numbers[4]], [numbers[4], numbers[3]]])
+        return centre[:2], root(shape @ shape.T), float(centre[2])
+
+    def seen_covariance(self) -> Floats:
+        """(5, 5) of that middle and shape, as the turn claims them."""
+        scale = np.full(8, STEP * self.known.ellipsoid.radius)
+        scale[6:] = STEP
+        changes = [self._numbers(self.numbers + step) - self._numbers(self.numbers - step) for step in np.diag(scale)]
+        jacobian = np.stack(changes, axis=1) / (2.0 * scale)
+        covariance: Floats = jacobian @ self.covariance @ jacobian.T
+        return covariance
+
+    def _numbers(self, numbers: Floats) -> Floats:
+        middle, shape, _ = self.seen(numbers)
+        return np.array([*middle, shape[0, 0], shape[1, 1], shape[0, 1]])
+
+    def expected_covariance(self, dip: float) -> Floats | None:
+        """(5, 5) of middle and shape that the calibration expects, as it claims."""
+        claimed = self.known.covariance
+        if claimed is None:
+            return None
+        levelling = self.levelling(self.numbers[6:])
+        turn = levelling @ self.inverse
+        rows = np.zeros((5, 9))
+        rows[:2, :3] = turn[:2]
+        for place, entry in enumerate(_ENTRIES):
+            bent = turn @ entry @ levelling.T
+            bent = (bent + bent.T) / 2.0
+            rows[:2, 3 + place] = 2.0 * math.sin(dip) * bent[:2, 2]
+            rows[2:, 3 + place] = math.cos(dip) * np.array([bent[0, 0], bent[1, 1], bent[0, 1]])
+        covariance: Floats = rows @ claimed @ rows.T
+        return covariance
+
+
+def _entries() -> list[Floats]:
+    """The six symmetric matrices that S₁₁, S₂₂, S₃₃, S₁₂, S₁₃ and S₂₃ stand for."""
+    there = np.zeros((6, 3, 3))
+    for place, (row, column) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        there[place, row, column] = there[place, column, row] = 1.0
+    return list(there)
+
+
+_ENTRIES: Final = _entries()
+
+
+def _heights(recording: Recording, middle: Floats, noise: float) -> Heights:
+    """The plane of the readings; what sways counts for as many readings as are independent."""
+    parts = [np.concatenate([block.field for block in single.blocks()]) for single in singles(recording)]
+    field = np.concatenate(parts)
+    found = Heights.of(field, middle, noise)
+    columns = np.column_stack([np.ones(len(field)), field[:, :2] - middle])
+    left = field[:, 2] - columns @ np.append(found.height, found.slopes)
+    edges = np.cumsum([len(part) for part in parts])
+    stretches = [np.arange(edge - len(part), edge) for edge, part in zip(edges, parts, strict=True)]
+    alike = max(1.0, time_of(Residuals(left, columns, stretches).autocovariance()))
+    return replace(found, covariance=alike * found.covariance)
+
+
+def _flat(one: Judged, middle: Floats, shape: Floats, covariance: Floats | None) -> Judged:
+    """The ellipse as the equator of an ellipsoid, whose third semi-axis is the mean of the two."""
+    whole = np.zeros((3, 3))
+    whole[:2, :2], whole[2, 2] = shape, np.trace(shape) / 2.0
+    spread = np.zeros((9, 5))
+    spread[IN_PLANE, range(5)] = 1.0
+    spread[5, 2:4] = 0.5
+    calibration = Calibration.from_ellipsoid(
+        np.append(middle, 0.0), whole, raw=one.calibration.raw, axes=one.calibration.axes, frame=one.calibration.frame
+    )
+    widened = None if covariance is None else spread @ covariance @ spread.T
+    return Judged(calibration, widened, one.name, files=one.files)
