@@ -94,9 +94,7 @@ def dip_of(samples: Samples) -> Dip:
     sigma = np.full(3, np.nan) if covariance is None else np.degrees(np.sqrt(np.diag(covariance)))
     return Dip(
         dip_spread_deg(samples, alone.parameters.offset, np.linalg.inv(alone.parameters.shape)),
-        dip_spread_deg(
-            samples, aided.parameters.offset, aided.matrix, bias=aided.parameters.acceleration_bias
-        ),
+        dip_spread_deg(samples, aided.parameters.offset, aided.matrix, bias=aided.parameters.acceleration_bias),
         np.degrees(rotation_vectors(aided.parameters.rotation[np.newaxis])[0]),
         sigma,
     )

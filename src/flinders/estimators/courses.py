@@ -14,7 +14,7 @@ That is for finding a lag. Offsets per unit are told by the columns themselves, 
 >>> plain = [np.interp(time - share / 50.0, time, noise) for share in (0.0, 0.25, 0.5)]
 >>> [round(float(np.var(values)), 1) for values in plain]
 [1.0, 0.6, 0.5]
->>> course = Course.of(time, noise)
+>>> course = Track.of(time, noise)
 >>> [round(float(np.var(course.at(time - share / 50.0))), 3) for share in (0.0, 0.25, 0.5)]
 [0.132, 0.132, 0.132]
 """
@@ -42,7 +42,7 @@ PLACES: Final = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class Track:
     """A smoothed column.
 
     Attributes

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
-    from flinders.estimators.courses import Course
+    from flinders.estimators.courses import Track
     from flinders.estimators.logged import Logged
     from flinders.estimators.settling import Solved
 
@@ -196,7 +196,7 @@ class Shifted:
         """(N, K) the same of columns that are not smoothed."""
         return self._logged.departures(self._names, self._lags | dict.fromkeys(self._courses, lag_s))
 
-    def _departed(self, name: str, courses: list[Course], lag_s: float) -> Floats:
+    def _departed(self, name: str, courses: list[Track], lag_s: float) -> Floats:
         """(N,) of one of them."""
         departed: Floats = self._logged.along(courses, lag_s) - self._logged.reference(name)
         return departed

@@ -19,7 +19,7 @@ import numpy as np
 
 from flinders.drivers import MOTORS, known, lagged, place_of
 from flinders.errors import InputError, TooFewSamples
-from flinders.estimators.courses import Course
+from flinders.estimators.courses import Track
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,11 +80,11 @@ class Logged:
             return self.values[name]
         return np.concatenate([part.lagged(name, lag_s) for part in self.parts])
 
-    def courses(self, name: str) -> list[Course]:
+    def courses(self, name: str) -> list[Track]:
         """A driver's smoothed course in each recording, which has times."""
-        return [Course.of(part.time, part.columns[name]) for part in self.parts if part.time is not None]
+        return [Track.of(part.time, part.columns[name]) for part in self.parts if part.time is not None]
 
-    def along(self, courses: Sequence[Course], lag_s: float) -> Floats:
+    def along(self, courses: Sequence[Track], lag_s: float) -> Floats:
         """(N,) values of such courses so much earlier."""
         times = [part.time[:: part.stride] for part in self.parts if part.time is not None]
         return np.concatenate([course.at(time - lag_s) for course, time in zip(courses, times, strict=True)])
