@@ -144,7 +144,8 @@ def fit_stack(
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     columns = Columns.empty(len(units))
     for places, stack in _stacks(units):
-        lane = through(stack, target_deg=target_deg, dip_deg=dip_deg, polish=polish)
+        with np.errstate(all="ignore"):  # what is no number in one unit of a stack takes that unit out of the lane
+            lane = through(stack, target_deg=target_deg, dip_deg=dip_deg, polish=polish)
         _fill(columns, places[np.asarray(lane.at)], lane, stack.unit.inside)
     for place in np.flatnonzero(~columns.through).tolist():
         one = units[place]
