@@ -328,8 +328,8 @@ def test_a_rotation_that_was_found_is_not_said_to_be_unseen() -> None:
     fit = fitting.fit(boat, aids=("rate", "dip"))
     text = Page.of(page(fit, boat)).words
     assert "no magnetometer can see" not in text
-    assert "as told by gyro and accelerometer" in text
-    assert "as gyro and accelerometer tell it, adds" in mounting(fit)
+    assert "as told by the gyro and accelerometer" in text
+    assert "as the gyro and accelerometer tell it, adds" in mounting(fit)
     stated = replace(fitted()[0], alignment_error_deg=0.5)
     assert "no magnetometer can see" in mounting(stated)
 

@@ -130,9 +130,11 @@ def told(fit: Any) -> str:  # noqa: ANN401 - a Fit
             if aid.kept
             else f"{aid.name} was left out: {aid.words}"
         )
-    if fit.aids is not None and fit.aids.acceleration_bias is not None:
+    if fit.aids is not None and fit.aids.acceleration_bias is not None and fit.aids.acceleration_bias_sigma is not None:
+        x, y, z = (f"{value:.3f}" for value in fit.aids.acceleration_bias_sigma)
         lines.append(
-            f"{biased(fit.aids.acceleration_bias)}; the calibration file keeps it, and flinders heading uses it"
+            f"{biased(fit.aids.acceleration_bias)} (1 σ: {x}, {y}, {z}); the calibration file keeps it, and flinders "
+            "heading uses it"
         )
     return "\n".join(lines)
 

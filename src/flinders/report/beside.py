@@ -5,7 +5,7 @@
 >>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
 >>> fit = flinders.fit(boat, aids=("rate", "dip"))
 >>> mounting(fit)
-'how the axes sit in the body, as gyro and accelerometer tell it, adds 0.75° (1 σ)'
+'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.75° (1 σ)'
 >>> [row.name for row in aids(fit)]
 ['Gyro', 'Accelerometer']
 """
@@ -72,7 +72,7 @@ def mounting(fit: Fit) -> str:
 def tellers(fit: Fit) -> str:
     """What was recorded beside the magnetometer and is in the fit."""
     kept = [] if fit.aids is None else [WHO[aid.name] for aid in fit.aids.each if aid.kept and aid.name in WHO]
-    return " and ".join(kept) or "what was recorded beside"
+    return f"the {' and '.join(kept)}" if kept else "what was recorded beside"
 
 
 def aids(fit: Fit) -> list[AidRow]:
