@@ -21,9 +21,10 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.errors import FlindersError, LinkError, OutputError, UsageError
+from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
 from flinders.fleet import Rows, engine, work
 from flinders.fleet import run as running
+from flinders.fleet.log import Log
 from flinders.fleet.plan import plan_of
 from flinders.fleet.run import run
 from flinders.fleet.tables import Asked
@@ -334,6 +335,44 @@ def test_a_dask_cluster_gives_the_same_bytes(logs: Path, tmp_path: Path) -> None
     ) as cluster:
         run(str(logs), tmp_path / "there.parquet", Asked(), scheduler=cluster.scheduler_address)
     assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
+
+
+def test_a_cluster_without_workers_is_said_and_waited_for(logs: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    told: list[str] = []
+    with distributed.LocalCluster(
+        n_workers=0, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
+    ) as cluster, Log.to(tmp_path / "log.jsonl") as log:  # fmt: skip
+
+        def help_out(words: str) -> None:
+            told.append(words)
+            cluster.scale(1)
+
+        address = cluster.scheduler_address
+        ended = run(str(logs), tmp_path / "out.parquet", Asked(), scheduler=address, log=log, notice=help_out)
+    assert ended.units == 6
+    assert told == [f"{address} has no workers: waiting for one (`dask worker {address}` starts one)"]
+    events = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert [event["message"] for event in events if event["event"] == "waiting"] == told
+
+
+def test_a_byte_that_the_disk_has_turned_is_an_error_where_pages_have_check_sums(tmp_path: Path) -> None:
+    path, out = tmp_path / "units.parquet", tmp_path / "out.parquet"
+    parquet.write_table(table(0), path, write_page_checksum=True)
+    turn_a_byte(path)
+    run(str(path), out, Asked(), workers=0)
+    assert Rows.read(out).code.tolist() == ["unreadable"]
+    turn_a_byte(out)
+    with pytest.raises(DocumentError, match="CRC checksum verification failed"):
+        Rows.read(out)
+
+
+def turn_a_byte(path: Path) -> None:
+    """Spoil the last byte of the first column."""
+    column = parquet.read_metadata(path).row_group(0).column(0)
+    content = bytearray(path.read_bytes())
+    content[(column.dictionary_page_offset or column.data_page_offset) + column.total_compressed_size - 1] ^= 1
+    path.write_bytes(content)
 
 
 def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(

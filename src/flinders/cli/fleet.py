@@ -92,6 +92,7 @@ def command(
             force=force,
             log=log,
             watch=watch,
+            notice=say,
         )
     if as_json:
         print_json(told.as_dict())

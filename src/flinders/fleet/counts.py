@@ -60,7 +60,7 @@ class Counts:
         texts: dict[str, Counter[str]] = {name: Counter() for name in COUNTED}
         readings, units, last = 0, 0, None
         worst: list[Floats] = [np.empty(0)]
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
                 if not batch.num_rows:
                     continue

@@ -44,7 +44,7 @@ def writing(
     target = Path(path)
     temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
     try:
-        with parquet.ParquetWriter(temporary, schema()) as writer:
+        with parquet.ParquetWriter(temporary, schema(), write_page_checksum=True) as writer:
             yield lambda units: writer.write_table(_table(arrow, units))
         temporary.replace(target)
     except OSError as error:

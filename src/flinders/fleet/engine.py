@@ -22,6 +22,7 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing.connection import wait
+from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from flinders.errors import LinkError, MissingExtra
@@ -40,6 +41,8 @@ AHEAD: Final = 4
 """Units that a cluster is given for each of its threads before the first of them is done."""
 PATIENCE_S: Final = 10.0
 """Seconds within which a scheduler has to answer."""
+RECOUNT_S: Final = 5.0
+"""Seconds after which the threads of a cluster are counted again: workers come and go."""
 LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
 """Of Dask, with handlers of their own."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -71,7 +74,12 @@ def cores() -> int:
 
 
 def map_units(
-    work: Callable[[Unit], Result], units: Sequence[Unit], *, workers: int | None = None, scheduler: str | None = None
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    notice: Callable[[str], None] = lambda _: None,
 ) -> Iterator[tuple[int, Result | Lost]]:
     """Run a function over units, and yield the place of each and its result, as they are done.
 
@@ -84,6 +92,8 @@ def map_units(
         Processes of this machine, by default one for each core; 0 for none but this one.
     scheduler : str, optional
         Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``, in place of processes.
+    notice : callable, optional
+        Is told what keeps the work from going on: a scheduler without workers.
 
     Raises
     ------
@@ -95,7 +105,7 @@ def map_units(
         Where `work` raises, which it should not.
     """
     if scheduler is not None:
-        yield from _on_cluster(work, units, scheduler)
+        yield from _on_cluster(work, units, scheduler, notice)
     elif workers == 0:
         yield from ((place, work(unit)) for place, unit in enumerate(units))
     else:
@@ -230,7 +240,7 @@ def _checked(result: Any) -> Any:  # noqa: ANN401
 
 
 def _on_cluster(
-    work: Callable[[Unit], Result], units: Sequence[Unit], scheduler: str
+    work: Callable[[Unit], Result], units: Sequence[Unit], scheduler: str, notice: Callable[[str], None]
 ) -> Iterator[tuple[int, Result | Lost]]:
     """Run units on a cluster; what goes wrong with its scheduler is said in a line."""
     distributed = _distributed()
@@ -244,7 +254,7 @@ def _on_cluster(
         gone = (OSError, distributed.CancelledError, distributed.client.ClosedClientError)
         try:
             with client:
-                yield from _given(client, work, units, scheduler)
+                yield from _given(client, work, units, scheduler, notice)
         except gone:
             raise _is_gone(scheduler) from None
 
@@ -254,22 +264,34 @@ def _given(
     work: Callable[[Unit], Result],
     units: Sequence[Unit],
     scheduler: str,
+    notice: Callable[[str], None],
 ) -> Iterator[tuple[int, Result | Lost]]:
     """Give a cluster as much as it has threads for, and more as results come; a future is released once it is read."""
-    distributed = _distributed()
     waiting = iter(range(len(units)))
-    ahead = AHEAD * max(sum(client.nthreads().values()), 1)
-    places = {client.submit(work, units[place], pure=False): place for place in islice(waiting, ahead)}
-    done = distributed.as_completed(list(places), loop=client.loop, raise_errors=False)
+    places: dict[Any, int] = {}
+    done = _distributed().as_completed(loop=client.loop, raise_errors=False)
+
+    def ahead() -> int:
+        threads: int = sum(client.nthreads().values())
+        return AHEAD * max(threads, 1)
+
+    def fill(room: int) -> None:
+        for place in islice(waiting, max(room - len(places), 0)):
+            future = client.submit(work, units[place], pure=False)
+            places[future] = place
+            done.add(future)
+
+    room, counted = ahead(), monotonic()
+    fill(room)  # before workers are asked after: there are clusters that start some when there is work
+    if not client.nthreads():
+        notice(f"{scheduler} has no workers: waiting for one (`dask worker {scheduler}` starts one)")
     for future in done:
         place = places.pop(future)
         yield place, _of_future(future, scheduler)
         future.release()
-        following = next(waiting, None)
-        if following is not None:
-            another = client.submit(work, units[following], pure=False)
-            places[another] = following
-            done.add(another)
+        if monotonic() - counted > RECOUNT_S:
+            room, counted = ahead(), monotonic()
+        fill(room)
 
 
 @contextlib.contextmanager

@@ -146,7 +146,7 @@ def batches(path: str | os.PathLike[str], columns: Sequence[str], *, rows: int =
 
     last = ""
     try:
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             _refuse_other(path, file.schema_arrow.names, columns)
             for batch in file.iter_batches(rows, columns=list(columns)):
                 if len(batch):

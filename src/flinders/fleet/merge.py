@@ -80,6 +80,7 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
         "compression_level": LEVEL,
         "version": "2.6",
         "use_dictionary": [*TEXTS, "findings.list.element"],
+        "write_page_checksum": True,
     }
     with parquet.ParquetWriter(file, schema(), **options) as writer:
         for group in groups:

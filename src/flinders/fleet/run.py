@@ -52,6 +52,8 @@ if TYPE_CHECKING:
 
     from flinders.fleet.tables import Asked
 
+    Engine = Callable[[Callable[[Partition], bytes], Sequence[Partition]], Iterator[tuple[int, bytes | Lost]]]
+
 PLAN: Final = "plan.json"
 TABLE: Final = "table.parquet"
 """What goes to a store when it is complete."""
@@ -119,6 +121,7 @@ def run(
     force: bool = False,
     log: Log | None = None,
     watch: Callable[[int, int, int], None] | None = None,
+    notice: Callable[[str], None] = lambda _: None,
 ) -> Told:
     """Calibrate a fleet.
 
@@ -139,6 +142,8 @@ def run(
     log : Log, optional
     watch : callable, optional
         Called with the work done so far, all there is, and the rows so far.
+    notice : callable, optional
+        Called with what keeps the work from going on.
 
     Raises
     ------
@@ -169,7 +174,13 @@ def run(
         log.event("planned", input=where, files=plan.files, partitions=len(plan.partitions), resumed=resumed)
         weights = [partition.weight for partition in plan.partitions]
         finished, rows = sum(weights) - sum(weights[place] for place in missing), 0
-        for place, content, was_lost in _results(plan, missing, asked, workers, scheduler):
+
+        def waits(words: str) -> None:
+            log.event("waiting", message=words)
+            notice(words)
+
+        over = partial(map_units, workers=workers, scheduler=scheduler, notice=waits)
+        for place, content, was_lost in _results(plan, missing, partial(work.done, asked=asked), over):
             kept[place] = parts.commit(place, content)
             count = rows_in(content)
             finished, rows, retried = finished + weights[place], rows + count, retried + was_lost
@@ -203,32 +214,25 @@ def _kept(parts: Parts) -> Iterator[None]:
 
 
 def _results(
-    plan: Plan, missing: Sequence[int], asked: Asked, workers: int | None, scheduler: str | None
+    plan: Plan, missing: Sequence[int], do: Callable[[Partition], bytes], over: Engine
 ) -> Iterator[tuple[int, bytes, bool]]:
     """Each missing partition with its rows, and whether its workers died: such a one is taken apart at the end."""
-    do = partial(work.done, asked=asked)
     partitions = [plan.partitions[place] for place in missing]
     lost = []
-    for place, result in map_units(do, partitions, workers=workers, scheduler=scheduler):
+    for place, result in over(do, partitions):
         if isinstance(result, Lost):
             lost.append((missing[place], result))
         else:
             yield missing[place], result, False
     for place, loss in sorted(lost, key=lambda each: each[0]):
-        yield place, _apart(plan.partitions[place], loss, do, workers, scheduler), True
+        yield place, _apart(plan.partitions[place], loss, do, over), True
 
 
-def _apart(
-    partition: Partition,
-    loss: Lost,
-    do: Callable[[Partition], bytes],
-    workers: int | None,
-    scheduler: str | None,
-) -> bytes:
+def _apart(partition: Partition, loss: Lost, do: Callable[[Partition], bytes], over: Engine) -> bytes:
     """The rows of a partition that cost its workers, file by file: only those of the guilty file are lost."""
     smaller = partition.split()
     rows = [] if smaller else [Rows.of(work.lost(partition, loss.attempts))]
-    for place, result in map_units(do, smaller, workers=workers, scheduler=scheduler):
+    for place, result in over(do, smaller):
         own = work.lost(smaller[place], result.attempts) if isinstance(result, Lost) else None
         rows.append(Rows.of(own) if own is not None else Rows.from_bytes(result))  # type: ignore[arg-type]
     return Rows.joined(rows).sorted().to_bytes()

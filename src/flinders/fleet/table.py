@@ -309,7 +309,7 @@ class Rows:
         from pyarrow.lib import ArrowException
 
         try:
-            table = parquet.read_table(path)
+            table = parquet.read_table(path, page_checksum_verification=True)
         except (OSError, ArrowException) as error:
             raise DocumentError(f"{path}: cannot be read as a table of a fleet ({error})") from None
         return cls.from_arrow(table)

@@ -137,7 +137,7 @@ def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
     """Open Parquet; keys are kept as the dictionaries that they were written as."""
     from pyarrow import parquet
 
-    bounded = {"buffer_size": BUFFER, "pre_buffer": False}
+    bounded = {"buffer_size": BUFFER, "pre_buffer": False, "page_checksum_verification": True}
     with reading(name, "a Parquet table"):
         file = parquet.ParquetFile(where, **bounded)
         keys = Keys.of(name, file.schema_arrow.names, asked)

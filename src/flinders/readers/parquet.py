@@ -54,12 +54,14 @@ def open_parquet(file: File, **options: Any) -> TableRecording:
     kind = "a Parquet table"
     parquet = needs("pyarrow.parquet", "parquet", kind)
     with reading(file.name, kind):
-        opened = parquet.ParquetFile(file.path, memory_map=True)
+        opened = parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True)
         schema, length = opened.schema_arrow, opened.metadata.num_rows
 
     def batches(names: list[str]) -> Iterator[Any]:
         with reading(file.name, kind):
-            yield from parquet.ParquetFile(file.path, memory_map=True).iter_batches(BLOCK, columns=names)
+            yield from parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True).iter_batches(
+                BLOCK, columns=names
+            )
 
     return open_table(file, table_of("Parquet", schema, length, batches, file.name), **options)
 
