@@ -236,6 +236,16 @@ def test_what_only_a_look_at_the_whole_recording_tells_leaves_the_lane(
     assert not any(code in codes for codes in found.findings[found.through])
 
 
+def test_what_stands_beside_readings_and_moves_nothing_keeps_no_unit_out_of_the_lane() -> None:
+    rng = np.random.default_rng(3)
+    warmer = 20.0 + np.linspace(0.0, 8.0, 300)
+    samples = [Samples.of(field, unit="uT", temperature=warmer) for field in measured(rng, spheres(rng, 20, 300))]
+    found = fit_stack(samples, target_deg=5.0)
+    assert found.through.all()
+    for place, one in enumerate(samples):
+        assert_alike(found, place, alone(one, 5.0))
+
+
 def test_another_unit_limits_and_a_strong_field_is_noted() -> None:
     samples = in_another_unit(np.random.default_rng(2))
     found = fit_stack(samples, target_deg=5.0)

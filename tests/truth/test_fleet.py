@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.fleet.plan import Partition
 
 pyarrow = pytest.importorskip("pyarrow")
-from pyarrow import parquet  # noqa: E402 - after it is known to be there
+from pyarrow import csv, parquet  # noqa: E402 - after it is known to be there
 
 FIELDS = [simulate.tumble(seed=seed, n=150, motion="uniform").samples.field for seed in range(6)]
 
@@ -255,6 +255,31 @@ def table(place: int) -> Any:  # noqa: ANN401 - pyarrow ships no types
     times = {"time_s": np.arange(len(field)) * 0.02}
     names = {f"mag_{axis}_uT": field[:, column] for column, axis in enumerate("xyz")}
     return pyarrow.table({"unit": [f"U{place}"] * len(field), **times, **names})
+
+
+@pytest.mark.parametrize("files", [1, 3])
+def test_a_table_that_holds_a_driver_says_what_the_single_command_says(tmp_path: Path, files: int) -> None:
+    current = np.abs(np.sin(np.arange(150.0))) * 20.0
+    tables = []
+    for place, field in enumerate(FIELDS[:3]):
+        moved = field + (0.5 * current[:, np.newaxis] if place == 1 else 0.0)
+        write_csv(tmp_path / f"U{place}.csv", moved)
+        rows = (tmp_path / f"U{place}.csv").read_text().splitlines()
+        beside = ["current_A", *(f"{amperes:.3f}" for amperes in current)]
+        (tmp_path / f"U{place}.csv").write_text("\n".join(map(",".join, zip(rows, beside, strict=True))) + "\n")
+        read = csv.read_csv(tmp_path / f"U{place}.csv")
+        tables.append(read.append_column("unit", pyarrow.array([f"U{place}"] * 150)))
+    (tmp_path / "in").mkdir()
+    for place in range(files):
+        parquet.write_table(pyarrow.concat_tables(tables[place::files]), tmp_path / "in" / f"{place}.parquet")
+    run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    rows_out = Rows.read(tmp_path / "out.parquet")
+    for place in range(3):
+        command = ["calibrate", str(tmp_path / f"U{place}.csv"), "--json"]
+        single = json.loads(CliRunner().invoke(main, command, prog_name="flinders").stdout)
+        codes = [finding["code"] for finding in single["findings"]]
+        assert list(rows_out.findings[place]) == codes
+        assert ("driver-unfollowed" in codes) == (place == 1)
 
 
 def test_a_unit_with_many_readings_beside_small_ones_is_streamed(

@@ -70,21 +70,36 @@ def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time:
     about = values - values.mean()
     jacobian = magnitude.information(directions_of(field, ellipsoid), ellipsoid)
     residuals = magnitude.distances(field, ellipsoid)
-    without = residuals - _fitted(jacobian, residuals)[0]
-    explained, step = _fitted(np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]]), residuals)
-    left = residuals - explained
-    variance = float(left @ left) / max(len(left) - 12, 1)
-    chi_square = float(without @ without - left @ left) / max(variance * time, np.finfo(float).tiny)
+    design = np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]])
+    explained, left = _explained(design, residuals)
+    variance = left / max(len(values) - 12, 1)
+    chi_square = explained / max(variance * time, np.finfo(float).tiny)
     if chi_square < PROVEN:
         return None
+    step = _factors(design, residuals)
     level = ellipsoid.radius * math.cos(math.radians(dip_deg))
     off = float(np.linalg.norm(step[9:])) * float(np.abs(about).max())
     return Unfollowed(name, tuple(step[9:].tolist()), math.degrees(math.atan2(off, level)), chi_square)
 
 
-def _fitted(design: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """(N,) what columns (N, K) explain of (N,) values, and by which factors (K,)."""
-    scale = np.sqrt(np.einsum("ij,ij->j", design, design))
-    scale[scale == 0.0] = 1.0
-    factors = np.linalg.lstsq(design / scale, values, rcond=1e-9)[0]
-    return design / scale @ factors, factors / scale
+def _explained(design: Floats, values: Floats) -> tuple[float, float]:
+    """Sum of squares of (N,) values that the last three of (N, 12) columns explain beyond the others, and what is left.
+
+    Both stand in the last column of one triangular factor, as the values' parts along each further direction.
+    """
+    triangle = np.asarray(np.linalg.qr(np.column_stack([design / _lengths(design), values]), mode="r"))
+    squares = triangle[:, -1] ** 2
+    return float(squares[9:12].sum()), float(squares[12:].sum())
+
+
+def _factors(design: Floats, values: Floats) -> Floats:
+    """(K,) by which columns (N, K) make most of (N,) values."""
+    scale = _lengths(design)
+    factors: Floats = np.linalg.lstsq(design / scale, values, rcond=1e-9)[0] / scale
+    return factors
+
+
+def _lengths(design: Floats) -> Floats:
+    """(K,) lengths of columns; 1 for those of zeros."""
+    lengths: Floats = np.sqrt(np.einsum("ij,ij->j", design, design))
+    return np.where(lengths == 0.0, 1.0, lengths)

@@ -28,7 +28,7 @@ from flinders.errors import UsageError
 from flinders.fleet import store
 from flinders.fleet.table import needs_arrow
 from flinders.readers._extras import reading
-from flinders.readers._names import STRENGTH, TIME
+from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table
 from flinders.readers.parquet import places_of, table_of, values_of
@@ -60,6 +60,8 @@ BATCH: Final = 131_072
 """Rows that are converted at a time."""
 LOOKED_AT: Final = 1_024
 """Rows that columns are recognised by."""
+HAVE_A_SAY: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
+"""Kinds of columns that a fit without aids looks at; others are not read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,7 +288,7 @@ class KeyedTable:
             scale=asked.scale,
             axes=Axes.of(asked.axes),
         )
-        recording.columns = recording.columns.only(TIME, STRENGTH)
+        recording.columns = recording.columns.only(*HAVE_A_SAY)
         return cls(file, keys, recording)
 
     @property

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from flinders import fitting
+from flinders.drivers import KINDS, MOTORS
 from flinders.errors import FlindersError, InputError, UnitError
 from flinders.estimators.kept import concatenated
 from flinders.fleet import store
@@ -343,18 +344,22 @@ class _Lot:
         for place, lot in enumerate(lots):
             whole = lot.lined.whole
             is_bare = whole.strength is None and not whole.skipped
-            alike[(whole.unit, whole.axes, whole.time is None) if is_bare else place].append(lot)
+            alike[(whole.unit, whole.axes, whole.time is None, whole.drivers) if is_bare else place].append(lot)
         return [each[0] if len(each) == 1 else cls._one(each) for each in alike.values()]
 
     @classmethod
     def _one(cls, lots: Sequence[_Lot]) -> _Lot:
-        """Recordings of readings and times in the same unit and axes, one after the other."""
+        """Recordings in the same unit and axes, with the same beside their readings, one after the other."""
         wholes = [lot.lined.whole for lot in lots]
         field = np.concatenate([whole.field.T for whole in wholes], axis=1).T
-        times = [whole.time for whole in wholes if whole.time is not None]
+        beside: dict[str, Any] = {
+            name: np.concatenate([getattr(whole, name) for whole in wholes])
+            for name in ("time", *KINDS, *MOTORS.values())
+            if getattr(wholes[0], name) is not None
+        }
         above = np.cumsum([0, *(len(whole) for whole in wholes[:-1])])
         ends = np.concatenate([lot.lined.ends + shift for lot, shift in zip(lots, above, strict=True)])
-        whole = replace(wholes[0], field=field, time=np.concatenate(times) if times else None)
+        whole = replace(wholes[0], field=field, **beside)
         sources = [source for lot in lots for source in lot.lined.sources]
         return cls(
             [pair for lot in lots for pair in lot.pairs],

@@ -20,11 +20,13 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders import fitting
-from flinders.drivers import known
 from flinders.errors import FitError, FlindersError, UsageError
+from flinders.estimators import unfollowed_of
+from flinders.quadric import Ellipsoid
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
 from flinders.stacked.lane import MOST, UPPER, Lane, through
+from flinders.stacked.solve import DOUBTFUL
 from flinders.stacked.stack import Lined, Stack
 from flinders.summary import Summary
 
@@ -143,9 +145,13 @@ def fit_stack(
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     columns = Columns.empty(len(units))
+    is_driven = polish and _have_drivers(units)
     for places, stack in _stacks(units):
         with np.errstate(all="ignore"):  # what is no number in one unit of a stack takes that unit out of the lane
             lane = through(stack, target_deg=target_deg, dip_deg=dip_deg, polish=polish)
+        if is_driven:
+            came = places[np.asarray(lane.at)].tolist()
+            lane = lane.only(_unmoved(lane, [units[place] for place in came], dip_deg))
         _fill(columns, places[np.asarray(lane.at)], lane, stack.unit.inside)
     for place in np.flatnonzero(~columns.through).tolist():
         one = units[place]
@@ -201,11 +207,26 @@ def _of_like_length(members: NDArray[np.intp], lengths: NDArray[np.int64]) -> It
         order = order[many:]
 
 
-def _may_follow(one: Samples) -> bool:
-    """Whether a driver changed while it was recorded: then it is looked whether readings follow it."""
-    columns = ((one.driving(name), known(name).least) for name in one.drivers)
-    finite = ((values[np.isfinite(values)], least) for values, least in columns if values is not None)
-    return any(len(values) > 0 and np.ptp(values) >= least for values, least in finite)
+def _have_drivers(units: Sequence[Samples] | Lined | Stack) -> bool:
+    """Whether something was recorded beside readings that may move them."""
+    if isinstance(units, Lined):
+        return bool(units.whole.drivers)
+    return not isinstance(units, Stack) and any(one.drivers for one in units)
+
+
+def _unmoved(lane: Lane, sources: Sequence[Samples], dip_deg: float) -> NDArray[np.intp]:
+    """Which of the units that came through have readings that follow nothing that was recorded beside them.
+
+    Residuals that hang together let a driver explain less: a few that `flinders.fit` would leave in peace leave the
+    stack, too.
+    """
+    columns = zip(*(np.asarray(lane.numbers[name]) for name in ("offset", "matrix", "radius")), strict=True)
+    kept = []
+    for place, (one, (offset, matrix, radius)) in enumerate(zip(sources, columns, strict=True)):
+        surface = Ellipsoid(offset, radius * np.linalg.inv(matrix.reshape(3, 3))) if one.drivers else None
+        if surface is None or unfollowed_of(one, surface, dip_deg=dip_deg, time=1.0 - DOUBTFUL) is None:
+            kept.append(place)
+    return np.array(kept, dtype=np.intp)
 
 
 def _fill(columns: Columns, places: NDArray[np.intp], lane: Lane, inside: str) -> None:
@@ -237,7 +258,7 @@ def _named(findings: Mapping[tuple[str, Severity], Any]) -> tuple[NDArray[np.obj
 
 def _is_plain(one: Samples) -> bool:
     """Whether nothing beside the readings and their times has a say in the fit."""
-    return one.strength is None and not _may_follow(one) and not one.skipped and not one.axes.is_mirror
+    return one.strength is None and not one.skipped and not one.axes.is_mirror
 
 
 def _alone(one: Samples, *, polish: bool, target_deg: float, dip_deg: float) -> Fit | Exception:

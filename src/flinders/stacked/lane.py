@@ -85,6 +85,16 @@ class Lane:
     findings: Mapping[tuple[str, Severity], Array]
     method: str = "likelihood"
 
+    def only(self, which: Array) -> Lane:
+        """Those that (J,) ascending integers name."""
+        xp = namespace(which)
+        return Lane(
+            xp.take(self.at, which),
+            {name: xp.take(column, which, axis=0) for name, column in self.numbers.items()},
+            {finding: xp.take(there, which) for finding, there in self.findings.items()},
+            self.method,
+        )
+
 
 def through(stack: Stack, *, target_deg: float, dip_deg: float, polish: bool = True) -> Lane:
     """Fit, widen and judge those units of a stack that take the plain course.
@@ -343,12 +353,7 @@ def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, di
         "coverage": xp.sum(xp.astype(claimed.counts > 0.0, covariance.dtype), axis=1) / claimed.counts.shape[1],
     }
     (kept,) = xp.nonzero(plain & (freedom >= 3.0))
-    return Lane(
-        xp.take(units.at, kept),
-        {name: xp.take(column, kept, axis=0) for name, column in numbers.items()},
-        {finding: xp.take(there, kept) for finding, there in findings.items()},
-        claimed.method,
-    )
+    return Lane(units.at, numbers, findings, claimed.method).only(kept)
 
 
 def _corrections(ellipsoids: Ellipsoids) -> tuple[Array, Array]:
