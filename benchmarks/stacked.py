@@ -19,12 +19,15 @@ import numpy as np
 
 from flinders import fitting
 from flinders.result import Refused
-from flinders.stacked import Stack, fit_stack, lane, solve
+from flinders.stacked import Stack, fit_stack, lane
 from flinders.stacked.algebra import in_stretches, symmetric, with_ones
+from flinders.stacked.consistent import consistent
 from flinders.stacked.hung import Residuals, hung_together
 from flinders.stacked.judge import Health, errors_facing
 from flinders.stacked.lane import UPPER
+from flinders.stacked.likelihood import likelihood
 from flinders.stacked.sums import Sums
+from flinders.stacked.surfaces import Ellipsoids, of_units, products_at
 from flinders.units import Unit
 
 if TYPE_CHECKING:
@@ -63,18 +66,18 @@ def stages(stack: Stack) -> dict[str, float]:
     """Seconds of each stage, over all units."""
     x, counts = with_ones(stack.readings), stack.counts
     sums = Sums.of(x)
-    start = solve.consistent(sums)
-    found = solve.likelihood(x, None, sums, start)
-    surfaces, some = found.ellipsoids, solve.of_units(x, None, found.at)[0]
+    start = consistent(sums)
+    found = likelihood(x, None, sums, start)
+    surfaces, some = found.ellipsoids, of_units(x, None, found.at)[0]
     left = Residuals.of(some, None, counts[found.at], surfaces)
     counted = _placed(some, counts[found.at], surfaces, left)[0]
     return {
         "sums": least(lambda: Sums.of(x)),
         "health": least(lambda: Health.of(x, None, counts)),
-        "consistent": least(lambda: solve.consistent(Sums(sums.values, sums.unit))),
-        "likelihood": least(lambda: solve.likelihood(x, None, sums, start)),
+        "consistent": least(lambda: consistent(Sums(sums.values, sums.unit))),
+        "likelihood": least(lambda: likelihood(x, None, sums, start)),
         "one pass of it": least(
-            lambda: in_stretches(solve.products_at, x, None, start.ellipsoids.centre, start.ellipsoids.inverse)
+            lambda: in_stretches(products_at, x, None, start.ellipsoids.centre, start.ellipsoids.inverse)
         ),
         "residuals": least(lambda: Residuals.of(some, None, counts[found.at], surfaces)),
         "correlation": least(lambda: hung_together(some, None, counts[found.at], surfaces, left)),
@@ -85,7 +88,7 @@ def stages(stack: Stack) -> dict[str, float]:
     }
 
 
-def _placed(readings: Floats, counts: Array, surfaces: solve.Ellipsoids, left: Residuals) -> tuple[Floats, ...]:
+def _placed(readings: Floats, counts: Array, surfaces: Ellipsoids, left: Residuals) -> tuple[Floats, ...]:
     """Coverage and strays."""
     found: tuple[Floats, ...] = in_stretches(
         lane.placed, readings, counts, surfaces.centre, surfaces.inverse, surfaces.radius, left.distances

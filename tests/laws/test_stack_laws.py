@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from flinders.errors import ArrayError, UnitError, UsageError
 from flinders.moments import Moments, power_of_two_above
 from flinders.samples import Samples
-from flinders.stacked import Lined, Stack, fit_stack, solve
+from flinders.stacked import Lined, Stack, consistent, fit_stack
 from flinders.stacked.algebra import READINGS_AT_A_TIME, counted_in, put, stretches
 from flinders.stacked.sums import Sums, powers_of_two_above
 
@@ -142,9 +142,9 @@ def test_recordings_of_one_table_are_views_in_order() -> None:
 def test_inverse_iteration_finds_the_smallest_of_all_eigenvalues(seed: int) -> None:
     sums = Sums.of(np.stack([one.field[:60].T for one in units(seed, 12)]))
     scatter = sums.about(sums.mean, sums.spread)
-    corrections = solve._corrections(scatter)
-    quadric, variance, settled = solve._by_inverse_iteration(scatter, *corrections)
-    expected, known, sure = solve._by_eigenvalues(scatter, *corrections)
+    corrections = consistent._corrections(scatter)
+    quadric, variance, settled = consistent._by_inverse_iteration(scatter, *corrections)
+    expected, known, sure = consistent._by_eigenvalues(scatter, *corrections)
     assert settled.sum() > 8
     assert sure[settled].all()
     assert np.allclose(variance[settled], known[settled], rtol=1e-8)

@@ -10,7 +10,10 @@ module          what it does for all units
 ==============  ============================================================================================
 `stack`         `Stack`: readings side by side
 `sums`          the 35 moments
-`solve`         the consistent fit, and the likelihood: start, steps, bias, covariance
+`surfaces`      ellipsoids, and one pass through the readings near them
+`consistent`    the consistent fit from sums
+`support`       directions that are seen, and what noise pretends
+`likelihood`    start, steps, bias, covariance
 `places`        cells of raw space and of the sphere: what spreads readings out, coverage
 `hung`          correlation of residuals in time, what creeps, what belongs to directions, what changed
 `strays`        whether residuals ask for a robust fit

@@ -26,8 +26,8 @@ from flinders.quadric import Ellipsoid
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
 from flinders.stacked.lane import MOST, UPPER, Lane, through
-from flinders.stacked.solve import DOUBTFUL
 from flinders.stacked.stack import Lined, Stack
+from flinders.stacked.surfaces import DOUBTFUL
 from flinders.summary import Summary
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from statistics import NormalDist
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
@@ -47,8 +47,11 @@ from flinders.stacked.algebra import (
     upper,
     weighed,
 )
-from flinders.stacked.solve import Ellipsoids, Fitted, of_units, surface, weighing
+from flinders.stacked.surfaces import Ellipsoids, of_units, surface, weighing
 from flinders.verdict import CHANGED
+
+if TYPE_CHECKING:
+    from flinders.stacked.likelihood import Fitted
 
 CREEPS: Final = NormalDist().inv_cdf(1.0 - correlation.BY_CHANCE)
 CHANGES: Final = NormalDist().inv_cdf(1.0 - CHANGED)

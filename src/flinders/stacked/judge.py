@@ -3,7 +3,7 @@
 Only findings that are numbers held against a limit are made here. A unit with any other, or one that refuses the
 calibration, leaves the stack.
 
->>> from flinders.stacked.solve import Ellipsoids
+>>> from flinders.stacked.surfaces import Ellipsoids
 >>> spheres = Ellipsoids(np.zeros((1, 3)), 50.0 * np.eye(3)[None])
 >>> offset_only = np.diag([0.25, 0.25, 0.25, 0, 0, 0, 0, 0, 0])[None]
 >>> rms, worst = level_errors(spheres, offset_only, np.array([60.0]))
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.result import Severity
-    from flinders.stacked.solve import Ellipsoids
+    from flinders.stacked.surfaces import Ellipsoids
 
 FOUND: Final[tuple[tuple[str, Severity], ...]] = (
     *((code, "limits") for code in ("heading-error", "coverage", "noise", "prior", "few-samples", "inflation")),

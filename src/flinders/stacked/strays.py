@@ -39,7 +39,7 @@ from flinders.stacked.algebra import (
     with_ones,
 )
 from flinders.stacked.places import Sorted, medians, natural_sides
-from flinders.stacked.solve import Ellipsoids, surface
+from flinders.stacked.surfaces import Ellipsoids, surface
 from flinders.terms.equations import ROUNDING
 
 _ROOTS: Final = np.eye(9) * ROUNDING
