@@ -5,7 +5,9 @@ An offset that creeps and a field that grows leave residuals that depend on time
     s = J δθ + t (n · ḃ + n · S u ġ),      −½ ≤ t ≤ ½ over the recording
 
 beside what noise leaves. ḃ and ġ are found by least squares along with the nine parameters, and held against the
-scatter that the remaining residuals, as they hang together, would give them by chance.
+scatter that the remaining residuals, as they hang together, would give them by chance. A sensor that is turned from
+pole to pole along a spiral has time and direction in one: what only noise tells apart there is left out
+(`flinders.terms.support`).
 
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(1000, 3))
@@ -19,17 +21,19 @@ scatter that the remaining residuals, as they hang together, would give them by 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.coverage import directions_of
 from flinders.estimators.correlation import Residuals, time_of
+from flinders.estimators.estimate import FINEST
 from flinders.heading import level_error
 from flinders.pooling import chance_of, chi_square_of
 from flinders.quadric import Ellipsoid, upper
 from flinders.result import Drift
 from flinders.terms import magnitude
+from flinders.terms.support import Support, turning
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -37,32 +41,43 @@ if TYPE_CHECKING:
 FEWEST, FEWEST_INDEPENDENT = 100, 20
 """Readings, and independent ones beyond those that the parameters take, below which a drift is not told from chance."""
 
+LEAST_SHARE: Final = 0.1
+"""Part that a change has in a direction of which readings say nothing, from which on it is not told."""
+
 
 def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:
-    """Look for a steady change in (N, 3) readings, in the order of recording; None where they are too few."""
+    """Look for a steady change in (N, 3) readings, in the order of recording; None where nothing can be told of it."""
     if len(readings) < FEWEST:
         return None
-    jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
-    time = np.linspace(-0.5, 0.5, len(readings))[:, np.newaxis]
-    growth = jacobian[:, 3:] @ upper(ellipsoid.shape)
-    rows = np.column_stack([jacobian, time * jacobian[:, :3], time[:, 0] * growth])
-    scale = np.sqrt(np.mean(rows**2, axis=0))
-    scale[scale == 0.0] = 1.0
-    rows /= scale
+    directions = directions_of(readings, ellipsoid)
+    pointing = directions.any(axis=1)  # a reading right in the centre has no direction
+    time = np.linspace(-0.5, 0.5, len(readings))[pointing]
+    readings, directions = readings[pointing], directions[pointing]
     distances = magnitude.distances(readings, ellipsoid)
-    try:
-        inverse = np.linalg.inv(rows.T @ rows)
-    except np.linalg.LinAlgError:  # time and direction are one and the same
+    rows = _with_change(magnitude.information(directions, ellipsoid), time, ellipsoid)
+    variance = max(float(np.mean(distances**2)), (FINEST * ellipsoid.radius) ** 2)
+
+    def pretence() -> Floats:
+        each = (_with_change(turned, time, ellipsoid) for turned in turning(directions, ellipsoid))
+        total: Floats = np.sum([noise.T @ noise for noise in each], axis=0)
+        return total
+
+    support = Support.of(rows.T @ rows / variance, pretence)
+    told = _told(support.vectors[9:, ~support.seen])
+    if not told.any():
         return None
+    axes = support.vectors[:, support.seen]
+    inverse = axes / (variance * support.values[support.seen]) @ axes.T
+    rows /= support.scale
     found = inverse @ (rows.T @ distances)
     left = Residuals(distances - rows @ found, rows, [np.arange(len(readings))])
     autocovariance = left.autocovariance()
     independent = len(readings) / time_of(autocovariance) - rows.shape[1]
     if independent < FEWEST_INDEPENDENT:
         return None
+    told /= support.scale[9:, np.newaxis]
     covariance = inverse @ left.scatter(autocovariance) @ inverse
-    change = found[9:] / scale[9:]
-    spread = covariance[9:, 9:] / np.outer(scale[9:], scale[9:])
+    change, spread = told @ found[9:], told @ covariance[9:, 9:] @ told.T
     moved = np.concatenate([change[:3], np.zeros(6)])
     return Drift(
         offset=(float(change[0]), float(change[1]), float(change[2])),
@@ -70,3 +85,17 @@ def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -
         heading_deg=level_error(ellipsoid, np.outer(moved, moved), dip_deg=dip_deg).worst,
         p_value=chance_of(*chi_square_of(change, spread), independent),
     )
+
+
+def _with_change(jacobian: Floats, time: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(N, 13) rows of the nine parameters (N, 9), and of what changes with (N,) time."""
+    growth = jacobian[:, 3:] @ upper(ellipsoid.shape)
+    return np.column_stack([jacobian, time[:, np.newaxis] * jacobian[:, :3], time * growth])
+
+
+def _told(unseen: Floats) -> Floats:
+    """(4, 4) projection of changes on those that no direction (4, K) takes part in of which readings say nothing."""
+    axes, shares, _ = np.linalg.svd(unseen)
+    taken = axes[:, : len(shares)][:, shares > LEAST_SHARE]
+    told: Floats = np.eye(4) - taken @ taken.T
+    return told if taken.shape[1] < 4 else np.zeros((4, 4))

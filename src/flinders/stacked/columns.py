@@ -148,7 +148,10 @@ def fit_stack(
     is_driven = polish and _have_drivers(units)
     for places, stack in _stacks(units):
         with np.errstate(all="ignore"):  # what is no number in one unit of a stack takes that unit out of the lane
-            lane = through(stack, target_deg=target_deg, dip_deg=dip_deg, polish=polish)
+            try:
+                lane = through(stack, target_deg=target_deg, dip_deg=dip_deg, polish=polish)
+            except np.linalg.LinAlgError:  # and where a matrix of one has no answer at all, the stack
+                continue
         if is_driven:
             came = places[np.asarray(lane.at)].tolist()
             lane = lane.only(_unmoved(lane, [units[place] for place in came], dip_deg))

@@ -112,7 +112,7 @@ def _by_inverse_iteration(scatter: Array, first: Array, second: Array) -> tuple[
         if bool(xp.all(settled)):
             break
     size = xp.sqrt(xp.sum(coefficients * coefficients, axis=1, keepdims=True))
-    return coefficients / size, variance, settled & xp.isfinite(size[:, 0])
+    return coefficients / size, xp.maximum(variance, 0.0), settled & xp.isfinite(size[:, 0])
 
 
 def _by_eigenvalues(scatter: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:

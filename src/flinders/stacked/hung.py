@@ -47,7 +47,8 @@ from flinders.stacked.algebra import (
     upper,
     weighed,
 )
-from flinders.stacked.surfaces import Ellipsoids, of_units, surface, weighing
+from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units, surface, weighing
+from flinders.terms.support import WELL_CONDITIONED
 from flinders.verdict import CHANGED
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 CREEPS: Final = NormalDist().inv_cdf(1.0 - correlation.BY_CHANCE)
 CHANGES: Final = NormalDist().inv_cdf(1.0 - CHANGED)
 """Standard deviations that chance exceeds as often as it may make what creeps, and what looks like a change."""
+HINTS: Final = NormalDist().inv_cdf(0.95)
 
 _CELLS: Final = len(CELLS)
 
@@ -424,7 +426,10 @@ def _proven(distances: Array, cells: Array, count: Array, length: Array, time: A
 def may_have_changed(
     readings: Array, inside: Array | None, count: Array, ellipsoids: Ellipsoids, left: Residuals
 ) -> Array:
-    """(U,) whether a steady change shows over a recording, as `drift_of` finds it; whatever its size."""
+    """(U,) whether a steady change shows over a recording, as `drift_of` finds it; whatever its size.
+
+    Where readings hardly tell some change from directions, a hint is enough: `drift_of` leaves out what noise pretends.
+    """
     xp = namespace(readings)
     if not readings.shape[0]:
         return xp.zeros((0,), dtype=xp.bool)
@@ -449,7 +454,9 @@ def may_have_changed(
     independent = counts / hangs.time - rows.shape[1]
     told = (counts >= FEWEST) & (independent >= FEWEST_INDEPENDENT)
     independent = xp.where(told, independent, 1.0)
-    return told & (standard_deviations(chi, xp.full(chi.shape, 4.0), independent) > CHANGES)
+    found_by = standard_deviations(chi, xp.full(chi.shape, 4.0), independent)
+    flat = xp.linalg.eigvalsh(products / counts[:, None, None])[:, 0] < (1.0 + DOUBTFUL) * WELL_CONDITIONED
+    return told & (xp.isnan(found_by) | (found_by > CHANGES) | (flat & (found_by > HINTS)))
 
 
 def may_have_slipped(readings: Array, count: Array) -> Array:

@@ -64,6 +64,12 @@ FEWEST, MOST = FEW_TO_CORRELATE, 2 * GLANCE - 1
 FARTHEST: Final = 20.0
 """Offset in spreads of the readings up to which sums about zero keep eleven digits."""
 
+CANCELLED: Final = 1e7
+"""Fourth moments over noise variance times spread squared: beyond that a variance from sums has lost nine digits."""
+
+QUIETEST: Final = 1e-5
+"""Of the readings: of less noise than that rounding leaves nine digits no more."""
+
 UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 """The 45 entries of a covariance on and above its diagonal, row by row."""
 
@@ -114,6 +120,8 @@ def through(stack: Stack, *, target_deg: float, dip_deg: float, polish: bool = T
     if not units.at.shape[0]:
         return Lane(units.at, {}, {})
     claimed = (_of_readings if polish else _of_sums)(units)
+    if claimed is None:
+        return Lane(units.at[:0], {}, {})
     xp = namespace(claimed.covariance)
     (kept,) = xp.nonzero(claimed.are_plain)
     return _judged(units.only(claimed.units).only(kept), claimed.only(kept), stack.unit.inside, target_deg, dip_deg)
@@ -224,10 +232,12 @@ class _Claimed:
         return _Claimed(ellipsoids=self.ellipsoids.only(which), method=self.method, **columns)
 
 
-def _of_readings(units: _Units) -> _Claimed:
-    """The likelihood of the readings, widened for how their residuals hang together."""
+def _of_readings(units: _Units) -> _Claimed | None:
+    """The likelihood of the readings, widened for how their residuals hang together; None where all have left."""
     xp = namespace(units.readings)
     found = likelihood(units.readings, units.inside, units.sums, consistent(units.sums))
+    if not found.at.shape[0]:
+        return None
     units = units.only(found.at)
     surfaces = found.ellipsoids
     left = Residuals.of(units.readings, units.inside, units.count, surfaces)
@@ -251,8 +261,9 @@ def _of_readings(units: _Units) -> _Claimed:
     known = xp.mean(diagonals(covariance) / diagonals(found.covariance), axis=1)
     repeated = xp.maximum(share / known, 1.0)
     independent = hangs.effective(units.counted / repeated)
+    loud = found.noise > QUIETEST * xp.sqrt(xp.sum(units.sums.mean**2, axis=1) + units.sums.spread**2)
     return _Claimed(found.at, surfaces, covariance, found.noise, found.held, hangs.lag_one, independent, repeated,
-                    counts, has_hole, hangs.are_plain & clear & ~changed, "likelihood")  # fmt: skip
+                    counts, has_hole, hangs.are_plain & clear & ~changed & loud, "likelihood")  # fmt: skip
 
 
 def placed(
@@ -266,17 +277,21 @@ def placed(
     return counts, has_hole, places.are_plain & ~asked, open_, sigma
 
 
-def _of_sums(units: _Units) -> _Claimed:
-    """The consistent fit, and what it claims."""
+def _of_sums(units: _Units) -> _Claimed | None:
+    """The consistent fit, and what it claims; None where all have left."""
     xp = namespace(units.readings)
     start = consistent(units.sums)
     (closed,) = xp.nonzero(start.are_plain)
+    if not closed.shape[0]:
+        return None
     units, surfaces, noise = units.only(closed), start.ellipsoids.only(closed), xp.take(start.noise, closed)
     covariance, counts, has_hole, clear = in_stretches(
         _claimed_of_sums, units.readings, units.count, surfaces.centre, surfaces.inverse, surfaces.shape, noise
     )
     repeated = units.counted / xp.maximum(units.counted - units.health.repeats, 1.0)
-    none = xp.zeros_like(noise)
+    sums, none = units.sums, xp.zeros_like(noise)
+    far = xp.sum(sums.mean**2, axis=1) / sums.spread**2
+    clear = clear & ((1.0 + far**2) * sums.spread**2 < CANCELLED * noise**2)
     return _Claimed(closed, surfaces, covariance, noise, none, none, none + xp.inf, repeated, counts, has_hole, clear,
                     "consistent")  # fmt: skip
 

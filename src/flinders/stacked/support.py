@@ -80,11 +80,13 @@ class Supports:
             Gives the (K, 9, 9) matrices of `flinders.terms.support.pretended` of those that (K,) integers name.
         """
         xp = namespace(information)
+        finite = xp.all(xp.isfinite(information), axis=(1, 2))
+        information = xp.where(finite[:, None, None], information, like(np.eye(9), information))
         scale = scale_of(information)
         scaled = information / outer(scale)
         least = (1.0 + DOUBTFUL) * WELL_CONDITIONED
         _, diagonal = lower_times_diagonal(scaled - least * like(np.eye(9), scaled))
-        sound = xp.all(diagonal > 0.0, axis=0)
+        sound = finite & xp.all(diagonal > 0.0, axis=0)
         (weak,) = xp.nonzero(~sound)
         if not weak.shape[0]:
             return cls(sound, information, sound)

@@ -27,7 +27,7 @@ from flinders.quadric import GATHER, Ellipsoid
 from flinders.terms.equations import ROUNDING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -61,22 +61,25 @@ def flatness_limit(width: float, noise: float, *, within: float = FLAT_NOISE) ->
 
 def pretended(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
     """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and two tangents t: times σ², what noise adds to ΣJJᵀ."""
-    inverse = np.linalg.inv(ellipsoid.shape)
     pointing = directions.any(axis=1)  # a reading right in the centre has no direction
-    u = directions[pointing].T
     counts = np.broadcast_to(counts, len(directions))[pointing]
+    total: Floats = np.sum([rows.T * counts @ rows for rows in turning(directions[pointing], ellipsoid)], axis=0)
+    return total
+
+
+def turning(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Floats]:
+    """Yield ∂J/∂t, (K, 9), of the Jacobian at (K, 3) directions for each of two tangents t."""
+    inverse = np.linalg.inv(ellipsoid.shape)
+    u = directions.T
     normal = inverse @ u
     steepness = np.sqrt(np.einsum("ij,ij->j", normal, normal))
     normal = normal / steepness
-    total = np.zeros((9, 9))
     for tangent in _tangents(normal):
         along = inverse @ tangent
         turned = inverse @ along
         bent = (turned - normal * np.einsum("ij,ij->j", normal, turned)) / steepness
         products = bent[:, np.newaxis] * u + normal[:, np.newaxis] * along
-        rows = np.concatenate([bent, products.reshape(9, -1)]).T @ GATHER
-        total += rows.T * counts @ rows
-    return total
+        yield np.concatenate([bent, products.reshape(9, -1)]).T @ GATHER
 
 
 @dataclass(frozen=True, slots=True, eq=False)
