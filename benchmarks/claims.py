@@ -4,6 +4,7 @@
 
 ``noise``       white noise: mean of dᵀP⁻¹d/9, d the error of (b, F·A) and P the covariance that the fit claims
 ``time``        noise that remembers, AR(1) at 50 Hz, on a tumble by hand
+``slow``        the same with a time constant of up to seconds, beside white noise, in short recordings too
 ``distortion``  a smooth distortion that belongs to the direction, and a field with a gradient along the hand's path
 ``outliers``    efficiency (bound ÷ rms angle error) with strays; centre error with clusters, over that without
 ``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
@@ -59,6 +60,8 @@ if TYPE_CHECKING:
 WHITE: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S8")
 NOISES: Final = (0.1, 0.5, 2.0)
 MEMORIES: Final = (0.0, 0.5, 0.8, 0.95)
+SLOW: Final = ((0.2, 10.0), (1.0, 10.0), (0.2, 60.0), (1.0, 60.0), (4.0, 30.0), (4.0, 60.0))
+"""Time constants of noise, and how long recordings take, s."""
 DISTORTED: Final = 0.01
 """Of the field, root mean square."""
 
@@ -136,8 +139,10 @@ def by_hand(
     gradient: float = 0.0,
     walk_s: float = 1.0,
     magnet: str = "",
+    beside: float = 0.0,
+    seconds: float = 60.0,
 ) -> Simulated:
-    """Tumble by hand for a minute.
+    """Tumble by hand.
 
     Parameters
     ----------
@@ -153,10 +158,14 @@ def by_hand(
         Time constant of that path.
     magnet : str
         ``cut``: passes within 3 s and is gone; ``tails``: comes from afar and goes as dipoles do.
+    beside : float, µT
+        White noise beside the other.
+    seconds : float
+        How long it takes.
     """
     of_sensor, of_motion, of_noise, of_field = np.random.default_rng([SEED, 100, seed]).spawn(4)
     sensor = Sensor.random(of_sensor, noise=sigma)
-    turning = simulate.hand_tumble(of_motion)
+    turning = simulate.hand_tumble(of_motion, seconds=seconds)
     directions = simulate.seen_from(turning.attitudes, FIELD)
     strength = np.ones(len(directions))
     if distorted:
@@ -168,7 +177,7 @@ def by_hand(
     if magnet:
         pulse, strays = passing(turning.time, of_field, cut=magnet == "cut")
         true += simulate.seen_from(turning.attitudes, simulate.uniform(of_field, 1)[0]) * pulse[:, np.newaxis]
-    raw = replace(sensor, noise=0.0).read(true, of_noise) + sigma * remembering(of_noise, true.shape, memory)
+    raw = replace(sensor, noise=beside).read(true, of_noise) + sigma * remembering(of_noise, true.shape, memory)
     return Simulated(Samples.of(raw, unit="uT", time=turning.time), sensor, directions, FIELD_STRENGTH, strays)
 
 
@@ -291,6 +300,24 @@ def time(pool: Executor, trials: int) -> Iterator[str]:
         yield _row(
             f"ρ = {memory:g}",
             _mean(done, "weighed"), _median(done), _mean(done, "textbook"), _share(done, "method", "robust"),
+        )  # fmt: skip
+
+
+def slow(pool: Executor, trials: int) -> Iterator[str]:
+    """Noise of seconds, of which a recording holds few independent readings; required 0.7 to 1.4."""
+    yield from _head(
+        "0.5 µT that hangs together for", "recording", "weighed/9", "its median", "textbook", "good",
+        "of those true > 2 × claim, > 1°", "refused",
+    )  # fmt: skip
+    for constant_s, seconds in SLOW:
+        memory = math.exp(-1.0 / (simulate.RATE_HZ * constant_s))
+        done = _run(pool, partial(by_hand, memory=memory, beside=0.2, seconds=seconds), trials, textbook=True)
+        good = [one for one in done if one.verdict == "good"]
+        beyond = [one for one in good if one.heading_deg > max(2.0 * one.claimed_deg, 1.0)]
+        yield _row(
+            f"{constant_s:g} s", f"{seconds:g} s",
+            _mean(done, "weighed"), _median(done), _mean(done, "textbook"), _share(done, "verdict", "good"),
+            f"{len(beyond) / max(len(good), 1):.1%}", _share(done, "verdict", "refused"),
         )  # fmt: skip
 
 
@@ -433,6 +460,7 @@ def halves(pool: Executor, trials: int) -> Iterator[str]:
 TABLES: Final[Mapping[str, Callable[[Executor, int], Iterator[str]]]] = {
     "noise": noise,
     "time": time,
+    "slow": slow,
     "distortion": distortion,
     "outliers": outliers,
     "confidence": confidence,
