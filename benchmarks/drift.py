@@ -10,14 +10,20 @@ whose heading truly changed by less than that.
     python -m benchmarks.drift --quick         # small fleets
     python -m benchmarks.drift --alarms        # of 200 small fleets in which nothing changed
     python -m benchmarks.drift --recordings    # readings simulated and fitted, 300 units of 4 recordings
+    python -m benchmarks.drift --size          # a million rows in five tables: seconds, memory and size of the report
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import subprocess
+import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -57,6 +63,9 @@ class Fleet:
         Heading change that a steady drift of one unit in ten makes over two years.
     step_deg : float
         Heading change that a step makes, of one unit in thirty-three.
+    is_dated : bool
+        Whether clocks know the date; otherwise times count from where sensors were switched on, and recordings are
+        called ``run 0``, ``run 1`` and so on.
     """
 
     units: int = 5_000
@@ -66,6 +75,7 @@ class Fleet:
     walk: float = 2e-7
     trend_deg: float = 0.0
     step_deg: float = 0.0
+    is_dated: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,13 +131,17 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
         return objects([word] * rows)
 
     none = np.full(rows, np.nan)
+    start, names = 1.7e9 + seconds, [""] * rows
+    if not fleet.is_dated:
+        start = rng.uniform(0.0, 3600.0, rows)
+        names = [f"run {number}" for number in range(fleet.recordings)] * fleet.units
     return Rows(
-        unit=objects(unit.tolist()), recording=texts(""), start_s=1.7e9 + seconds, end_s=none,
+        unit=objects(unit.tolist()), recording=objects(names), start_s=start, end_s=none,
         readings=np.full(rows, 500), used=np.full(rows, 500), verdict=texts("good"), code=texts(""), message=texts(""),
         method=texts("likelihood"), worst_deg=none, rms_deg=none, dip_deg=np.full(rows, 60.0),
         offset=offset + errors[:, :3], matrix=(radius[:, None, None] * np.linalg.inv(shape)).reshape(-1, 9),
         covariance=covariance, noise=none, radius=radius, coverage=none, findings=objects([()] * rows),
-        unit_of_field=texts("uT"),
+        unit_of_field=texts("uT"), batch=texts(""),
     )  # fmt: skip
 
 
@@ -157,7 +171,8 @@ def line(name: str, fleet: Fleet, seed: int = 1) -> str:
     recall = f"{len(urgent & far) / len(far):.3f}" if far else "–"
     return (
         f"| {name} | {fleet.recordings} | {steps} | {len(reported - stepped)} | {recall} | {len(urgent & near)} | "
-        f"{drift.session**0.5:.2f} | {drift.walk_deg:.2f}° |"
+        f"{(drift.session if fleet.is_dated else drift.undated.session) ** 0.5:.2f} | "
+        f"{f'{drift.walk_deg:.2f}°' if fleet.is_dated else '–'} |"
     )
 
 
@@ -180,6 +195,11 @@ def fleets(units: int) -> dict[str, Fleet]:
         "steps of 2°, claims half of what is true": replace(plain, step_deg=2.0, claimed=0.5),
         "steps of 5°, all walk by 1° a year": replace(plain, step_deg=5.0, walk=1.55e-6),
         "steps of 2°, a tenth drifts by 3°": replace(plain, step_deg=2.0, trend_deg=3.0),
+        "no dates, nothing moved": replace(plain, is_dated=False),
+        "no dates, nothing moved, claims half of what is true": replace(plain, is_dated=False, claimed=0.5),
+        "no dates, all walk by 1° a year": replace(plain, is_dated=False, walk=1.55e-6),
+        "no dates, a tenth drifts steadily by 3°": replace(plain, is_dated=False, trend_deg=3.0),
+        "no dates, steps of 2°": replace(plain, is_dated=False, step_deg=2.0),
     }
 
 
@@ -207,15 +227,45 @@ def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
     )
 
 
-def of_nothing(fleets: int = 200, units: int = 200) -> str:
+def of_nothing(fleets: int = 200, units: int = 200, *, is_dated: bool = True) -> str:
     """How many of many fleets in which nothing changed, and claims are true, have anything reported."""
     stepped = changed = 0
     for seed in range(fleets):
-        rows, _ = simulated(Fleet(units=units, walk=0.0), np.random.default_rng(1000 + seed))
+        rows, _ = simulated(Fleet(units=units, walk=0.0, is_dated=is_dated), np.random.default_rng(1000 + seed))
         drift, _ = found_in(rows)
         stepped += drift.step_count > 0
         changed += drift.states["recalibrate"] + drift.states["changed"] > 0
-    return f"of {fleets} fleets of {units} units in which nothing changed, {stepped} have a step and {changed} a change"
+    told = "" if is_dated else " and no dates are known"
+    return (
+        f"of {fleets} fleets of {units} units in which nothing changed{told}, {stepped} have a step and {changed} a "
+        "change"
+    )
+
+
+def of_size(units: int = 200_000, tables: int = 5) -> str:
+    """What the command costs on a large fleet, each recording of a unit in a table of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:  # so that this process stays small
+            paths = pool.submit(written, Fleet(units, tables, step_deg=2.0), folder).result()
+        report = Path(folder, "drift.html")
+        command = [sys.executable, "-m", "flinders", "drift", *paths, "--report", str(report), "--json"]
+        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, "OPENBLAS_NUM_THREADS": "1"})
+        _, run.returncode, used = os.wait4(run.pid, 0)
+        return (
+            f"{units * tables:,} rows of {units:,} units in {tables} tables: {used.ru_utime + used.ru_stime:.0f} s of "
+            f"one core, {used.ru_maxrss / 1e6:.2f} GB, a report of {report.stat().st_size / 1e6:.2f} MB"
+        )
+
+
+def written(fleet: Fleet, folder: str) -> list[str]:
+    """Write a fleet, each recording of a unit into a table of its own."""
+    from pyarrow import parquet
+
+    rows, _ = simulated(fleet, np.random.default_rng(1))
+    paths = [f"{folder}/{number}.parquet" for number in range(fleet.recordings)]
+    for number, path in enumerate(paths):
+        parquet.write_table(rows[np.arange(number, len(rows), fleet.recordings)].to_arrow(), path)
+    return paths
 
 
 def main() -> None:
@@ -224,12 +274,16 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--recordings", action="store_true")
     parser.add_argument("--alarms", action="store_true")
+    parser.add_argument("--size", action="store_true")
     asked = parser.parse_args()
     began = time.perf_counter()
     if asked.recordings:
         print(of_recordings())
+    elif asked.size:
+        print(of_size())
     elif asked.alarms:
         print(of_nothing())
+        print(of_nothing(is_dated=False))
     else:
         print("| fleet | recordings | steps found | steps beside | changes found | changes beside | widened | a year |")
         print("|---|---:|---:|---:|---:|---:|---:|---:|")

@@ -30,7 +30,8 @@ import flinders
 from flinders.errors import FlindersError
 from flinders.estimators import METHODS, Readings
 from flinders.fleet.engine import cores
-from flinders.fleet.run import Parts, run
+from flinders.fleet.parts import Parts
+from flinders.fleet.run import run
 from flinders.fleet.table import Rows
 from flinders.fleet.tables import Asked
 from flinders.quadric import Ellipsoid, symmetric

@@ -57,7 +57,7 @@ def worker_killed(source: str, out: Path, after: int) -> str:
     done: list[int] = []
     killed: list[int] = []
 
-    def kill(*_: int) -> None:
+    def kill(*_: int | None) -> None:
         done.append(1)
         children = multiprocessing.active_children()
         if len(done) == after and children[0].pid:
@@ -145,13 +145,13 @@ def cluster_worker_killed(source: str, out: Path, after: int) -> str:
     done: list[int] = []
     with cluster() as made:
 
-        def kill(*_: int) -> None:
+        def kill(*_: int | None) -> None:
             done.append(1)
             if len(done) == after:
                 made.workers[0].kill()
 
         told = run(source, out, Asked(), scheduler=made.address, force=True, watch=kill)
-    return f"worker {made.workers[0].pid} of the cluster killed, {told.retried} partitions taken apart"
+    return f"worker {made.workers[0].pid} of the cluster killed, {told.workers_lost} seen to leave"
 
 
 def scheduler_killed(source: str, out: Path, after: int) -> str:

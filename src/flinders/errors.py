@@ -15,6 +15,7 @@
     │   ├── MissingExtra             missing-extra     5    a format whose optional package is not installed
     │   ├── LinkError                link              5    a sensor or vehicle that is not there or is gone
     │   ├── LostWorker               lost-worker       5    a file of a fleet that ends the workers which read it
+    │   ├── NoUnit                   no-unit           5    readings of a fleet that name no unit
     │   └── DocumentError            document          5    a calibration file that is not one
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4
@@ -46,7 +47,7 @@ batch can store a refusal as a row.
 >>> print(error)
 5 usable readings, 'likelihood' needs at least 10: record for longer while turning the sensor through all directions
 
-Messages of all modules write counts and numbers with `counted` and `figures`.
+Messages of all modules write counts, numbers and shares with `counted`, `figures` and `percent`.
 """
 
 from __future__ import annotations
@@ -76,6 +77,18 @@ def figures(value: float, digits: int = 2) -> str:
     if not 1e-4 <= abs(value) < 1e7:
         return f"{value:.{digits}g}"
     return f"{value:,.{max(digits - 1 - math.floor(math.log10(abs(value))), 0)}f}"
+
+
+def percent(count: float, total: float) -> str:
+    """Write a share to a tenth of a per cent; 100 and 0 are all and none, and nothing else.
+
+    >>> percent(3, 4), percent(2500, 2501), percent(1, 5000), percent(7, 7), percent(0, 0)
+    ('75.0%', '> 99.9%', '< 0.1%', '100.0%', '0.0%')
+    """
+    written = f"{count / total if total else 0.0:.1%}"
+    if written == "100.0%" and count < total:
+        return "> 99.9%"
+    return "< 0.1%" if written == "0.0%" and count else written
 
 
 class FlindersError(Exception):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from benchmarks.drift import Fleet, simulated
 
 from flinders.fleet.drift import drift_of
 from flinders.fleet.overview import overview_of
+from flinders.fleet.table import Row, Rows
 from flinders.report.fleet import page as report
 
 if TYPE_CHECKING:
@@ -60,4 +61,45 @@ def test_a_telephone_shows_it_without_scrolling_sideways(browser: Browser, writt
     page = browser.new_page(viewport={"width": 390, "height": 800})
     page.goto(written.as_uri())
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    page.close()
+
+
+@pytest.fixture(scope="module")
+def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A fleet with a long name, many findings, batches and what could not be read."""
+    findings = ("heading-error", "coverage", "correlated", "strays", "few-samples", "scale-unknown", "rotation-unknown")
+    known: dict[str, Any] = {
+        "method": "robust",
+        "offset": (1.0, 2.0, 3.0),
+        "radius": 50.0,
+        "noise": 0.4,
+        "unit_of_field": "uT",
+    }
+    rows = [
+        Row(unit=f"unit {place}", recording="2026/spring.csv", verdict=verdict, worst_deg=1.0 + place,
+            findings=findings, batch=f"lot {place % 7}", **known)
+        for place, verdict in enumerate(["good", "limited"] * 20)
+    ]  # fmt: skip
+    rows += [Row(unit="x" * 200, verdict="limited", worst_deg=99.0, findings=findings, batch="l" * 60, **known)]
+    rows += [Row(unit="A", code="unreadable", message="y" * 300), Row(unit="B", verdict="refused", code="coverage")]
+    folder = tmp_path_factory.mktemp("crowded")
+    parquet.write_table(Rows.of(rows).sorted().to_arrow(), folder / "fleet.parquet")
+    (folder / "fleet.html").write_text(report(overview_of([folder / "fleet.parquet"])), encoding="utf-8")
+    return folder / "fleet.html"
+
+
+@pytest.mark.parametrize(("width", "highest"), [(390, 260), (1200, 120)])
+def test_all_that_a_row_says_is_in_sight(browser: Browser, crowded: Path, width: int, highest: int) -> None:
+    """A long name pushes nothing out, findings are not one word a line, and all verdicts are in the bar."""
+    page = browser.new_page(viewport={"width": width, "height": 900})
+    page.goto(crowded.as_uri())
+    inner = "[document.documentElement, ...document.querySelectorAll('.scrolls, .batches')].filter(shown)"
+    shown = "const shown = box => box.clientWidth > 0 && box.scrollWidth > box.clientWidth + 1"
+    assert page.evaluate(f"(() => {{ {shown}; return {inner}.map(box => box.className) }})()") == []
+    heights = page.locator(".order:visible tbody tr").evaluate_all("rows => rows.map(row => row.offsetHeight)")
+    assert sorted(heights)[-2] <= highest, "but for the one with the long name"
+    shares = page.locator("#verdicts ~ figure .shares rect")
+    bars = shares.evaluate_all("all => all.map(one => one.getBoundingClientRect())")
+    assert len(bars) == 4
+    assert all(bar["width"] > 0.5 and bar["right"] <= width for bar in bars)
     page.close()

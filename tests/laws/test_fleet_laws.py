@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from flinders.fleet.lots import Job
+
 pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import feather, parquet  # noqa: E402 - after it is known to be there
 
@@ -71,13 +73,38 @@ def as_readings_that_take_turns(folder: Path) -> None:
     parquet.write_table(WHOLE.take(order), folder / "all.parquet", row_group_size=200)
 
 
+def as_rows_in_no_order(folder: Path) -> None:
+    parquet.write_table(shuffled(), folder / "all.parquet")
+
+
+def as_rows_in_no_order_of_two_files(folder: Path) -> None:
+    for place, table in enumerate((shuffled().slice(0, 300), shuffled().slice(300))):
+        parquet.write_table(table, folder / f"{place}.parquet")
+
+
+def as_rows_in_no_order_of_seven_files(folder: Path) -> None:
+    for place in range(7):
+        rows = np.arange(place, WHOLE.num_rows, 7)
+        parquet.write_table(shuffled().take(rows), folder / f"{place}.parquet", row_group_size=31)
+
+
+def as_rows_in_no_order_of_tiny_row_groups(folder: Path) -> None:
+    parquet.write_table(shuffled(), folder / "all.parquet", row_group_size=7)
+
+
+def shuffled() -> Any:  # noqa: ANN401 - pyarrow ships no types
+    """All readings, in no order."""
+    return WHOLE.take(np.random.default_rng(1).permutation(WHOLE.num_rows))
+
+
 def as_arrow(folder: Path) -> None:
     feather.write_feather(WHOLE, folder / "all.feather", compression="uncompressed", chunksize=100)
 
 
 WAYS = [
     as_one_file, as_small_row_groups, as_a_file_each, as_folders_by_unit, as_stretches_of_time,
-    as_readings_that_take_turns, as_arrow,
+    as_readings_that_take_turns, as_arrow, as_rows_in_no_order, as_rows_in_no_order_of_two_files,
+    as_rows_in_no_order_of_seven_files, as_rows_in_no_order_of_tiny_row_groups,
 ]  # fmt: skip
 
 
@@ -109,7 +136,7 @@ def test_any_way_to_write_it_gives_the_table_of_single_fits(
 
 
 def test_any_way_to_give_it_in_memory_does_too(alone: Rows) -> None:
-    for source in (SAMPLES, WHOLE):
+    for source in (SAMPLES, WHOLE, shuffled()):
         rows = fit_many(source)
         assert rows.unit.tolist() == alone.unit.tolist()
         np.testing.assert_allclose(rows.offset, alone.offset, rtol=1e-9)
@@ -140,12 +167,12 @@ def test_each_reading_is_in_one_partition(
     assert len(found) == UNITS
 
 
-def counted(jobs: list[work.Job], asked: Asked) -> Rows:
+def counted(jobs: list[Job], asked: Asked) -> Rows:
     """What would be fitted."""
     return Rows.of([counted_one(job, asked) for job in jobs])
 
 
-def counted_one(job: work.Job, asked: Asked) -> Row:
+def counted_one(job: Job, asked: Asked) -> Row:
     """Its readings, as they come when it is gone through."""
     rows = sum(len(block) for block in job.source.blocks())
     assert rows == job.readings

@@ -22,9 +22,9 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
-from flinders.fleet import Rows, engine, work
-from flinders.fleet import run as running
+from flinders.fleet import Rows, engine, journal, work
 from flinders.fleet.log import Log
+from flinders.fleet.parts import Parts
 from flinders.fleet.plan import plan_of
 from flinders.fleet.run import run
 from flinders.fleet.tables import Asked
@@ -123,7 +123,7 @@ def test_a_worker_that_is_killed_changes_nothing(logs: Path, tmp_path: Path) -> 
     run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
     killed: list[int | None] = []
 
-    def kill(done: int, total: int, rows: int) -> None:
+    def kill(*_: int | None) -> None:
         for child in multiprocessing.active_children()[: 1 - len(killed)]:
             os.kill(child.pid or 0, signal.SIGKILL)
             killed.append(child.pid)
@@ -170,7 +170,7 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
-        with pytest.raises(OutputError, match=r"no space left.* 2 partitions are done, and kept: go on with --resume"):
+        with pytest.raises(OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: go on with "):
             run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
     told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
@@ -198,7 +198,7 @@ def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: 
     run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
     asked, out = Asked(), tmp_path / "out.parquet"
     plan = plan_of(str(logs), asked)
-    parts = running.Parts.of(out, plan, resume=False, force=False)
+    parts = Parts.of(out, plan, resume=False, force=False)
     paths = [parts.commit(place, work.done(each, asked=asked)) for place, each in enumerate(plan.partitions)]
     held = [path.read_bytes() for path in paths]
     for path, spoilt in zip(paths, (held[0][:-9], b"", bytes(len(held[2]))), strict=False):
@@ -209,7 +209,7 @@ def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: 
 
 def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> None:
     plan = plan_of(str(logs), Asked())
-    running.Parts.of(tmp_path / "out.parquet", plan, resume=False, force=False).commit(0, b"rows")
+    Parts.of(tmp_path / "out.parquet", plan, resume=False, force=False).commit(0, b"rows")
     with pytest.raises(UsageError, match="other files, options or another release"):
         run(str(logs), tmp_path / "out.parquet", Asked(target_deg=2.0), workers=0, resume=True)
 
@@ -233,20 +233,130 @@ def test_the_program_says_what_came_of_it(logs: Path, tmp_path: Path) -> None:
     assert ended.stderr == "written to out.parquet\n"
     told = json.loads(ended.stdout)
     assert (told["units"], told["verdicts"], told["codes"]) == (7, {"good": 6, "refused": 1}, {"too-few-samples": 1})
-    events = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
-    assert [event["event"] for event in events] == ["planned", *["partition"] * 7, "done"]
+    assert [event["event"] for event in events(tmp_path / "log.jsonl")] == ["planned", *["partition"] * 7, "done"]
+
+
+def events(path: Path) -> list[dict[str, Any]]:
+    """What a log tells, without the times."""
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(journal, "UNREAD", 1)
+    for unit in ("U7", "U8", "U9"):
+        (logs / f"{unit}.csv").write_bytes(b"")
+    with Log.to(tmp_path / "log.jsonl") as log:
+        told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, log=log)
+    by_kind: dict[str, list[dict[str, Any]]] = {}
+    for event in events(tmp_path / "log.jsonl"):
+        by_kind.setdefault(event.pop("event"), []).append(event)
+    assert [event["files"] for event in by_kind["partition"]][:2] == [["U0/monday.csv"], ["U1/monday.csv"]]
+    first, *_, last = by_kind["partition"]
+    about = ("file_count", "units", "rows", "readings", "verdicts", "codes", "lost")
+    assert [first[name] for name in about] == [1, 1, 1, 150, {"good": 1}, {}, False]
+    assert (last["verdicts"], last["codes"]) == ({"failed": 1}, {"unreadable": 1})
+    assert [(event["unit"], event["recording"], event["code"]) for event in by_kind["unread"]] == [
+        ("U7", "U7.csv", "unreadable")
+    ]
+    assert len(by_kind["unread-more"]) == 1
+    assert (by_kind["done"][0]["unread"], told.workers_lost) == (3, 0)
+
+
+def test_workers_that_died_are_told_and_counted(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_csv(logs / "U3" / "poison.csv", FIELDS[0])
+    monkeypatch.setattr(work, "done", deadly)
+    with Log.to(tmp_path / "log.jsonl") as log:
+        told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=1, log=log)
+    deaths = [event for event in events(tmp_path / "log.jsonl") if event["event"] == "worker-lost"]
+    assert [(death["files"], death["attempt"]) for death in deaths] == [
+        (["U3/poison.csv"], attempt) for attempt in (1, 2, 3)
+    ]
+    assert (told.as_dict()["workers_lost"], told.retried) == (3, 1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_who_stops_a_run_is_told_what_is_kept(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    done: list[bytes] = []
+
+    def stopped(partition: Partition, *, asked: Asked) -> bytes:
+        if len(done) == 2:
+            signal.raise_signal(number)
+        done.append(DONE(partition, asked=asked))
+        return done[-1]
+
+    out, log = tmp_path / "out.parquet", tmp_path / "log.jsonl"
+    words = ["fleet", str(logs), "--out", str(out), "--workers", "0", "--log", str(log)]
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "done", stopped)
+        ended = CliRunner().invoke(main, words, prog_name="flinders")
+    assert ended.exit_code == 130
+    assert ended.output.split("\n") == [
+        "2 of 6 partitions are done, and kept: go on with --resume",
+        "",
+        "interrupted",
+        "",
+    ]
+    last = events(log)[-1]
+    assert (last["event"], last["done"], last["partitions"]) == ("interrupted", 2, 6)
+    again = CliRunner().invoke(main, [*words, "--resume", "--json"], prog_name="flinders")
+    assert json.loads(again.stdout)["resumed"] == 2
+
+
+def test_a_start_that_came_to_nothing_is_no_earlier_run(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scheduler that is not there, Ctrl-C before anything is done, and a program that was killed by then."""
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(engine, "PATIENCE_S", 0.2)
+    out, folder, log = tmp_path / "out.parquet", tmp_path / "out.parquet.parts", tmp_path / "log.jsonl"
+    with Log.to(log) as stream, pytest.raises(LinkError):
+        run(str(logs), out, Asked(), scheduler="tcp://127.0.0.1:1", log=stream)
+    assert [(event["event"], event["code"]) for event in events(log)] == [("failed", "link")]
+    assert not folder.exists()
+    with monkeypatch.context() as patch:
+        patch.setattr(work, "done", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+        with pytest.raises(KeyboardInterrupt):
+            run(str(logs), out, Asked(), workers=0)
+    assert not folder.exists()
+    Parts.of(out, plan_of(str(logs), Asked()), resume=False, force=False)
+    assert folder.exists()
+    assert run(str(logs), out, Asked(), workers=0).units == 6
+
+
+def test_a_folder_of_something_else_is_left_alone(logs: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.parquet.parts").mkdir()
+    (tmp_path / "out.parquet.parts" / "diary.txt").write_text("mine")
+    with pytest.raises(UsageError, match=r"holds something else, diary\.txt"):
+        run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, force=True)
+    assert (tmp_path / "out.parquet.parts" / "diary.txt").read_text() == "mine"
 
 
 def test_misuse_is_said_in_a_line(logs: Path, tmp_path: Path) -> None:
-    out = str(tmp_path / "out.parquet")
+    """Also what no recording could be read with: before any is read, and with a table that was good left alone."""
+    out = tmp_path / "out.parquet"
+    out.write_text("a good table")
     for words, code, said in (
         ([str(tmp_path / "nothing")], 5, "cannot be listed"),
         ([str(logs), "--workers", "1", "--scheduler", "tcp://127.0.0.1:1"], 2, "leave one of them out"),
-        ([str(logs), "--unit", "furlong"], 3, ""),
+        ([str(logs), "--unit", "furlong"], 2, "unit 'furlong' is not known: use one of uT"),
+        ([str(logs), "--unit", "mG", "--scale", "0.1"], 2, "mG has a scale of its own"),
+        ([str(logs), "--axes", "x,x,z"], 2, "need x, y and z once each"),
+        ([str(logs), "--columns", "mx,my"], 2, "need three different ones"),
+        ([str(logs), "--target", "0"], 2, "need degrees above 0, up to 180"),
+        ([str(logs), "--dip", "91"], 2, "need degrees from -89 to 89"),
+        ([str(logs), "--scale", "-1"], 2, "need a number above 0"),
+        ([str(logs), "--report", str(out)], 2, "give each another name"),
+        ([str(logs), "--out", str(tmp_path / "table.csv")], 2, "give it a name that ends in .parquet"),
     ):
-        ended = CliRunner().invoke(main, ["fleet", *words, "--out", out, "--force"], prog_name="flinders")
+        ended = CliRunner().invoke(main, ["fleet", "--out", str(out), *words, "--force"], prog_name="flinders")
         assert ended.exit_code == code, ended.output
         assert said in ended.output
+        assert out.read_text() == "a good table"
+        assert not list(tmp_path.glob("*.parts"))
 
 
 def table(place: int) -> Any:  # noqa: ANN401 - pyarrow ships no types
@@ -326,12 +436,23 @@ def test_a_table_without_units_or_field_is_said(tmp_path: Path) -> None:
         run(str(tmp_path / "in"), tmp_path / "no.parquet", Asked(unit_column="serial"), workers=0)
 
 
+def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
+    (logs / "README").write_text("about them")
+    (logs / "notes.md").write_text("more")
+    words = ["fleet", str(logs), "--out", str(tmp_path / "out.parquet"), "--workers", "0"]
+    ended = CliRunner().invoke(main, words, prog_name="flinders")
+    assert "left out files that are no recordings: 1 .md, 1 without an ending" in ended.stdout
+
+
 def test_sums_alone_say_what_they_cost(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     words = ["fleet", str(logs), "--out", "out.parquet", "--workers", "0", "--moments-only"]
     ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 0, ended.output
     assert "from sums alone" in ended.output
+    assert "10 times with 1 % of strays" in " ".join(ended.output.split())
+    told = json.loads(CliRunner().invoke(main, [*words, "--force", "--json"], prog_name="flinders").stdout)
+    assert (told["polish"], "10 times with 1 % of strays" in told["sums_alone"]) == (False, True)
     assert set(Rows.read("out.parquet").method.tolist()) == {"consistent"}
 
 
@@ -377,8 +498,8 @@ def test_a_cluster_without_workers_is_said_and_waited_for(logs: Path, tmp_path: 
         ended = run(str(logs), tmp_path / "out.parquet", Asked(), scheduler=address, log=log, notice=help_out)
     assert ended.units == 6
     assert told == [f"{address} has no workers: waiting for one (`dask worker {address}` starts one)"]
-    events = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
-    assert [event["message"] for event in events if event["event"] == "waiting"] == told
+    waits = [event["message"] for event in events(tmp_path / "log.jsonl") if event["event"] == "waiting"]
+    assert waits == told
 
 
 def test_a_byte_that_the_disk_has_turned_is_an_error_where_pages_have_check_sums(tmp_path: Path) -> None:
@@ -409,7 +530,7 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
     ) as cluster:
 
-        def leave(*_: int) -> None:
+        def leave(*_: int | None) -> None:
             cluster.close()
 
         with pytest.raises(LinkError, match="is gone: start it again, and go on with --resume"):

@@ -7,7 +7,7 @@ import json
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from benchmarks.bucket import Bucket
@@ -15,12 +15,13 @@ from benchmarks.bucket import Bucket
 from flinders import simulate
 from flinders.errors import OutputError
 from flinders.fleet import Rows, store
+from flinders.fleet.journal import Journal
 from flinders.fleet.log import Log
 from flinders.fleet.run import run
 from flinders.fleet.tables import Asked
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 pytest.importorskip("pyarrow")
 
@@ -70,16 +71,34 @@ def test_a_link_that_leads_up_is_not_followed(logs: Path) -> None:
     (logs.parent / "elsewhere" / "tuesday.csv").write_text(TEXT)
     (logs / "U2" / "more").symlink_to(logs.parent / "elsewhere", target_is_directory=True)
     names = [member.name for member in store.listed(str(logs))]
-    assert names == ["U0/monday.csv", "U1/monday.csv", "U2/monday.csv", "U2/more/tuesday.csv", "U3/monday.csv"]
+    seen = ["U0/monday.csv", "U1/itself", "U1/monday.csv", "U2/monday.csv", "U2/more/tuesday.csv", "U3/monday.csv"]
+    assert names == seen
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path) -> None:
+def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first line, before anything is done, and the first after a partition was."""
     out = logs.parent / "out.parquet"
-    said = r"/dev/full: the log cannot be written: no space .* go on with --resume"
-    with pytest.raises(OutputError, match=said), Log.to("/dev/full") as log:
+    said = r"/dev/full: the log cannot be written: no space [^.]*"
+    with pytest.raises(OutputError, match=f"{said}$"), Log.to("/dev/full") as log:
         run(str(logs), out, Asked(), workers=0, log=log)
-    assert run(str(logs), out, Asked(), workers=0, resume=True).verdicts == {"good": 4}
+    assert not list(logs.parent.glob("*.parts"))
+    monkeypatch.setattr(Journal, "planned", quietly(Journal.planned))
+    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .* go on with --resume"), Log.to("/dev/full") as log:
+        run(str(logs), out, Asked(), workers=0, log=log)
+    told = run(str(logs), out, Asked(), workers=0, resume=True)
+    assert (told.resumed, told.verdicts) == (1, {"good": 4})
+
+
+def quietly(planned: Callable[..., None]) -> Callable[..., None]:
+    """The same without the first line of the log."""
+
+    def silent(journal: Journal, *args: Any, **fields: object) -> None:
+        log, journal.log = journal.log, Log()
+        planned(journal, *args, **fields)
+        journal.log = log
+
+    return silent
 
 
 def test_a_log_goes_on_below_a_line_that_was_cut(tmp_path: Path) -> None:

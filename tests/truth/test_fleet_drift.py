@@ -77,6 +77,22 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
         npt.assert_allclose([getattr(found, name)[place] for name in names], expected, rtol=1e-9, atol=1e-12)
 
 
+def test_a_unit_upside_down_is_judged_so_and_the_others_as_they_sit(tmp_path: Path) -> None:
+    """The dip is that of each unit's recordings, and not that of the first in the table."""
+    rows, _ = fleet(step_deg=4.0)
+    over = replace(rows, dip_deg=np.where(rows.unit == rows.unit[0], -rows.dip_deg, rows.dip_deg))
+    told: list[list[UnitDrift]] = [[], []]
+    drifts = [
+        drift_of([written(tmp_path, each, name)], each=into.extend)
+        for each, name, into in ((rows, "upright.parquet", told[0]), (over, "over.parquet", told[1]))
+    ]
+    assert drifts[0].dip_deg == drifts[1].dip_deg == rows.dip_deg[-1]
+    assert told[0][1:] == told[1][1:]
+    assert told[0][0].worst_deg != told[1][0].worst_deg
+    given = drift_of([written(tmp_path, over)], dip_deg=float(rows.dip_deg[0]))
+    assert given.states == drifts[0].states
+
+
 def test_the_chance_of_a_chi_square_is_that_of_scipy() -> None:
     from scipy import stats
 
@@ -205,8 +221,7 @@ def test_batches_come_from_a_column_a_pattern_or_the_name(tmp_path: Path) -> Non
     path = written(tmp_path, Rows.of(rows))
     assert overview_of([path]).batches == {"L1": {"good": 20}, "L2": {"good": 20}}
     assert set(overview_of([path], batch="[0-9]$").batches) == set("0123456789")
-    table = Rows.of(rows).to_arrow().append_column("batch", [[f"week {n % 4}" for n in range(40)]])
-    parquet.write_table(table, path)
+    path = written(tmp_path, Rows.of([replace(row, batch=f"week {n % 4}") for n, row in enumerate(rows)]))
     assert set(overview_of([path]).batches) == {"week 0", "week 1", "week 2", "week 3"}
     with pytest.raises(UsageError, match="neither a column"):
         overview_of([path], batch="(")

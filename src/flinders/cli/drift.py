@@ -10,7 +10,6 @@ import click
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._talk import drawn, print_json, say, working
-from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +44,8 @@ Exit codes:
 @click.option(
     "--batch",
     metavar="COLUMN|PATTERN",
-    help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name.",
+    help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name "
+    "[default: the column batch, or what stands before the last part of the name].",
 )
 @click.option(
     "--most", type=click.IntRange(1, 1000), default=100, show_default=True, help="Units, and steps, that are listed."
@@ -75,16 +75,19 @@ def command(
     """Say how units of a fleet changed from recording to recording, in degrees of heading.
 
     TABLE is what `flinders fleet` writes, with several recordings of each unit; those of one unit may be in several
-    tables. A change is held against what both calibrations claim, and a step against how this fleet drifts slowly.
+    tables, and count once. A change is held against what both calibrations claim, and a step against how this fleet
+    drifts slowly. Recordings are taken in the order of their dates, else of their names.
     """
     from flinders.fleet.drift import drift_of
     from flinders.fleet.drift_table import writing
 
-    _check_outputs(report, out, tables, batch, force=force)
+    _check_outputs(report, out, tables, force=force)
     with working() as watch, writing(out, force=force) as each:
         if watch is not None:
             watch("holding calibrations against each other")
-        drift = drift_of(tables, target_deg=target_deg, dip_deg=dip_deg, against=against, most=most, each=each)
+        drift = drift_of(
+            tables, target_deg=target_deg, dip_deg=dip_deg, against=against, batch=batch, most=most, each=each
+        )
     if report is not None:
         _write_report(drift, tables, report, batch, force=force)
     if as_json:
@@ -99,20 +102,16 @@ def command(
     return LIMITED if drift.states["recalibrate"] else GOOD
 
 
-def _check_outputs(
-    report: str | None, out: str | None, tables: Sequence[str], batch: str | None, *, force: bool
-) -> None:
+def _check_outputs(report: str | None, out: str | None, tables: Sequence[str], *, force: bool) -> None:
     """Find what could not be written before anything is read.
 
     Raises
     ------
-    UsageError, OutputError
+    OutputError
     """
     from flinders.files import refuse_existing
 
     _options.refuse_twice(tables)
-    if batch is not None and report is None:
-        raise UsageError("--batch is for the map of a report: name one with --report, or leave it out")
     for path in (report, out):
         if path is not None:
             _options.refuse_to_overwrite(path, tables)

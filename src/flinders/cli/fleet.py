@@ -11,10 +11,12 @@ import click
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._talk import drawn, print_json, say
-from flinders.errors import UsageError
+from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
+
+    from flinders.fleet.journal import Watch
 
 
 @click.command(
@@ -42,7 +44,8 @@ Exit codes:
 @click.option("--moments-only", is_flag=True, help="Use sums alone: faster, and blind to what only readings show.")
 @click.option("--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is.")
 @click.option("--recording-column", metavar="NAME", help="Of tables: which column says of which recording it is.")
-@click.option("--sensor", metavar="N|NAME", help="Which magnetometer of logs with several [default: the first].")
+@click.option("--batch-column", metavar="NAME", help="Of tables: which column says of which batch of hardware it is.")
+@click.option("--sensor", metavar="N|NAME", help="Which of several magnetometers [default: the first].")
 @click.option("--as-logged", is_flag=True, help="Leave on what the vehicle had corrected.")
 @click.option("--log", "log_file", metavar="FILE", help="Add a line of JSON for each thing that happens to this file.")
 @click.option("--axes", default="x,y,z", show_default=True, metavar="AXES", help="Where each axis used comes from.")
@@ -76,10 +79,7 @@ def command(
 
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes of this machine, --scheduler has its own: leave one of them out")
-    if report is not None:
-        from flinders.files import refuse_existing
-
-        refuse_existing(report, force=force)
+    _check_outputs(out, report, log_file, force=force)
     reading["polish"] = not reading.pop("moments_only")
     with Log.to(log_file) as log, _progress() as watch:
         told = run(
@@ -106,6 +106,22 @@ def command(
     return GOOD if told.is_whole else LIMITED
 
 
+def _check_outputs(out: str, report: str | None, log_file: str | None, *, force: bool) -> None:
+    """Find what could not be written before anything is read.
+
+    Raises
+    ------
+    UsageError, OutputError
+    """
+    from flinders.files import refuse_existing
+
+    named = [name for name in (out, report, log_file) if name is not None]
+    if len(set(named)) < len(named):
+        raise UsageError("--out, --report and --log are files of their own: give each another name")
+    if report is not None:
+        refuse_existing(report, force=force)
+
+
 def _write_report(out: str, report: str, *, force: bool) -> None:
     """Write the report of a fleet."""
     from flinders.files import write_text
@@ -119,8 +135,8 @@ def _write_report(out: str, report: str, *, force: bool) -> None:
 
 
 @contextlib.contextmanager
-def _progress() -> Iterator[Callable[[int, int, int], None] | None]:
-    """A bar on stderr with recordings, how many a second, and the time that is left; only on a terminal."""
+def _progress() -> Iterator[Watch | None]:
+    """A bar on stderr with recordings, how many a second, their units, and the time left; only on a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -131,9 +147,10 @@ def _progress() -> Iterator[Callable[[int, int, int], None] | None]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
         task = shown.add_task("", total=None, told="looking at what is there")
 
-        def update(done: int, total: int, rows: int) -> None:
+        def update(done: int, total: int, rows: int, units: int | None) -> None:
             elapsed = shown.tasks[0].elapsed or 0.0
+            of_units = "" if units is None else f" of {counted(units, 'unit')}"
             rate = f", {rows / elapsed:,.0f} a second" if elapsed else ""
-            shown.update(task, completed=done, total=total, told=f"{rows:,} recordings{rate}")
+            shown.update(task, completed=done, total=total, told=f"{counted(rows, 'recording')}{of_units}{rate}")
 
         yield update

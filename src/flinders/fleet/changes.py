@@ -23,7 +23,7 @@ from flinders.pooling import DEPENDENT
 from flinders.quadric import GATHER
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -131,14 +131,18 @@ class Changes:
         """(n,) how often chance alone makes a difference as large."""
         return chances(self.chi_square, self.freedom)
 
-    def widened(self, session: float) -> Self:
-        """The same where the claimed variances are `session` times too small."""
-        root = math.sqrt(session)
+    def widened(self, session: float | Floats) -> Self:
+        """The same where the claimed variances are `session` times too small, all or (n,) each."""
+        root = np.sqrt(session)
         return replace(
             self,
             chi_square=self.chi_square / session,
             **{name: root * getattr(self, name) for name in SIGMAS},
         )
+
+    def only(self, rows: NDArray[np.intp]) -> Self:
+        """Those that integers name, in their order."""
+        return type(self)(**{each.name: getattr(self, each.name)[rows] for each in fields(self)})
 
     @classmethod
     def joined(cls, parts: Iterable[Changes]) -> Self:
@@ -151,34 +155,42 @@ class Changes:
 SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma_deg")
 
 
-def between(first: Calibrations, second: Calibrations, *, dip_deg: float = 60.0) -> Changes:
+def between(first: Calibrations, second: Calibrations, *, dip_deg: float | Floats = 60.0) -> Changes:
     """Say how far the second calibration of each pair is from the first, as `flinders.comparison.compare` does.
 
     Parameters
     ----------
     first, second : Calibrations
         n of each, in the same unit and axes.
-    dip_deg : float
-        Inclination of the field at the site.
+    dip_deg : float or (n,) float
+        Inclination of the field at the site, of all or of each; its sign says which way up the sensor sits.
 
     Raises
     ------
     UsageError
         For a dip within a degree of the poles.
     """
-    level_turn(dip_deg)
-    starts = range(0, len(first), CHUNK)
-    return Changes.joined(_chunk(first[at : at + CHUNK], second[at : at + CHUNK], dip_deg) for at in starts)
+    chunks = list(_chunks(len(first), dip_deg))
+    found = Changes.joined(_chunk(first[rows], second[rows], dip) for rows, dip in chunks)
+    order = np.argsort(np.concatenate([rows for rows, _ in chunks] or [np.empty(0, dtype=np.intp)]))
+    return found if (np.diff(order) == 1).all() else found.only(order)
 
 
-def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float = 60.0) -> Floats:
+def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float | Floats = 60.0) -> Floats:
     """(n,) worst heading difference in degrees that (n, 3) steps of the offset make, for (n, 3, 3) shapes."""
-    _, directions = level_turn(dip_deg)
-    parts = [
-        _turned(moved[at : at + CHUNK], shape[at : at + CHUNK], shape[at : at + CHUNK], directions)[1]
-        for at in range(0, len(moved), CHUNK)
-    ]
-    return np.concatenate(parts or [np.empty(0)])
+    worst = np.empty(len(moved))
+    for rows, dip in _chunks(len(moved), dip_deg):
+        worst[rows] = _turned(moved[rows], shape[rows], shape[rows], level_turn(dip)[1])[1]
+    return worst
+
+
+def _chunks(count: int, dip_deg: float | Floats) -> Iterator[tuple[NDArray[np.intp], float]]:
+    """Cut so many rows into chunks of one dip each."""
+    dips = np.broadcast_to(dip_deg, count)
+    for dip in np.unique(dip_deg).tolist():
+        level_turn(dip)
+        rows = np.flatnonzero(dips == dip)
+        yield from ((rows[at : at + CHUNK], dip) for at in range(0, len(rows), CHUNK))
 
 
 def chances(chi_square: Floats, freedom: Floats) -> Floats:

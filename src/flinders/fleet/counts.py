@@ -11,6 +11,8 @@
 >>> counts = Counts.of(folder / "all.parquet")
 >>> counts.rows, counts.units, counts.texts["verdict"], counts.worst_deg.tolist()
 (3, 2, Counter({'failed': 2, 'good': 1}), [0.4])
+>>> counts.failed_readings
+0
 """
 
 from __future__ import annotations
@@ -25,6 +27,9 @@ from flinders.fleet.table import VERDICTS, needs_arrow
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
 
@@ -39,6 +44,9 @@ class Counts:
     Attributes
     ----------
     rows, readings, units : int
+        Of units those that have a name.
+    failed_readings : int
+        Of the readings those of rows that failed, as far as it is known how many there are.
     texts : dict of Counter
         By the columns `COUNTED`: how many rows there are of each text; with each finding.
     worst_deg : (K,) degrees
@@ -48,6 +56,7 @@ class Counts:
     rows: int
     readings: int
     units: int
+    failed_readings: int
     texts: dict[str, Counter[str]]
     worst_deg: Floats
 
@@ -58,7 +67,7 @@ class Counts:
         from pyarrow import parquet
 
         texts: dict[str, Counter[str]] = {name: Counter() for name in COUNTED}
-        readings, units, last = 0, 0, None
+        readings, failed, units, last = 0, 0, 0, None
         worst: list[Floats] = [np.empty(0)]
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
@@ -67,11 +76,13 @@ class Counts:
                 for name, counter in texts.items():
                     counter.update(_counted(batch.column(name)))
                 worst.append(_worst(batch))
-                readings += int(np.sum(batch.column("readings").to_numpy()))
+                counts = batch.column("readings").to_numpy()
+                readings += int(np.sum(counts))
+                failed += int(np.sum(counts[_is_among(batch, VERDICTS[3:])]))
                 unit = batch.column("unit")
-                units += len(unit.unique()) - (unit[0].as_py() == last)
+                units += len(unit.unique()) - (unit[0].as_py() == last) - (unit[0].as_py() == "" != last)
                 last = unit[-1].as_py()
-            return cls(file.metadata.num_rows, readings, units, texts, np.concatenate(worst))
+            return cls(file.metadata.num_rows, readings, units, failed, texts, np.concatenate(worst))
 
 
 def _counted(column: Any) -> dict[str, int]:  # noqa: ANN401 - pyarrow ships no types
@@ -82,9 +93,14 @@ def _counted(column: Any) -> dict[str, int]:  # noqa: ANN401 - pyarrow ships no 
 
 def _worst(batch: Any) -> Floats:  # noqa: ANN401
     """Heading errors of a batch that are known, of those that have a calibration."""
+    worst: Floats = np.asarray(batch.column("worst_deg").to_numpy(zero_copy_only=False), dtype=float)
+    known: Floats = worst[_is_among(batch, VERDICTS[:2]) & np.isfinite(worst)]
+    return known
+
+
+def _is_among(batch: Any, verdicts: Sequence[str]) -> NDArray[np.bool_]:  # noqa: ANN401
+    """(R,) whether rows of a batch have one of these verdicts."""
     from pyarrow import array, compute
 
-    given = compute.is_in(batch.column("verdict"), value_set=array(VERDICTS[:2]))
-    worst: Floats = np.asarray(batch.column("worst_deg").filter(given).drop_null().to_numpy(), dtype=float)
-    known: Floats = worst[np.isfinite(worst)]
-    return known
+    among: NDArray[np.bool_] = compute.is_in(batch.column("verdict"), value_set=array(verdicts)).to_numpy(False)
+    return among

@@ -21,6 +21,7 @@ import signal
 from collections import deque
 from dataclasses import dataclass
 from itertools import islice
+from multiprocessing import resource_tracker
 from multiprocessing.connection import wait
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -62,6 +63,25 @@ class Lost:
 
 
 @dataclass(frozen=True, slots=True)
+class Death:
+    """A worker that died, or left a cluster.
+
+    Attributes
+    ----------
+    worker : str
+        The number of its process, or its address.
+    place : int, optional
+        Of the unit that it worked on, which is done again; a cluster does not say.
+    attempts : int
+        Workers that this unit has cost so far.
+    """
+
+    worker: str
+    place: int | None = None
+    attempts: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class _Raised:
     """What a worker could not do, in words: exceptions do not all survive the way between processes."""
 
@@ -80,6 +100,7 @@ def map_units(
     workers: int | None = None,
     scheduler: str | None = None,
     notice: Callable[[str], None] = lambda _: None,
+    died: Callable[[Death], None] = lambda _: None,
 ) -> Iterator[tuple[int, Result | Lost]]:
     """Run a function over units, and yield the place of each and its result, as they are done.
 
@@ -94,6 +115,8 @@ def map_units(
         Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``, in place of processes.
     notice : callable, optional
         Is told what keeps the work from going on: a scheduler without workers.
+    died : callable, optional
+        Is told of each worker that died; of those of a cluster with a delay of up to `RECOUNT_S`.
 
     Raises
     ------
@@ -105,11 +128,25 @@ def map_units(
         Where `work` raises, which it should not.
     """
     if scheduler is not None:
-        yield from _on_cluster(work, units, scheduler, notice)
+        yield from _on_cluster(work, units, scheduler, notice, died)
     elif workers == 0:
         yield from ((place, work(unit)) for place, unit in enumerate(units))
     else:
-        yield from _in_processes(work, units, min(workers or cores(), max(len(units), 1)))
+        yield from _in_processes(work, units, min(workers or cores(), max(len(units), 1)), died)
+
+
+def reach(scheduler: str) -> None:
+    """See that a scheduler answers, before anything is done for it.
+
+    Raises
+    ------
+    LinkError
+        Where it does not.
+    MissingExtra
+        Where Dask is not installed.
+    """
+    with _quiet(), _client(scheduler):
+        pass
 
 
 class _Worker:
@@ -119,7 +156,7 @@ class _Worker:
         context = _context()
         self.connection, other = context.Pipe()
         self.process: BaseProcess = context.Process(target=_serve, args=(other, work), daemon=True)
-        with _environment(dict.fromkeys(ONE_THREAD, "1")):
+        with _environment(dict.fromkeys(ONE_THREAD, "1")), _deaf():
             self.process.start()
         other.close()
         self.place: int | None = None
@@ -178,9 +215,23 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
             del os.environ[name]
 
 
+@contextlib.contextmanager
+def _deaf() -> Iterator[None]:
+    """Start processes that Ctrl-C does not reach from their first moment on; here it is heard when the block ends."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # it unblocks what is blocked when it starts, so that it has to run by then
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _serve(connection: Connection, work: Callable[[Any], Any]) -> None:
     """What a worker does until the pipe closes, also because the driver is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver, also where it cannot be blocked
     while True:
         try:
             unit = connection.recv()
@@ -199,7 +250,7 @@ def _serve(connection: Connection, work: Callable[[Any], Any]) -> None:
 
 
 def _in_processes(
-    work: Callable[[Unit], Result], units: Sequence[Unit], count: int
+    work: Callable[[Unit], Result], units: Sequence[Unit], count: int, died: Callable[[Death], None]
 ) -> Iterator[tuple[int, Result | Lost]]:
     """Keep so many processes busy, and replace those that die."""
     waiting = deque(range(len(units)))
@@ -218,8 +269,9 @@ def _in_processes(
                     yield place, _checked(worker.taken())
                     worker.place = None
                 except EOFError:
-                    worker.end()
                     attempts[place] += 1
+                    died(Death(str(worker.process.pid), place, attempts[place]))
+                    worker.end()
                     if attempts[place] < ATTEMPTS:
                         waiting.appendleft(place)
                     else:
@@ -240,23 +292,38 @@ def _checked(result: Any) -> Any:  # noqa: ANN401
 
 
 def _on_cluster(
-    work: Callable[[Unit], Result], units: Sequence[Unit], scheduler: str, notice: Callable[[str], None]
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    scheduler: str,
+    notice: Callable[[str], None],
+    died: Callable[[Death], None],
 ) -> Iterator[tuple[int, Result | Lost]]:
     """Run units on a cluster; what goes wrong with its scheduler is said in a line."""
     distributed = _distributed()
     with _quiet():
-        try:
-            client = distributed.Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise LinkError(
-                f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
-            ) from None
+        client = _client(scheduler)
         gone = (OSError, distributed.CancelledError, distributed.client.ClosedClientError)
         try:
             with client:
-                yield from _given(client, work, units, scheduler, notice)
+                yield from _given(client, work, units, scheduler, notice, died)
         except gone:
             raise _is_gone(scheduler) from None
+
+
+def _client(scheduler: str) -> Any:  # noqa: ANN401 - Dask ships no types
+    """Join a cluster.
+
+    Raises
+    ------
+    LinkError
+        Where nobody answers.
+    """
+    try:
+        return _distributed().Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise LinkError(
+            f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
+        ) from None
 
 
 def _given(
@@ -265,15 +332,21 @@ def _given(
     units: Sequence[Unit],
     scheduler: str,
     notice: Callable[[str], None],
+    died: Callable[[Death], None],
 ) -> Iterator[tuple[int, Result | Lost]]:
     """Give a cluster as much as it has threads for, and more as results come; a future is released once it is read."""
     waiting = iter(range(len(units)))
     places: dict[Any, int] = {}
     done = _distributed().as_completed(loop=client.loop, raise_errors=False)
+    known: set[str] = set()
 
     def ahead() -> int:
-        threads: int = sum(client.nthreads().values())
-        return AHEAD * max(threads, 1)
+        nonlocal known
+        threads: dict[str, int] = client.nthreads()
+        for worker in sorted(known - set(threads)):
+            died(Death(worker))
+        known = set(threads)
+        return AHEAD * max(sum(threads.values()), 1)
 
     def fill(room: int) -> None:
         for place in islice(waiting, max(room - len(places), 0)):
@@ -292,6 +365,8 @@ def _given(
         if monotonic() - counted > RECOUNT_S:
             room, counted = ahead(), monotonic()
         fill(room)
+    with contextlib.suppress(OSError):  # all is done: a scheduler that has gone by now is missed by nobody
+        ahead()
 
 
 @contextlib.contextmanager

@@ -1,11 +1,13 @@
 """Tables of a fleet unit by unit: the calibrations of each, in the order of time, a bounded number of rows at once.
 
 Each table is sorted by unit, as `flinders fleet` writes it, so that several of them are read side by side, and a unit
-is complete once all have gone past its name. A million rows take no more memory than a hundred thousand.
+is complete once all have gone past its name. A million rows take no more memory than a hundred thousand. A recording
+that stands in several tables counts once, as the last of them has it.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,19 +16,25 @@ import numpy as np
 from flinders.errors import DocumentError
 from flinders.files import reason
 from flinders.fleet.changes import Calibrations
-from flinders.fleet.table import LISTS, NAMES, needs_arrow
+from flinders.fleet.dates import arranged, is_date
+from flinders.fleet.table import LATER, LISTS, NAMES, needs_arrow, objects
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.fleet.batches import Batches
 
 COLUMNS: Final = (
     "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "radius", "dip_deg", "unit_of_field",
 )  # fmt: skip
+SAME: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
+"""What tells whether two rows are of one recording."""
+TABLE: Final = "table of the row"
+"""A column beside those of the tables: which of them, counted from 0."""
 ROWS: Final = 16_384
 """Rows that are read at once, of all tables together."""
 
@@ -39,27 +47,42 @@ class Histories:
     ----------
     unit : (U,) object
         Names, sorted; units without any calibration are among them.
+    batch : (U,) object
+        Of hardware; empty where it is not known.
     first : (U + 1,) int
         Where the calibrations of each begin.
+    is_known : (U,) bool
+        Whether anything tells the order of a unit's recordings; where nothing does, they are in that of their names.
+    is_dated : (U,) bool
+        Whether the dates of all of them are known.
     recording : (R,) object
-    start_s : (R,) float, s
-        NaN where it is not known.
+    date_s : (R,) float, s
+        Since 1970; NaN where no date is known.
     calibrations : Calibrations
         R of them.
     unit_of_field : (R,) object
     dip_deg : (R,) float
+    verdicts : mapping of (str, str) to int
+        Rows of each batch and verdict, those without a calibration too.
     left_out : int
         Rows without a calibration: refused and failed ones, and those in another unit than the unit's first.
+    passed_over : int
+        Rows that another table has as well.
     """
 
     unit: NDArray[np.object_]
+    batch: NDArray[np.object_]
     first: NDArray[np.intp]
+    is_known: NDArray[np.bool_]
+    is_dated: NDArray[np.bool_]
     recording: NDArray[np.object_]
-    start_s: Floats
+    date_s: Floats
     calibrations: Calibrations
     unit_of_field: NDArray[np.object_]
     dip_deg: Floats
+    verdicts: Mapping[tuple[str, str], int]
     left_out: int
+    passed_over: int
 
     @property
     def line(self) -> NDArray[np.intp]:
@@ -67,39 +90,92 @@ class Histories:
         return np.repeat(np.arange(len(self.unit)), np.diff(self.first))
 
     @classmethod
-    def of_table(cls, table: Any) -> Histories:  # noqa: ANN401 - pyarrow ships no types
-        """Sort the rows of whole units."""
+    def of_table(cls, table: Any, batches: Batches | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401
+        """Sort the rows of whole units, each of a recording of its own."""
         from pyarrow import compute
 
         keys = [("unit", "ascending"), ("start_s", "ascending"), ("recording", "ascending")]
         table = table.take(compute.sort_indices(table, sort_keys=keys)).combine_chunks()
         names, line = np.unique(_texts(table.column("unit")), return_inverse=True)
+        batch = objects(batches.of(table)) if batches else np.full(len(table), "", dtype=object)
+        verdict = _texts(table.column("verdict"))
         usable = table.column("covariance").is_valid().to_numpy() & table.column("offset").is_valid().to_numpy()
-        usable &= np.isin(_texts(table.column("verdict")).astype(str), ["good", "limited"])
-        field = _texts(table.column("unit_of_field"))
-        kept = np.flatnonzero(usable)
-        kept = kept[_alike(line[kept], field[kept])]
+        kept = np.flatnonzero(usable & np.isin(verdict.astype(str), ["good", "limited"]))
+        order = _Order.of(table.take(kept), line[kept], len(names))
+        kept = kept[order.places]
+        field = _texts(table.column("unit_of_field"))[kept]
+        alike = _alike(line[kept], field)
+        kept = kept[alike]
         inside = table.take(kept)
         offset, matrix, covariance = (_list(inside, name, LISTS[name]) for name in ("offset", "matrix", "covariance"))
         return cls(
             unit=names,
+            batch=_of_units(batch, line, len(names)),
             first=np.searchsorted(line[kept], np.arange(len(names) + 1)),
+            is_known=order.is_known,
+            is_dated=order.is_dated,
             recording=_texts(inside.column("recording")),
-            start_s=_numbers(inside, "start_s"),
+            date_s=order.date_s[alike],
             calibrations=Calibrations.of_columns(offset, matrix, covariance, _numbers(inside, "radius")),
-            unit_of_field=field[kept],
+            unit_of_field=field[alike],
             dip_deg=_numbers(inside, "dip_deg"),
+            verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if batches else {},
             left_out=len(table) - len(kept),
+            passed_over=passed_over,
         )
 
 
-def histories(paths: Sequence[str | os.PathLike[str]], *, rows: int = ROWS) -> Iterator[Histories]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Order:
+    """Rows of whole units in the order of recording.
+
+    Attributes
+    ----------
+    places : (n,) int
+        Of the rows.
+    date_s : (n,) float, s
+        Of each, in that order.
+    is_known, is_dated : (U,) bool
+        As in `Histories`.
+    """
+
+    places: NDArray[np.intp]
+    date_s: Floats
+    is_known: NDArray[np.bool_]
+    is_dated: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, table: Any, line: NDArray[np.intp], units: int) -> _Order:  # noqa: ANN401
+        """Of rows that are sorted by unit and the times of their clocks; a unit whose times are all dates stays so."""
+        start = _numbers(table, "start_s")
+        is_odd = ~is_date(start)
+        again = np.flatnonzero((np.diff(line) == 0) & (np.diff(start) == 0.0))
+        is_odd[again] = True  # dates that do not tell two recordings apart
+        places, date_s = np.arange(len(line)), start.copy()
+        is_known, is_dated = np.ones(units, bool), np.ones(units, bool)
+        odd = np.unique(line[is_odd])
+        begins, ends = np.searchsorted(line, odd), np.searchsorted(line, odd, side="right")
+        recording, tables = table.column("recording"), table.column(TABLE).to_numpy()
+        for unit, begin, end in zip(odd.tolist(), begins.tolist(), ends.tolist(), strict=True):
+            names = _texts(recording.slice(begin, end - begin)).tolist()
+            found = arranged(names, start[begin:end], tables[begin:end].tolist())
+            places[begin:end] = begin + np.array(found.places)
+            date_s[begin:end] = found.date_s
+            is_known[unit], is_dated[unit] = found.is_known, found.is_dated
+        return cls(places, date_s, is_known, is_dated)
+
+
+def histories(
+    paths: Sequence[str | os.PathLike[str]], *, batches: Batches | None = None, rows: int = ROWS
+) -> Iterator[Histories]:
     """Read tables of a fleet, whole units at a time.
 
     Parameters
     ----------
     paths : sequence of path
         Parquet files as `flinders fleet` writes them; a unit may be in several.
+    batches : Batches, optional
+        What tells the hardware batch.
     rows : int
         That are read at once, of all of them together.
 
@@ -108,14 +184,28 @@ def histories(paths: Sequence[str | os.PathLike[str]], *, rows: int = ROWS) -> I
     DocumentError
         For a file that is no table of a fleet, or is not sorted by unit.
     """
-    for table in whole_units(paths, COLUMNS, rows=rows):
-        yield Histories.of_table(table)
+    columns = (*COLUMNS, batches.column) if batches and batches.column else COLUMNS
+    for table in _side_by_side(paths, columns, rows=rows):
+        whole = _counted_once(table)
+        yield Histories.of_table(whole, batches, len(table) - len(whole))
 
 
 def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = ROWS) -> Iterator[Any]:
-    """Tables of Arrow with all rows of some units, in the order of their names; errors as `histories`."""
+    """Tables of Arrow with all rows of some units, in the order of their names, each recording once.
+
+    A column that is not of a fleet is null where a table has not got it; errors as `histories`.
+    """
+    for table in _side_by_side(paths, columns, rows=rows):
+        yield _counted_once(table)
+
+
+def _side_by_side(
+    paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = ROWS
+) -> Iterator[Any]:
+    """Tables of Arrow with all rows of some units, of all paths, in the order of their names."""
     arrow = needs_arrow()
-    feeds = [batches(path, columns, rows=max(rows // len(paths), 1)) for path in paths]
+    wanted = tuple(dict.fromkeys((*columns, *SAME)))
+    feeds = [_numbered(number, path, wanted, max(rows // len(paths), 1)) for number, path in enumerate(paths)]
     waiting: list[Any] = [next(feed, None) for feed in feeds]
     more = [table is not None for table in waiting]
     while any(table is not None for table in waiting):
@@ -138,8 +228,8 @@ def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str],
                     waiting[place] = further if left is None else arrow.concat_tables([left, further])
 
 
-def batches(path: str | os.PathLike[str], columns: Sequence[str], *, rows: int = ROWS) -> Iterator[Any]:
-    """Tables of Arrow with some columns of a table of a fleet, so many rows at once; errors as `histories`."""
+def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str], rows: int) -> Iterator[Any]:
+    """Tables of Arrow with some columns of the table of a fleet with a number, so many rows at once."""
     arrow = needs_arrow()
     from pyarrow import parquet
     from pyarrow.lib import ArrowException
@@ -148,14 +238,66 @@ def batches(path: str | os.PathLike[str], columns: Sequence[str], *, rows: int =
     try:
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             _refuse_other(path, file.schema_arrow.names, columns)
-            for batch in file.iter_batches(rows, columns=list(columns)):
+            there = [name for name in columns if name in file.schema_arrow.names]
+            for batch in file.iter_batches(rows, columns=there):
                 if len(batch):
                     last = _sorted(path, batch.column("unit").to_pylist(), last)
-                    yield arrow.Table.from_batches([batch])
+                    yield _completed(arrow, arrow.Table.from_batches([batch]), columns, number)
     except OSError as error:
         raise DocumentError(f"{path}: cannot be read as a table of a fleet: {reason(error)}") from None
     except ArrowException as error:
         raise DocumentError(f"{path}: cannot be read as a table of a fleet ({error})") from None
+
+
+def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401
+    """With columns in one order, those of no fleet as texts, and the number of the table beside them."""
+    there = table.column_names
+
+    def cells(name: str) -> Any:  # noqa: ANN401
+        if name not in there:
+            return arrow.nulls(len(table), arrow.string())
+        return table.column(name) if name in NAMES and name not in LATER else table.column(name).cast("string")
+
+    arrays = [*map(cells, columns), arrow.array(np.full(len(table), number))]
+    return arrow.table(arrays, names=[*columns, TABLE])
+
+
+def _counted_once(table: Any) -> Any:  # noqa: ANN401
+    """Rows of whole units without those that a later table has as well.
+
+    Rows with the same unit, recording and start are of one recording. Where the start is no date, they have to agree
+    in the end and the number of readings too; without a name moreover in the offset, since recordings that begin at
+    zero and take a minute look alike. Rows of one table without a calibration say what failed, each for itself.
+    """
+    if len(table.group_by(["unit", "recording", "start_s"]).aggregate([])) == len(table):
+        return table
+    cells = (table.column(name).to_pylist() for name in SAME)
+    tables = table.column(TABLE).to_pylist()
+    kept: dict[tuple[Any, ...], list[int]] = {}
+    for place, row in enumerate(zip(*cells, strict=True)):
+        places = kept.setdefault(_key(*row), [])
+        is_beside = bool(places) and row[-1] is None and tables[places[0]] == tables[place]
+        if not is_beside and places and tables[places[0]] <= tables[place]:
+            places.clear()
+        if is_beside or not places:
+            places.append(place)
+    return table.take(sorted(place for places in kept.values() for place in places))
+
+
+def _key(
+    unit: str,
+    recording: str | None,
+    start_s: float | None,
+    end_s: float | None,
+    readings: int | None,
+    offset: Sequence[float] | None,
+) -> tuple[Any, ...]:
+    """What rows of one recording have in common."""
+    if start_s is not None and is_date(np.array([start_s]))[0]:
+        return unit, recording, start_s
+    if recording or offset is None:
+        return unit, recording, start_s, end_s, readings
+    return unit, recording, start_s, end_s, readings, *(f"{value:.6g}" for value in offset)
 
 
 def _refuse_other(path: str | os.PathLike[str], found: Sequence[str], columns: Sequence[str]) -> None:
@@ -165,7 +307,7 @@ def _refuse_other(path: str | os.PathLike[str], found: Sequence[str], columns: S
     ------
     DocumentError
     """
-    missing = [name for name in columns if name in NAMES and name not in found]
+    missing = [name for name in columns if name in NAMES and name not in found and name not in LATER]
     if missing:
         raise DocumentError(
             f"{path}: this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
@@ -208,6 +350,14 @@ def _texts(column: Any) -> NDArray[np.object_]:  # noqa: ANN401
 
     texts: NDArray[np.object_] = compute.fill_null(column, "").to_numpy(zero_copy_only=False).astype(object)
     return texts
+
+
+def _of_units(batch: NDArray[np.object_], line: NDArray[np.intp], units: int) -> NDArray[np.object_]:
+    """(U,) the first batch that a row of each unit tells."""
+    found = np.full(units, "", dtype=object)
+    told = np.flatnonzero(batch != "")[::-1]
+    found[line[told]] = batch[told]
+    return found
 
 
 def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401

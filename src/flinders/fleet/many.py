@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from flinders.errors import FlindersError, UsageError
+from flinders.fleet.lots import Job
 from flinders.fleet.plan import Partition, Piece
 from flinders.fleet.store import Member
 from flinders.fleet.table import Row, Rows, needs_arrow
 from flinders.fleet.tables import BATCH, Asked, KeyedTable, Tabular
-from flinders.fleet.work import Job, fitted, of_table
+from flinders.fleet.work import fitted, of_table
 from flinders.samples import Samples
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def fit_many(
     axes: str = "x,y,z",
     unit_column: str | None = None,
     recording_column: str | None = None,
+    batch_column: str | None = None,
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
     polish: bool = True,
@@ -39,9 +41,9 @@ def fit_many(
         column that says which unit a row is of: of pyarrow, or anything with ``__arrow_c_stream__`` (pandas, polars).
     columns, unit, scale, axes
         As `flinders.read`.
-    unit_column, recording_column : str, optional
-        Of a table: the columns that say whose reading a row is; by default such as ``unit`` or ``serial``, and
-        ``recording`` or ``session``.
+    unit_column, recording_column, batch_column : str, optional
+        Of a table: the columns that say whose reading a row is, and of which batch of hardware; by default such as
+        ``unit`` or ``serial``, ``recording`` or ``session``, and ``batch`` or ``lot``.
     target_deg, dip_deg : float
         As `flinders.fit`.
     polish : bool
@@ -75,6 +77,7 @@ def fit_many(
         axes=axes,
         unit_column=unit_column,
         recording_column=recording_column,
+        batch_column=batch_column,
         target_deg=target_deg,
         dip_deg=dip_deg,
         polish=polish,

@@ -1,12 +1,7 @@
-"""A table of a fleet in the numbers that its report shows, gone through a bounded number of rows at once.
-
->>> batch_pattern("[0-9]{4}").search("board-2024-17")[0]
-'2024'
-"""
+"""A table of a fleet in the numbers that its report shows, gone through a bounded number of rows at once."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.errors import UsageError
+from flinders.fleet.batches import MOST, Batches, batches_of
 from flinders.fleet.history import whole_units
-from flinders.fleet.table import needs_arrow
 from flinders.report.fleet_view import Histogram, Overview, Unit
 
 if TYPE_CHECKING:
@@ -29,12 +23,6 @@ COLUMNS: Final = (
     "unit", "recording", "verdict", "code", "message", "method", "worst_deg", "offset", "noise", "radius", "findings",
     "unit_of_field",
 )  # fmt: skip
-BATCH: Final = "batch"
-"""The column that tells the hardware batch, where there is one."""
-PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
-"""What stands before the last part of a unit's name, which is taken for its batch where nothing tells it."""
-MOST_BATCHES: Final = 2_000
-"""Names that tell more batches than that tell none."""
 LISTED: Final = 50
 RANKS: Final = ("heading error", "offset", "noise")
 """What the worst units are listed by."""
@@ -50,8 +38,7 @@ def overview_of(
     paths : sequence of path
         Tables of `flinders fleet`, sorted by unit.
     batch : str, optional
-        What tells the hardware batch of a unit: a column of the tables, or a regular expression for a part of the
-        unit's name. By default the column ``batch``, or what stands before the last part of the name.
+        What tells the hardware batch of a unit, as `flinders.fleet.batches.batches_of`.
     target_deg : float
         The worst heading error that is good enough.
     listed : int
@@ -62,13 +49,12 @@ def overview_of(
     DocumentError
         For a file that is no table of a fleet, or is not sorted by unit.
     UsageError
-        For a batch that is neither a column nor a regular expression.
+        For a batch that no unit has.
     """
-    column, pattern = _batch(paths, batch)
-    tally = _Tally(pattern, listed)
-    for table in whole_units(paths, (*COLUMNS, column) if column else COLUMNS):
-        tally.add(table, column)
-    told = f"the column {column}" if column else "the name of the unit" if batch is None else f"{batch!r} in the name"
+    batches = batches_of(paths, batch)
+    tally = _Tally(batches, listed)
+    for table in whole_units(paths, (*COLUMNS, batches.column) if batches.column else COLUMNS):
+        tally.add(table)
     return Overview(
         tables=tuple(Path(path).name for path in paths),
         rows=tally.rows,
@@ -81,49 +67,18 @@ def overview_of(
         findings=dict(tally.findings.most_common()),
         codes={code: (count, *tally.examples[code]) for code, count in tally.codes.most_common()},
         methods=dict(tally.methods.most_common()),
-        batches=tally.told_batches(guessed=batch is None and column is None),
-        batch_of=told,
+        batches=tally.told_batches(),
+        batch_of=batches.words,
         worst={rank: tuple(unit for _, unit in tally.worst[rank]) for rank in RANKS},
         target_deg=target_deg,
     )
-
-
-def batch_pattern(text: str) -> re.Pattern[str]:
-    """Read a regular expression that tells the batch; its first group, or all of what it finds.
-
-    Raises
-    ------
-    UsageError
-    """
-    try:
-        return re.compile(text)
-    except re.error as error:
-        raise UsageError(
-            f"batch {text!r} is neither a column of the table nor a regular expression ({error}): name a column, or "
-            "write what to find in the names of units, such as '^[A-Z]+'"
-        ) from None
-
-
-def _batch(paths: Sequence[str | os.PathLike[str]], batch: str | None) -> tuple[str | None, re.Pattern[str]]:
-    """Column and pattern that tell the batch; the column goes first."""
-    needs_arrow()
-    from pyarrow import parquet
-    from pyarrow.lib import ArrowException
-
-    try:
-        has_column = all((batch or BATCH) in parquet.read_schema(path).names for path in paths)
-    except (OSError, ArrowException):
-        has_column = False  # what is wrong with the file is said where it is read
-    if has_column:
-        return batch or BATCH, PREFIX
-    return None, PREFIX if batch is None else batch_pattern(batch)
 
 
 @dataclass(slots=True)
 class _Tally:
     """Counts of the rows seen so far."""
 
-    pattern: re.Pattern[str]
+    told_by: Batches
     listed: int
     rows: int = 0
     units: int = 0
@@ -139,7 +94,7 @@ class _Tally:
     batches: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     worst: dict[str, list[tuple[float, Unit]]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
 
-    def add(self, table: Any, column: str | None) -> None:  # noqa: ANN401 - pyarrow ships no types
+    def add(self, table: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Take in the rows of some units."""
         units = _texts(table, "unit")
         verdicts = _texts(table, "verdict")
@@ -149,22 +104,17 @@ class _Tally:
         self.methods.update(method for method in _texts(table, "method") if method)
         self.findings.update(table.column("findings").combine_chunks().flatten().to_pylist())
         self._add_codes(table, units)
-        self._add_batches(_texts(table, column) if column else [self._batch_of(unit) for unit in units], verdicts)
+        self._add_batches(self.told_by.of(table), verdicts)
         self._add_numbers(table)
 
-    def told_batches(self, *, guessed: bool) -> dict[str, dict[str, int]]:
-        """Rows of each verdict by batch; none where there are too many batches, or the guess tells nothing."""
-        count = len(self.batches)
-        is_told = count <= MOST_BATCHES and (not guessed or 2 <= count <= self.rows / 4)
+    def told_batches(self) -> dict[str, dict[str, int]]:
+        """Rows of each verdict by batch; none where there are too many batches, or a guess tells nothing."""
+        is_told = self.told_by.are_told(self.batches, self.rows)
         return {name: dict(self.batches[name]) for name in sorted(self.batches)} if is_told else {}
-
-    def _batch_of(self, unit: str) -> str:
-        found = self.pattern.search(unit)
-        return "" if found is None else found[1] if self.pattern.groups else found[0]
 
     def _add_batches(self, batches: Sequence[str], verdicts: Sequence[str]) -> None:
         for (batch, verdict), count in Counter(zip(batches, verdicts, strict=True)).items():
-            if batch in self.batches or len(self.batches) <= MOST_BATCHES:
+            if batch in self.batches or len(self.batches) <= MOST:
                 self.batches[batch][verdict] += count
 
     def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import counted, figures
+from flinders.errors import counted, figures, percent
+from flinders.report.fleet_view import SUMS_ALONE
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from flinders.fleet.run import Told
+    from flinders.fleet.told import Told
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red", "failed": "red"}
+ENDINGS: Final = {"none": "without an ending"}
+"""Kinds of files that are left out, where the word for one is not what it ends in."""
 SHOWN: Final = 8
 """Codes and findings that are listed; the table has them all."""
 
@@ -42,7 +45,7 @@ def _verdicts(told: Told) -> RenderableType:
     for name in ("recordings", "share"):
         table.add_column(name, justify="right")
     for verdict, count in told.verdicts.items():
-        table.add_row(verdict, f"{count:,}", f"{count / max(told.rows, 1):.1%}", style=COLOURS[verdict])
+        table.add_row(verdict, f"{count:,}", percent(count, told.rows), style=COLOURS[verdict])
     return table
 
 
@@ -66,16 +69,19 @@ def _remarks(told: Told) -> list[str]:
     if told.worst_deg:
         middle, most, largest = (figures(told.worst_deg[name]) for name in ("median", "p95", "largest"))
         found.append(f"worst heading error: median {middle}°, 95% below {most}°, largest {largest}° (1 σ)")
+    if told.failed_readings:
+        found.append(f"readings of recordings that failed: {told.failed_readings:,} of {told.readings:,}")
     if not told.polish:
-        found.append("from sums alone: strays, correlated residuals and drift went unseen, and claims are too small")
+        found.append(f"from sums alone: {SUMS_ALONE}")
     if len(told.units_of_field) > 1:
         units = ", ".join(f"{count:,} in {unit}" for unit, count in told.units_of_field.items())
         found.append(f"units of field differ: {units}; offsets are in the unit of their row")
     if told.left_out:
-        kinds = ", ".join(f"{count:,} {suffix}" for suffix, count in told.left_out.items())
+        kinds = ", ".join(f"{count:,} {ENDINGS.get(kind, kind)}" for kind, count in told.left_out.items())
         found.append(f"left out files that are no recordings: {kinds}")
     if told.resumed:
         found.append(f"{told.resumed:,} of {counted(told.partitions, 'partition')} were done before")
-    if told.retried:
-        found.append(f"{counted(told.retried, 'partition')} ended workers, and was gone through file by file")
+    if told.workers_lost or told.retried:
+        again = f"{counted(told.retried, 'partition')} {'was' if told.retried == 1 else 'were'} done again"
+        found.append(f"{counted(told.workers_lost, 'worker')} died or left; {again}")
     return found

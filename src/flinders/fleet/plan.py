@@ -22,16 +22,16 @@ import hashlib
 import json
 from collections import Counter, defaultdict, deque
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import chain, islice, pairwise
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from flinders.errors import FlindersError, UnreadableInput, UsageError
+from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
 from flinders.fleet.store import MAGIC, Member, listed
-from flinders.fleet.table import VERSION
-from flinders.fleet.tables import TABLES, Asked, Keys, extents_of, opened, units_of
+from flinders.fleet.table import SIGN, VERSION
+from flinders.fleet.tables import BATCH_COLUMNS, TABLES, Asked, Keys, extents_of, in_path, opened, units_of
 from flinders.readers import READERS
 
 if TYPE_CHECKING:
@@ -58,6 +58,10 @@ LOG_BYTES: Final = 1 << 24
 """Bytes of log files in a partition."""
 LOOKS: Final = 32
 """Files that are looked at at a time: most of it is waiting for a store."""
+BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
+"""What folders are called that say the batch of hardware."""
+TABLES_OF_FLEETS: Final = "tables of fleets"
+"""What tables that a run wrote are counted as: an output may lie among the recordings."""
 AHEAD: Final = 8 * LOOKS
 """Files whose turn comes next: what is held of those that were looked at is bounded, for any number of files."""
 
@@ -73,11 +77,14 @@ class Piece:
         None of them for a log.
     rows : int
         Of the groups.
+    is_table : bool
+        A table that could not be taken for one, among others that could: what its units are is not known.
     """
 
     member: Member
     groups: tuple[int, ...] = ()
     rows: int = 0
+    is_table: bool = False
 
     @property
     def weight(self) -> int:
@@ -112,11 +119,15 @@ class Partition:
         """What it is to read, for the progress bar."""
         return sum(piece.weight for piece in self.pieces) + 1
 
+    def takes(self, unit: str) -> bool:
+        """Whether the readings of a unit are taken."""
+        return unit not in self.without if self.only is None else unit in self.only
+
     def split(self) -> list[Partition]:
         """A partition for each piece, to find the one that kills its worker; none where they belong together."""
         if self.only is not None or len(self.pieces) == 1:
             return []
-        return [dataclasses.replace(self, pieces=(piece,)) for piece in self.pieces]
+        return [replace(self, pieces=(piece,)) for piece in self.pieces]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +140,7 @@ class Plan:
     files : int
         Those that are read.
     left_out : dict
-        How many files of other kinds there are, by their endings.
+        How many files of other kinds there are, by their endings; and what is no file, and tables of fleets.
     fingerprint : str
         Of files, options and release: parts of a run with another one do not belong to this.
     """
@@ -161,13 +172,18 @@ def plan_of(where: str, asked: Asked) -> Plan:
         Where no file has the columns that were asked for.
     """
     members = listed(where)
-    taken = [member for member in members if MAGIC.search(where) or _is_readable(member.name)]
-    left_out = Counter(PurePosixPath(member.name).suffix or "none" for member in set(members) - set(taken))
+    taken = [member for member in members if not member.kind and (MAGIC.search(where) or _is_readable(member.name))]
+    left_out = Counter(_ending(member) for member in set(members) - set(taken))
     if not taken:
         raise UnreadableInput(
             f"{where}: none of {len(members)} files is a recording: they end in {', '.join(left_out)}"
         )
-    tables, logs = _sorted_out(taken, asked)
+    tables, logs, own = _sorted_out(taken, asked)
+    if own:
+        left_out[TABLES_OF_FLEETS] = len(own)
+        taken = [member for member in taken if member not in own]
+    if not taken:
+        raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'table')} that `flinders fleet` wrote")
     by_recording = defaultdict(list)
     for table in tables:
         by_recording[table.keys.recording_value].append(table)
@@ -176,8 +192,8 @@ def plan_of(where: str, asked: Asked) -> Plan:
     return Plan(partitions, len(taken), dict(sorted(left_out.items())), _fingerprint(taken, asked))
 
 
-def _sorted_out(members: Sequence[Member], asked: Asked) -> tuple[list[_Surveyed], list[Piece]]:
-    """Files of rows, and logs: among these also what cannot be opened, which its row will say.
+def _sorted_out(members: Sequence[Member], asked: Asked) -> tuple[list[_Surveyed], list[Piece], set[Member]]:
+    """Files of rows; logs, among these also what cannot be opened, which its row will say; and tables of fleets.
 
     Raises
     ------
@@ -186,17 +202,35 @@ def _sorted_out(members: Sequence[Member], asked: Asked) -> tuple[list[_Surveyed
     """
     tables: list[_Surveyed] = []
     logs: list[Piece] = []
-    refused: list[UsageError] = []
+    own: set[Member] = set()
+    refused: dict[Member, FlindersError] = {}
     for member, found in zip(members, _at_once(lambda member: _looked_at(member, asked), members), strict=True):
-        if isinstance(found, UsageError):
-            refused.append(found)
-        if isinstance(found, FlindersError) or not found:  # what cannot be read, the worker that fails to will say
-            logs.append(Piece(member))
-        else:
+        if found is None:
+            own.add(member)
+        elif isinstance(found, FlindersError):
+            named = [] if isinstance(found, UsageError) else _named(member, asked)
+            tables += named
+            refused |= {} if named else {member: found}
+        elif found:
             tables += found
-    if refused and not tables:
-        raise refused[0]
-    return tables, logs
+        else:
+            logs.append(Piece(member))
+    columns = next((error for error in refused.values() if isinstance(error, UsageError)), None)
+    if columns is not None and not tables:
+        raise columns
+    logs += [Piece(member, is_table=bool(tables)) for member in refused]  # why, the worker will say
+    return tables, sorted(logs, key=lambda piece: piece.member), own
+
+
+def _named(member: Member, asked: Asked) -> list[_Surveyed]:
+    """A table that cannot be opened as one piece of the unit that its path says; nothing where that says none."""
+    keys = Keys.of_path(member.name, asked)
+    return [] if keys is None else [_Surveyed(Piece(member, (0,)), keys.unit_value, keys.unit_value, keys)]
+
+
+def _ending(member: Member) -> str:
+    """What kind of file is left out."""
+    return member.kind or PurePosixPath(member.name).suffix or "none"
 
 
 def _at_once(look: Callable[[Asker], Answer], asked: Iterable[Asker]) -> Iterator[Answer]:
@@ -219,13 +253,18 @@ def _at_once(look: Callable[[Asker], Answer], asked: Iterable[Asker]) -> Iterato
 def key_of(name: str) -> tuple[str, str]:
     """Unit and recording of a log file, by where it lies: the first folder is the unit, else the file itself.
 
+    A folder that names the batch of hardware is passed over. No unit, in a folder of null, is the empty text.
+
     >>> key_of("A17/2026/monday.bin"), key_of("unit=A17/monday.csv"), key_of("A17.csv.gz")
     (('A17', '2026/monday.bin'), ('A17', 'monday.csv'), ('A17', 'A17.csv.gz'))
+    >>> key_of("batch=7/unit=A%2017/monday.bin")
+    ('A 17', 'monday.bin')
     """
-    parts = PurePosixPath(name).parts
+    parts = [part for part in PurePosixPath(name).parts if part.split("=")[:-1] not in BATCHES]
     if len(parts) == 1:
         return parts[0].removesuffix(".gz").rpartition(".")[0] or parts[0], parts[0]
-    return parts[0].rpartition("=")[2], "/".join(parts[1:])
+    first, recording = parts[0], "/".join(parts[1:])
+    return next(iter(in_path(f"{first}/{recording}").values()), first) if "=" in first else first, recording
 
 
 def _is_readable(name: str) -> bool:
@@ -233,7 +272,7 @@ def _is_readable(name: str) -> bool:
     return name.lower().endswith((*READABLE, "/"))
 
 
-def _looked_at(member: Member, asked: Asked) -> list[_Surveyed] | FlindersError:
+def _looked_at(member: Member, asked: Asked) -> list[_Surveyed] | FlindersError | None:
     """The pieces of a file of rows, none for a log; the error where it cannot be opened, or a column is not there."""
     try:
         return _surveyed(member, asked)
@@ -241,8 +280,8 @@ def _looked_at(member: Member, asked: Asked) -> list[_Surveyed] | FlindersError:
         return error
 
 
-def _surveyed(member: Member, asked: Asked) -> list[_Surveyed]:
-    """The pieces of a file of rows; none for a log.
+def _surveyed(member: Member, asked: Asked) -> list[_Surveyed] | None:
+    """The pieces of a file of rows; none for a log, and None for a table of a fleet.
 
     Raises
     ------
@@ -253,9 +292,13 @@ def _surveyed(member: Member, asked: Asked) -> list[_Surveyed]:
         return []
     found = []
     with opened(member, asked) as file:
+        if SIGN in (file.schema.metadata or {}):
+            return None
         keys = Keys.of(member.name, file.schema.names, asked)
         if keys is None:
             return []
+        if not sum(file.groups):
+            raise UnreadableInput(f"{member.name} has no rows: record again, or check what was saved")
         extents = extents_of(file, keys)
         for groups in _ranges(file.groups):
             piece = Piece(member, groups, sum(file.groups[group] for group in groups))

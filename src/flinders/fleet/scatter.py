@@ -46,7 +46,7 @@ class Scatter:
     session : float
         λ, by which claimed variances are too small; 1 where they are not.
     walk : float, per root second
-        q of each axis, as a fraction of the field.
+        q of each axis, as a fraction of the field; per root recording where no dates are known.
     pairs : int
         That it rests on.
     """
@@ -78,7 +78,8 @@ def scatter_of(changes: Floats, claimed: Floats, seconds: Floats) -> Scatter:
     claimed : (n, 3, 3) float
         P + P′, in the square of that.
     seconds : (n,) float
-        From one recording to the other; pairs of which it is not known are left out.
+        From one recording to the other, or where no dates are known how many recordings on it is; pairs of which it is
+        not known are left out.
     """
     known = np.isfinite(seconds) & np.isfinite(changes).all(axis=1)
     if np.count_nonzero(known) < FEWEST:

@@ -54,6 +54,7 @@ class Lines:
     first : (U + 1,) int
         Where the recordings of each unit begin, in the order of time; and the end of the last.
     time : (R,) float, s
+        Or where no dates are known the number of each recording.
     offset : (R, 3) float
         As a fraction of the field.
     covariance : (R, 3, 3) float

@@ -16,6 +16,7 @@ import functools
 import glob
 import os
 import re
+import stat
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -37,6 +38,10 @@ WHOLE: Final = 1 << 18
 """Bytes of an object that is read whole: as many take no longer than another request."""
 BUCKET: Final = re.compile(r"(?:s3a?|gs|az|abfss?)://[^/]*")
 """What of a URL says whose store it is; after it comes the path of an object, as it is called there."""
+PARTS: Final = (".parquet.parts", ".pq.parts")
+"""How the folder ends in which a run keeps what it has done."""
+KINDS: Final = {stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket", stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
+"""What may lie in a folder and is no file."""
 NAMED_BY: Final = ("AWS_", "AZURE_", "GOOGLE_")
 """How variables begin that say where a store is and who asks."""
 
@@ -54,12 +59,15 @@ class Member:
     size : int, bytes
     stamp : str
         Changes when it does.
+    kind : str
+        What it is where it is no file, such as ``pipe``: never to be opened, since that may wait for ever.
     """
 
     name: str
     where: str
     size: int
     stamp: str = ""
+    kind: str = ""
 
 
 def is_remote(where: str) -> bool:
@@ -72,7 +80,9 @@ def is_remote(where: str) -> bool:
 
 
 def listed(where: str) -> list[Member]:
-    """The files that a folder, a pattern, a file or a URL names, by name; hidden ones and ``_SUCCESS`` are left out.
+    """The files that a folder, a pattern, a file or a URL names, by name.
+
+    Hidden ones and ``_SUCCESS`` are left out, and so is the folder in which a run keeps what it has done.
 
     Raises
     ------
@@ -88,7 +98,7 @@ def listed(where: str) -> list[Member]:
 
 
 def _is_hidden(name: str) -> bool:
-    return any(part.startswith((".", "_")) for part in PurePosixPath(name).parts)
+    return any(part.startswith((".", "_")) or part.endswith(PARTS) for part in PurePosixPath(name).parts)
 
 
 def _files(where: str) -> Iterator[Member]:
@@ -103,7 +113,7 @@ def _files(where: str) -> Iterator[Member]:
             start = Path(*_fixed(Path(where).parts))
             for found_path in map(Path, glob.glob(where, recursive=True)):  # noqa: PTH207 - a pattern may be absolute
                 name = found_path.relative_to(start).as_posix() if start.parts else found_path.as_posix()
-                if found_path.is_file() and not _is_hidden(name):
+                if not found_path.is_dir() and not _is_hidden(name):
                     yield _file(found_path, name)
         else:
             raise FileNotFoundError(2, "")
@@ -112,7 +122,7 @@ def _files(where: str) -> Iterator[Member]:
 
 
 def _below(root: Path) -> Iterator[Member]:
-    """Files in a folder and those below; of a file or folder that may not be looked at its name, for a row of its own.
+    """Files in a folder and those below; of what may not be looked at, or is not there, its name, for a row of its own.
 
     Raises
     ------
@@ -125,12 +135,7 @@ def _below(root: Path) -> Iterator[Member]:
         here = Path(folder)
         folders[:] = sorted(name for name in folders if not _is_hidden(name) and not _leads_up(here, name))
         for path in (here / name for name in names if not _is_hidden(name)):
-            name = path.relative_to(root).as_posix()
-            try:
-                if path.is_file():
-                    yield _file(path, name)
-            except OSError:
-                yield Member(name, str(path), 0)
+            yield _file(path, path.relative_to(root).as_posix())
     yield from (Member(f"{Path(name).relative_to(root).as_posix()}/", name, 0) for name in closed)
 
 
@@ -152,8 +157,12 @@ def _fixed(parts: tuple[str, ...]) -> list[str]:
 
 
 def _file(path: Path, name: str) -> Member:
-    status = path.stat()
-    return Member(name, str(path), status.st_size, str(status.st_mtime_ns))
+    """What lies there; of a link to nothing, and of what may not be looked at, no more than the name."""
+    try:
+        status = path.stat()
+    except OSError:
+        return Member(name, str(path), 0)
+    return Member(name, str(path), status.st_size, str(status.st_mtime_ns), KINDS.get(stat.S_IFMT(status.st_mode), ""))
 
 
 def obstore() -> Any:  # noqa: ANN401 - the module

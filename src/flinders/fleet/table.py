@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.result import Fit
 
-TEXTS: Final = ("unit", "recording", "verdict", "code", "message", "method", "unit_of_field")
+TEXTS: Final = ("unit", "recording", "verdict", "code", "message", "method", "unit_of_field", "batch")
 """Columns of text."""
 COUNTS: Final = ("readings", "used")
 """Columns of whole numbers."""
@@ -47,8 +47,12 @@ UPPER: Final = np.triu_indices(9)
 """Where the 45 numbers of a covariance stand in its nine rows."""
 KEY: Final = ("unit", "recording", "start_s")
 """What the table is sorted by."""
-VERSION: Final = "1"
-"""Of the columns, in the metadata of a file."""
+VERSION: Final = "2"
+"""Of the columns, in the metadata of a file; of the first, `batch` is missing."""
+SIGN: Final = b"flinders.fleet"
+"""What that metadata is called: how a table of a fleet is known."""
+LATER: Final = {"batch": ""}
+"""Columns that tables of earlier releases have not got, and what stands for them."""
 GROUP: Final = 65_536
 """Rows in a row group of a file."""
 LONGEST: Final = 500
@@ -70,7 +74,7 @@ class Row:
     recording : str
         Which of its recordings; empty where it has one that has no name.
     start_s, end_s : float, s
-        Times of its first and last reading, since 1970 where the recording has such times; NaN without.
+        The earliest and the latest time of its readings, since 1970 where it has such times; NaN without.
     readings, used : int
         Those there are, and those that the fit used.
     verdict : str
@@ -95,6 +99,8 @@ class Row:
         Their codes, the gravest first.
     unit_of_field : str
         ``uT`` or ``counts``.
+    batch : str
+        Of hardware, which the unit is of; empty where nothing tells.
     """
 
     unit: str
@@ -118,6 +124,7 @@ class Row:
     coverage: float = math.nan
     findings: tuple[str, ...] = ()
     unit_of_field: str = ""
+    batch: str = ""
 
     @classmethod
     def of_fit(
@@ -228,6 +235,7 @@ class Rows:
     coverage: Floats
     findings: NDArray[np.object_]
     unit_of_field: NDArray[np.object_]
+    batch: NDArray[np.object_]
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> Self:
@@ -281,19 +289,22 @@ class Rows:
 
     @classmethod
     def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
-        """From a table of Arrow that has the columns of `schema`.
+        """From a table of Arrow that has the columns of `schema`; those `LATER` may be missing.
 
         Raises
         ------
         DocumentError
             Where columns are missing.
         """
-        missing = [name for name in NAMES if name not in table.column_names]
+        missing = [name for name in NAMES if name not in table.column_names and name not in LATER]
         if missing:
             raise DocumentError(
                 f"this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
             )
-        return cls(**{name: _from_arrow(name, table.column(name)) for name in NAMES})
+        there = set(table.column_names)
+        found = {name: _from_arrow(name, table.column(name)) for name in NAMES if name in there}
+        later: dict[str, Any] = {name: objects([LATER[name]] * len(table)) for name in NAMES if name not in there}
+        return cls(**found, **later)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
@@ -366,7 +377,7 @@ def schema() -> Any:  # noqa: ANN401
         **{name: arrow.list_(arrow.float64(), length) for name, length in LISTS.items()},
         "findings": arrow.list_(arrow.string()),
     }
-    return arrow.schema([(name, kinds[name]) for name in NAMES], metadata={"flinders.fleet": VERSION})
+    return arrow.schema([(name, kinds[name]) for name in NAMES], metadata={SIGN: VERSION})
 
 
 def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:

@@ -17,16 +17,18 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+from urllib.parse import unquote
 
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.errors import UsageError
+from flinders.errors import UnreadableInput, UsageError
 from flinders.fleet import store
 from flinders.fleet.table import needs_arrow
+from flinders.readers import Choice
 from flinders.readers._extras import reading
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
@@ -43,6 +45,9 @@ if TYPE_CHECKING:
     from flinders.readers import TableRecording
     from flinders.samples import Samples
 
+Pair: TypeAlias = tuple[str, str]
+"""Unit and recording."""
+
 PARQUET: Final = (".parquet", ".pq")
 ARROW: Final = (".arrow", ".feather")
 TABLES: Final = PARQUET + ARROW
@@ -52,6 +57,10 @@ UNIT_COLUMNS: Final = (
 """What a column is called that says which unit a row is of, where nobody says."""
 RECORDING_COLUMNS: Final = ("recording", "recording_id", "session", "session_id", "log", "log_id", "date")
 """The same for which recording of it."""
+BATCH_COLUMNS: Final = ("batch", "hw_batch", "lot", "hardware_batch", "hardware", "revision")
+"""The same for the batch of hardware that the unit is of."""
+NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
+"""What stands for null in a path such as ``unit=__HIVE_DEFAULT_PARTITION__/part-0.parquet``."""
 HALF: Final = 32
 """Bits of the number of a recording, below those of its unit."""
 BUFFER: Final = 1 << 20
@@ -72,8 +81,9 @@ class Asked:
     ----------
     columns, unit, scale, axes, sensor, as_logged
         As `flinders.open_recording`.
-    unit_column, recording_column : str, optional
-        Of a table: which column, or part ``name=value`` of its path, says whose reading a row is.
+    unit_column, recording_column, batch_column : str, optional
+        Of a table: which column, or part ``name=value`` of its path, says whose reading a row is, and of which batch
+        of hardware its unit.
     target_deg, dip_deg : float
         As `flinders.fit`.
     polish : bool
@@ -88,6 +98,7 @@ class Asked:
     as_logged: bool = False
     unit_column: str | None = None
     recording_column: str | None = None
+    batch_column: str | None = None
     target_deg: float = 1.0
     dip_deg: float = 60.0
     polish: bool = True
@@ -117,6 +128,11 @@ class Tabular:
     batches: Callable[..., Iterator[Any]]
     extents: Callable[[str], list[tuple[str, str] | None]]
 
+    @property
+    def group(self) -> str:
+        """What a group is called."""
+        return "row group" if self.kind == "Parquet" else "record batch"
+
 
 @contextlib.contextmanager
 def opened(member: Member, asked: Asked) -> Iterator[Tabular]:
@@ -143,7 +159,7 @@ def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
     with reading(name, "a Parquet table"):
         file = parquet.ParquetFile(where, **bounded)
         keys = Keys.of(name, file.schema_arrow.names, asked)
-        texts = [column for column in (keys.unit, keys.recording) if column] if keys else []
+        texts = list(keys.columns) if keys else []
         if texts:
             file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
         metadata = file.metadata
@@ -154,7 +170,10 @@ def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
             yield from file.iter_batches(rows, row_groups=list(wanted), columns=columns, use_threads=False)
 
     def extents(column: str) -> list[tuple[str, str] | None]:
-        place = metadata.schema.to_arrow_schema().get_field_index(column)
+        leaves = [metadata.schema.column(place).path for place in range(len(metadata.schema))]
+        if column not in leaves:
+            return [None] * len(groups)
+        place = leaves.index(column)
         return [_extent(metadata.row_group(group).column(place).statistics) for group in range(len(groups))]
 
     return Tabular(name, "Parquet", file.schema_arrow, groups, batches, extents)
@@ -164,9 +183,12 @@ def _extent(statistics: Any) -> tuple[str, str] | None:  # noqa: ANN401
     """Least and greatest text of a row group; None where it is not known, or numbers would be in another order."""
     if statistics is None or not statistics.has_min_max or statistics.null_count:
         return None
-    if not isinstance(statistics.min, str):
-        return (str(statistics.min),) * 2 if statistics.min == statistics.max else None
-    return statistics.min, statistics.max
+    ends = statistics.min, statistics.max
+    if isinstance(ends[0], bool | float) or not isinstance(ends[0], str | bytes | int):
+        return None  # these are written in another way in a column of texts
+    least, greatest = map(text_of, ends)
+    is_known = least <= greatest if isinstance(ends[0], str) else least == greatest
+    return (least, greatest) if is_known else None
 
 
 def _arrow(name: str, where: Any) -> Tabular:  # noqa: ANN401
@@ -193,9 +215,9 @@ class Keys:
 
     Attributes
     ----------
-    unit, recording : str
+    unit, recording, batch : str
         The columns; empty where the path says it, or nothing does.
-    unit_value, recording_value : str
+    unit_value, recording_value, batch_value : str
         What the path says.
     """
 
@@ -203,24 +225,70 @@ class Keys:
     recording: str = ""
     unit_value: str = ""
     recording_value: str = ""
+    batch: str = ""
+    batch_value: str = ""
 
     @classmethod
     def of(cls, name: str, columns: Sequence[str], asked: Asked) -> Self | None:
         """Find them in the names of columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
 
+        Raises
+        ------
+        UsageError
+            Where one that was asked for is in neither.
+
+        Examples
+        --------
         >>> Keys.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Asked())
-        Keys(unit='', recording='', unit_value='7', recording_value='2026-11-21')
+        Keys(unit='', recording='', unit_value='7', recording_value='2026-11-21', batch='', batch_value='')
         """
-        in_path = dict(part.split("=", 1) for part in Path(name).parts[:-1] if "=" in part)
-        unit, unit_value = _key(in_path, columns, asked.unit_column, UNIT_COLUMNS, name)
-        recording, recording_value = _key(in_path, columns, asked.recording_column, RECORDING_COLUMNS, name)
-        return cls(unit, recording, unit_value, recording_value) if unit or unit_value else None
+        values = in_path(name)
+        unit = _key(values, columns, asked.unit_column, UNIT_COLUMNS, name)
+        if unit is None:
+            return None
+        recording = _key(values, columns, asked.recording_column, RECORDING_COLUMNS, name) or ("", "")
+        batch = _key(values, columns, asked.batch_column, BATCH_COLUMNS, name) or ("", "")
+        return cls(unit[0], recording[0], unit[1], recording[1], *batch)
+
+    @classmethod
+    def of_path(cls, name: str, asked: Asked) -> Self | None:
+        """What the path of a file says that cannot be opened; None where it does not say the unit."""
+        with contextlib.suppress(UsageError):
+            keys = cls.of(name, (), replace(asked, recording_column=None, batch_column=None))
+            return keys if keys is not None and keys.unit_value else None
+        return None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Those of them that are columns."""
+        return tuple(filter(None, (self.unit, self.recording, self.batch)))
+
+
+def in_path(name: str) -> dict[str, str]:
+    """What the folders of a path say, as Hive and others write it: null is the empty text.
+
+    >>> in_path("unit=A%2017/date=__HIVE_DEFAULT_PARTITION__/part-0.parquet")
+    {'unit': 'A 17', 'date': ''}
+    """
+    parts = (part.split("=", 1) for part in PurePosixPath(name).parts[:-1] if "=" in part)
+    return {key: "" if value == NO_VALUE else text_of(unquote(value)) for key, value in parts}
+
+
+def batch_in(name: str, asked: Asked) -> str:
+    """The batch that the path of a log says; empty where it says none.
+
+    >>> batch_in("batch=2026-04/A17/monday.csv", Asked())
+    '2026-04'
+    """
+    values = in_path(name)
+    wanted = BATCH_COLUMNS if asked.batch_column is None else (asked.batch_column,)
+    return next((values[each] for each in wanted if each in values), "")
 
 
 def _key(
-    in_path: dict[str, str], columns: Sequence[str], asked: str | None, usual: Sequence[str], name: str
-) -> tuple[str, str]:
-    """The column that holds a key, or its value in the path.
+    values: dict[str, str], columns: Sequence[str], asked: str | None, usual: Sequence[str], name: str
+) -> tuple[str, str] | None:
+    """The column that holds a key, or its value in the path; None where neither does.
 
     Raises
     ------
@@ -229,13 +297,13 @@ def _key(
     """
     lowered = {column.casefold(): column for column in reversed(columns)}
     for wanted in usual if asked is None else (asked,):
-        if wanted in in_path:
-            return "", in_path[wanted]
+        if wanted in values:
+            return "", values[wanted]
         if wanted.casefold() in lowered:
             return lowered[wanted.casefold()], ""
     if asked is not None:
         raise UsageError(f"{name} has no column {asked}: there are {', '.join(columns[:24])}")
-    return "", ""
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -272,12 +340,11 @@ class KeyedTable:
                 f"{file.name} does not say which unit a row is of: need a column such as unit or serial, or name it "
                 f"with --unit-column; there are {', '.join(names[:24])}"
             )
-        every = range(len(file.groups))
         table = table_of(
             file.kind,
             _without(file.schema, keys),
             sum(file.groups),
-            lambda names: file.batches(every, names, LOOKED_AT),
+            lambda names: _first_rows(file, names),
             file.name,
         )
         recording = open_table(
@@ -287,6 +354,7 @@ class KeyedTable:
             unit=asked.unit,
             scale=asked.scale,
             axes=Axes.of(asked.axes),
+            choice=Choice(asked.sensor, is_name=True),
         )
         recording.columns = recording.columns.only(*HAVE_A_SAY)
         return cls(file, keys, recording)
@@ -298,31 +366,17 @@ class KeyedTable:
         return 0.0 if time is None else time.start * time.factor
 
     def batches(self, groups: Sequence[int], names: Names) -> Iterator[tuple[Runs, Floats]]:
-        """Yield whose rows they are, numbered by `names`, and values (K, B), of some groups in order."""
+        """Yield whose rows they are, numbered by `names`, which get to know batches, and values (K, B), in order."""
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
-        keys = filter(None, (self.keys.unit, self.keys.recording))
-        for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *keys})):
+        for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *self.keys.columns})):
             if not batch.num_rows:
                 continue
             values = np.empty((len(wanted), batch.num_rows))
             with reading(self.file.name, f"a table of {self.file.kind}"):
                 for row, (column, part, _) in zip(values, wanted, strict=True):
                     row[:] = values_of(batch.column(column), part)
-            yield self._runs(batch, names), values
-
-    def counts(self, groups: Sequence[int], names: Names) -> Counter[tuple[str, str]]:
-        """How many rows each recording of each unit has in some groups, from the columns of keys alone."""
-        found: Counter[tuple[str, str]] = Counter()
-        columns = [*filter(None, (self.keys.unit, self.keys.recording))]
-        if not columns:
-            pair = self.keys.unit_value, self.keys.recording_value
-            return Counter({pair: sum(self.file.groups[group] for group in groups)})
-        for batch in self.file.batches(groups, columns):
-            runs = self._runs(batch, names)
-            for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
-                found[names.pair(number)] += rows
-        return found
+            yield _runs(batch, self.keys, names), values
 
     def samples(self, values: Floats, source: str) -> Samples:
         """Readings of values (K, N)."""
@@ -334,18 +388,69 @@ class KeyedTable:
         """The columns that are no keys."""
         return _without(self.file.schema, self.keys)
 
-    def _runs(self, batch: Any, names: Names) -> Runs:  # noqa: ANN401
-        """Numbers of the pairs of unit and recording of rows that follow each other."""
-        units = _coded(batch, self.keys.unit, self.keys.unit_value, names)
-        recordings = _coded(batch, self.keys.recording, self.keys.recording_value, names)
-        is_first = np.ones(batch.num_rows, dtype=bool)
-        changes = [places[1:] != places[:-1] for _, places in (units, recordings) if places is not None]
-        is_first[1:] = np.logical_or.reduce(changes) if changes else False
-        first = np.flatnonzero(is_first)
-        unit, recording = (
-            codes[np.zeros_like(first) if places is None else places[first]] for codes, places in (units, recordings)
-        )
-        return Runs(unit << HALF | recording, np.diff(first, append=batch.num_rows))
+
+def counts_of(file: Tabular, keys: Keys, groups: Sequence[int], names: Names) -> Counter[Pair]:
+    """How many rows each recording of each unit has in some groups, from the columns of keys alone."""
+    found: Counter[int] = Counter()
+    if not keys.unit and not keys.recording:
+        number = names.number(keys.unit_value) << HALF | names.number(keys.recording_value)
+        found[number] = sum(file.groups[group] for group in groups)
+        names.note(number, keys.batch_value)
+    for batch in file.batches(groups, list(keys.columns)) if keys.columns else ():
+        runs = _runs(batch, keys, names)
+        if keys.unit or keys.recording:
+            for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
+                found[number] += rows
+    return Counter({names.pair(number): rows for number, rows in found.items()})
+
+
+def _first_rows(file: Tabular, names: list[str]) -> Iterator[Any]:
+    """Rows of the first group that can be read, which columns are recognised by.
+
+    Raises
+    ------
+    UnreadableInput
+        Where none can.
+    """
+    refused = None
+    for group in range(len(file.groups)):
+        try:
+            yield from file.batches((group,), names, LOOKED_AT)
+        except UnreadableInput as error:
+            refused = refused or error
+    if refused is not None:
+        raise refused
+
+
+def _runs(batch: Any, keys: Keys, names: Names) -> Runs:  # noqa: ANN401
+    """Numbers of the pairs of unit and recording of rows that follow each other."""
+    units = _coded(batch, keys.unit, keys.unit_value, names)
+    recordings = _coded(batch, keys.recording, keys.recording_value, names)
+    is_first = np.ones(batch.num_rows, dtype=bool)
+    changes = [places[1:] != places[:-1] for _, places in (units, recordings) if places is not None]
+    is_first[1:] = np.logical_or.reduce(changes) if changes else False
+    first = np.flatnonzero(is_first)
+    unit, recording = (
+        codes[np.zeros_like(first) if places is None else places[first]] for codes, places in (units, recordings)
+    )
+    runs = Runs(unit << HALF | recording, np.diff(first, append=batch.num_rows))
+    if keys.batch or keys.batch_value:
+        _note(runs, batch, keys, names)
+    return runs
+
+
+def _note(runs: Runs, batch: Any, keys: Keys, names: Names) -> None:  # noqa: ANN401
+    """Take note of the batches of hardware that rows name."""
+    numbers, of = np.unique(runs.numbers, return_inverse=True)
+    if not keys.batch:
+        for number in numbers.tolist():
+            names.note(number, keys.batch_value)
+        return
+    texts, places = _dictionary(batch, keys.batch)
+    both = np.repeat(of, runs.lengths) * len(texts) + places
+    both = np.unique(both[np.flatnonzero(np.diff(both, prepend=-1))])
+    for number, place in zip(numbers[both // len(texts)].tolist(), (both % len(texts)).tolist(), strict=True):
+        names.note(number, texts[place])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -380,7 +485,7 @@ class Runs:
 
 
 class Names:
-    """Texts and their numbers, in the order in which they were met; a pair of them is one number.
+    """Texts and their numbers, in the order in which they were met; a pair of them is one number, and has a batch.
 
     >>> names = Names()
     >>> pair = names.number("A17") << HALF | names.number("monday")
@@ -391,6 +496,7 @@ class Names:
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}
         self._texts: list[str] = []
+        self._batches: dict[int, str] = {}
 
     def number(self, text: str) -> int:
         """The number of a text, a new one for a new text."""
@@ -399,9 +505,19 @@ class Names:
             self._texts.append(text)
         return number
 
-    def pair(self, number: int) -> tuple[str, str]:
+    def pair(self, number: int) -> Pair:
         """Unit and recording of a number."""
         return self._texts[number >> HALF], self._texts[number & (1 << HALF) - 1]
+
+    def note(self, number: int, batch: str) -> None:
+        """Keep the batch of hardware of a pair; of several the first in the order of their names."""
+        if batch and batch <= self._batches.get(number, batch):
+            self._batches[number] = batch
+
+    @property
+    def batches(self) -> dict[Pair, str]:
+        """The batches of those pairs that have one."""
+        return {self.pair(number): batch for number, batch in self._batches.items()}
 
 
 def extents_of(file: Tabular, keys: Keys) -> list[tuple[str, str] | None]:
@@ -412,9 +528,30 @@ def extents_of(file: Tabular, keys: Keys) -> list[tuple[str, str] | None]:
 
 
 def units_of(file: Tabular, keys: Keys, groups: Sequence[int]) -> set[str]:
-    """The units of some groups, from their column alone."""
+    """The units of some groups, from their column alone; of a group that cannot be read those that its footer names."""
     if not keys.unit:
         return {keys.unit_value}
+    try:
+        return _units_in(file, keys, groups)
+    except UnreadableInput:
+        ends = extents_of(file, keys)
+    found: set[str] = set()
+    for group in groups:
+        try:
+            found |= _units_in(file, keys, (group,))
+        except UnreadableInput:
+            found.update(ends[group] or ())
+    return found
+
+
+def _units_in(file: Tabular, keys: Keys, groups: Sequence[int]) -> set[str]:
+    """The units of some groups, from their column alone.
+
+    Raises
+    ------
+    UnreadableInput
+        Where that cannot be read.
+    """
     found: set[str] = set()
     for batch in file.batches(groups, [keys.unit]):
         texts, places = _dictionary(batch, keys.unit)
@@ -424,7 +561,7 @@ def units_of(file: Tabular, keys: Keys, groups: Sequence[int]) -> set[str]:
 
 def _without(schema: Any, keys: Keys) -> Any:  # noqa: ANN401
     """The columns of a schema that are no keys."""
-    return needs_arrow().schema([field for field in schema if field.name not in {keys.unit, keys.recording}])
+    return needs_arrow().schema([field for field in schema if field.name not in keys.columns])
 
 
 def _coded(
@@ -441,12 +578,34 @@ def _coded(
 def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:  # noqa: ANN401
     """The texts of a column, each once, and (B,) which of them each row has; a null is the empty text."""
     arrow = needs_arrow()
+    from pyarrow import compute
+
     array = batch.column(batch.schema.get_field_index(column))
     if not arrow.types.is_dictionary(array.type):
-        array = array.cast(arrow.string()).dictionary_encode()
-    held = array.dictionary.to_pylist()
-    texts = ["" if text is None else str(text) for text in held]
+        if arrow.types.is_floating(array.type):
+            array = compute.if_else(compute.is_nan(array), None, array)
+        is_bytes = "binary" in str(array.type)
+        array = (array if is_bytes else array.cast(arrow.string())).dictionary_encode()
+    texts = [text_of(value) for value in array.dictionary.to_pylist()]
     places = array.indices
     if places.null_count:
         places, texts = places.fill_null(len(texts)), [*texts, ""]
     return texts, places.to_numpy(zero_copy_only=False)
+
+
+def text_of(value: object) -> str:
+    r"""What stands in a column of keys, as text: bytes are UTF-8 where they can be, and blanks are nothing.
+
+    >>> text_of(b"A17"), text_of(b"\xff\x00"), text_of(7), text_of("  "), text_of(None)
+    ('A17', 'ff00', '7', '', '')
+    """
+    if value is None:
+        return ""
+    if isinstance(value, bytes):
+        try:
+            text = value.decode()
+        except UnicodeDecodeError:
+            text = value.hex()
+    else:
+        text = str(value)
+    return text if text.strip() else ""

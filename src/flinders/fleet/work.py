@@ -16,37 +16,35 @@ from __future__ import annotations
 import contextlib
 import math
 from collections import Counter, defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from flinders import fitting
-from flinders.drivers import KINDS, MOTORS
-from flinders.errors import FlindersError, InputError, UnitError
-from flinders.estimators.kept import concatenated
+from flinders.errors import InputError, UnreadableInput, counted
 from flinders.fleet import store
+from flinders.fleet.gaps import Gaps
+from flinders.fleet.lots import Job, Lot, Wanted, gathered, lot_of
 from flinders.fleet.plan import LARGEST, Partition, Piece, key_of
-from flinders.fleet.table import LONGEST, NAMES, Row, Rows, objects
-from flinders.fleet.tables import Asked, KeyedTable, Names, Runs, opened
+from flinders.fleet.streamed import Streamed
+from flinders.fleet.table import LONGEST, NAMES, VERDICTS, Row, Rows, objects
+from flinders.fleet.tables import Asked, KeyedTable, Keys, Names, batch_in, counts_of, opened
 from flinders.readers import open_log
-from flinders.samples import Joined, Samples, frame_of
+from flinders.samples import Samples, frame_of
 from flinders.stacked import Lined, fit_stack
 from flinders.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator, Sequence
+    from collections.abc import Container, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.axes import Axes
+    from flinders.fleet.tables import Pair
     from flinders.readers import Instrument, Log
     from flinders.samples import Recording
     from flinders.stacked import Columns
-    from flinders.units import Unit
-
-Pair = tuple[str, str]
 
 
 class LostWorker(InputError):
@@ -62,25 +60,19 @@ class LostWorker(InputError):
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Job:
-    """One recording of one unit, ready to be fitted.
+class NoUnit(InputError):
+    """Readings of which nothing says which unit they are of (`rows` of a table, or a log in a folder of null)."""
 
-    Attributes
-    ----------
-    unit, recording : str
-    source : Recording
-    readings : int
-        Rows that there are of it, those that cannot be used too.
-    start_s : float, s
-        What the times of `source` count from; NaN where that is not known.
-    """
+    code = "no-unit"
 
-    unit: str
-    recording: str
-    source: Recording
-    readings: int
-    start_s: float = 0.0
+    def __init__(self, where: str, rows: int = 0) -> None:
+        self.rows = rows
+        super().__init__(
+            f"{counted(rows, 'row')} of {where} name no unit: fitted to none; fill the column of units in, or name "
+            "another one with --unit-column"
+            if rows
+            else f"{where} lies in a folder of no unit: give that folder a name"
+        )
 
 
 def done(partition: Partition, *, asked: Asked) -> bytes:
@@ -130,7 +122,7 @@ def _together(jobs: Sequence[Job], asked: Asked) -> Rows:
     return _laid_out(columns, [(job.unit, job.recording) for job in jobs], np.array(readings, dtype=np.int64), spans)
 
 
-def _lined(lot: _Lot, asked: Asked) -> Rows:
+def _lined(lot: Lot, asked: Asked) -> Rows:
     """Fit what lies in one table as stacks; one by one, should that fail for any reason."""
     try:
         columns = _columns(lot.lined, asked)
@@ -152,17 +144,18 @@ def _laid_out(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int6
         "start_s": spans[:, 0],
         "end_s": spans[:, 1],
         "readings": readings,
+        "batch": np.full(len(pairs), "", dtype=object),
         "message": objects([message and " ".join(message.split())[:LONGEST] for message in columns.message.tolist()]),
     }
     return Rows(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
 
 
 def _span(job: Job) -> tuple[float, float]:
-    """Times of the first and the last reading of what is in memory."""
+    """The earliest and the latest time of what is in memory."""
     time = getattr(job.source, "time", None)
     if time is None or not len(time):
         return math.nan, math.nan
-    return job.start_s + float(time[0]), job.start_s + float(time[-1])
+    return job.start_s + float(np.fmin.reduce(time)), job.start_s + float(np.fmax.reduce(time))
 
 
 def _row(job: Job, asked: Asked) -> Row:
@@ -214,18 +207,23 @@ class Watched:
         """Take note of a block."""
         self.rows += len(block)
         if block.time is not None and len(block):
-            self._first = float(block.time[0]) if math.isnan(self._first) else self._first
-            self._last = float(block.time[-1])
+            self._first = float(np.fmin(self._first, np.fmin.reduce(block.time)))
+            self._last = float(np.fmax(self._last, np.fmax.reduce(block.time)))
 
     def span(self, start_s: float) -> dict[str, float]:
-        """Times of the first and the last reading."""
+        """The earliest and the latest time."""
         return {"start_s": start_s + self._first, "end_s": start_s + self._last}
 
 
 def _failed(piece: Piece, error: Exception) -> Row:
     """The row of a file that cannot be read."""
     if piece.groups:
-        return Row.of_error(error, "", recording=piece.member.name)
+        return Row.of_error(error, f"({piece.member.name})", readings=piece.rows)
+    if piece.is_table:
+        row = Row.of_error(error, f"({piece.member.name})")
+        where = f"it cannot be told whose readings are in {piece.member.name}"
+        said = f"{where}, and a unit that has some of them and others elsewhere was fitted without them: {row.message}"
+        return replace(row, message=said[:LONGEST])
     unit, recording = key_of(piece.member.name)
     return Row.of_error(error, unit, recording=recording)
 
@@ -235,13 +233,27 @@ def _of_logs(partition: Partition, asked: Asked) -> Rows:
     with contextlib.ExitStack() as copies:
         found = [_log(piece, asked, copies) for piece in partition.pieces]
         failed = Rows.of([row for row in found if isinstance(row, Row)])
-        return Rows.joined([failed, fitted([job for job in found if isinstance(job, Job)], asked)])
+        rows = Rows.joined([failed, fitted([job for job in found if isinstance(job, Job)], asked)])
+    names = [piece.member.name for piece in partition.pieces]
+    return _of_batches(rows, {key_of(name): batch for name in names if (batch := batch_in(name, asked))})
+
+
+def _of_batches(rows: Rows, batches: Mapping[Pair, str]) -> Rows:
+    """Rows with the batches of hardware that their units are of."""
+    if not batches:
+        return rows
+    pairs = zip(rows.unit.tolist(), rows.recording.tolist(), strict=True)
+    return replace(rows, batch=objects([batches.get(pair, "") for pair in pairs]))
 
 
 def _log(piece: Piece, asked: Asked, copies: contextlib.ExitStack) -> Job | Row:
     """Open a log file; a copy of one from a store stays until the fits are done."""
     unit, recording = key_of(piece.member.name)
+    if not unit and not piece.is_table:
+        return _failed(piece, NoUnit(piece.member.name))
     try:
+        if piece.is_table:
+            _refuse_table(piece, asked)
         log = open_log(
             copies.enter_context(store.fetched(piece.member)),
             columns=asked.columns,
@@ -256,9 +268,23 @@ def _log(piece: Piece, asked: Asked, copies: contextlib.ExitStack) -> Job | Row:
         return _failed(piece, error)
 
 
+def _refuse_table(piece: Piece, asked: Asked) -> None:
+    """Say why a table could not be taken for one.
+
+    Raises
+    ------
+    FlindersError
+    """
+    with opened(piece.member, asked) as file:
+        KeyedTable.of(file, asked)
+    raise UnreadableInput(f"{piece.member.name} could not be read when the run began: run it again")
+
+
 def _instrument(log: Log, asked: Asked) -> Instrument:
-    """The magnetometer that is meant, by default the first."""
-    return log.instruments[0] if asked.sensor is None else log.sensor(asked.sensor)
+    """The magnetometer that is meant, by default the first; that of a table of one has no name, and is meant by any."""
+    if asked.sensor is None or (log.is_table and len(log.instruments) == 1):
+        return log.instruments[0]
+    return log.sensor(asked.sensor)
 
 
 def _short(source: Recording) -> Recording:
@@ -270,33 +296,56 @@ def _short(source: Recording) -> Recording:
 
 def _of_tables(partition: Partition, asked: Asked) -> Rows:
     """The rows of files of rows; those with more than `LARGEST` rows are gone through several times."""
+    gaps = Gaps(partition, asked)
     if partition.rows <= LARGEST:
-        return _taken(partition, asked)
-    counts: Counter[Pair] = Counter()
-    sound: list[Piece] = []
-    failed: list[Row] = []
-    for piece in partition.pieces:
+        return _taken(partition, asked, gaps)
+    names = Names()
+    counts_of_pieces = [(piece, _counted(piece, asked, gaps, names)) for piece in partition.pieces]
+    counts: Counter[Pair] = sum((own for _, own in counts_of_pieces), Counter())
+    wanted = {pair: rows for pair, rows in sorted(counts.items()) if partition.takes(pair[0])}
+    nameless = sum(rows for (unit, _), rows in wanted.items() if not unit)
+    held = {pair: rows for pair, rows in wanted.items() if pair[0] and rows <= LARGEST}
+    found = [_taken(partition, asked, gaps, some) for some in _stacks(held)]
+    streamed = []
+    for pair, rows in wanted.items():
+        if pair[0] and pair not in held:
+            pieces = tuple(piece for piece, own in counts_of_pieces if own[pair])
+            streamed.append(_streamed(replace(partition, pieces=pieces), pair, rows, asked, gaps))
+    others = gaps.rows({pair: 0 for pair in gaps.lost(wanted) - wanted.keys() if partition.takes(pair[0])})
+    others += _nobodys(partition, nameless, gaps)
+    return _of_batches(Rows.joined([*found, Rows.of(streamed + others)]), names.batches)
+
+
+def _counted(piece: Piece, asked: Asked, gaps: Gaps, names: Names) -> Counter[Pair]:
+    """How many readings of each recording a piece has, as far as its columns of keys can be read."""
+    for is_sound in (True, False):
         try:
             with opened(piece.member, asked) as file:
-                counts += KeyedTable.of(file, asked).counts(piece.groups, Names())
-            sound.append(piece)
-        except FlindersError as error:
-            failed.append(_failed(piece, error))
-    wanted = {pair: rows for pair, rows in sorted(counts.items()) if _is_wanted(partition, pair[0])}
-    stacks = _stacks({pair: rows for pair, rows in wanted.items() if rows <= LARGEST})
-    held = replace(partition, pieces=tuple(sound))
-    found = [_taken(held, asked, some.__contains__, is_first=some is stacks[0]) for some in stacks]
-    streamed = [_streamed(partition, pair, rows, asked) for pair, rows in wanted.items() if rows > LARGEST]
-    return Rows.joined([*found, Rows.of(failed + streamed)])
+                keys = Keys.of(file.name, file.schema.names, asked) or Keys()
+                groups = piece.groups if is_sound else gaps.look(piece)
+                return counts_of(file, keys, groups, names) + gaps.counts_in(piece)
+        except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
+            if not is_sound:
+                gaps.give_up(piece, error)
+    return gaps.counts_in(piece)
+
+
+def _nobodys(partition: Partition, rows: int, gaps: Gaps) -> list[Row]:
+    """Rows for readings that name no unit, and for those whose unit cannot be read; of these only once."""
+    found = gaps.untold() if partition.only is None else []
+    if rows:
+        pieces = [piece.member.name for piece in partition.pieces]
+        where = ", ".join(pieces[:3]) + f" and {len(pieces) - 3} more" * (len(pieces) > 3)
+        found.append(Row.of_error(NoUnit(where, rows), "", readings=rows))
+    return found
 
 
 def of_table(table: KeyedTable, partition: Partition, asked: Asked) -> Rows:
     """The rows of one table that is in memory, of which a partition says what is taken."""
-    return _lined(_lot(table, partition.pieces[0], Wanted(partition)), asked)
-
-
-def _is_wanted(partition: Partition, unit: str) -> bool:
-    return unit not in partition.without if partition.only is None else unit in partition.only
+    wanted = Wanted(partition)
+    rows = _lined(lot_of(table, partition.pieces[0], wanted), asked)
+    nobodys = _nobodys(partition, wanted.nameless, Gaps(partition, asked))
+    return _of_batches(Rows.joined([rows, Rows.of(nobodys)]), wanted.names.batches)
 
 
 def _stacks(counts: dict[Pair, int]) -> list[set[Pair]]:
@@ -316,242 +365,61 @@ def _stacks(counts: dict[Pair, int]) -> list[set[Pair]]:
     return stacks
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lot:
-    """The readings that one piece, or several, have of recordings.
-
-    Attributes
-    ----------
-    pairs : sequence of (str, str)
-        Unit and recording.
-    lined : Lined
-        The readings that can be used.
-    rows : (R,) int
-        How many rows each has.
-    start_s : (R,) float, s
-        What times of each count from.
-    """
-
-    pairs: Sequence[Pair]
-    lined: Lined
-    rows: NDArray[np.int64]
-    start_s: Floats
-
-    @classmethod
-    def joined(cls, lots: Sequence[_Lot]) -> list[_Lot]:
-        """Put those together that may be fitted together: more of them at a time, and each costs less."""
-        alike: dict[Hashable, list[_Lot]] = defaultdict(list)
-        for place, lot in enumerate(lots):
-            whole = lot.lined.whole
-            is_bare = whole.strength is None and not whole.skipped
-            alike[(whole.unit, whole.axes, whole.time is None, whole.drivers) if is_bare else place].append(lot)
-        return [each[0] if len(each) == 1 else cls._one(each) for each in alike.values()]
-
-    @classmethod
-    def _one(cls, lots: Sequence[_Lot]) -> _Lot:
-        """Recordings in the same unit and axes, with the same beside their readings, one after the other."""
-        wholes = [lot.lined.whole for lot in lots]
-        field = np.concatenate([whole.field.T for whole in wholes], axis=1).T
-        beside: dict[str, Any] = {
-            name: np.concatenate([getattr(whole, name) for whole in wholes])
-            for name in ("time", *KINDS, *MOTORS.values())
-            if getattr(wholes[0], name) is not None
-        }
-        above = np.cumsum([0, *(len(whole) for whole in wholes[:-1])])
-        ends = np.concatenate([lot.lined.ends + shift for lot, shift in zip(lots, above, strict=True)])
-        whole = replace(wholes[0], field=field, **beside)
-        sources = [source for lot in lots for source in lot.lined.sources]
-        return cls(
-            [pair for lot in lots for pair in lot.pairs],
-            Lined(whole, ends, sources),
-            np.concatenate([lot.rows for lot in lots]),
-            np.concatenate([lot.start_s for lot in lots]),
-        )
-
-    def jobs(self) -> Iterator[Job]:
-        """One by one."""
-        columns = zip(self.pairs, self.lined, self.rows.tolist(), self.start_s.tolist(), strict=True)
-        yield from (Job(*pair, samples, rows, start_s) for pair, samples, rows, start_s in columns)
-
-    @property
-    def spans(self) -> Floats:
-        """(R, 2) times of the first and the last reading of each."""
-        spans = np.full((len(self.pairs), 2), math.nan)
-        time = self.lined.whole.time
-        if time is not None:
-            there = self.lined.counts > 0
-            ends = self.lined.ends[there]
-            spans[there, 0] = self.start_s[there] + time[ends - self.lined.counts[there]]
-            spans[there, 1] = self.start_s[there] + time[ends - 1]
-        return spans
-
-
-def _taken(
-    partition: Partition, asked: Asked, is_taken: Callable[[Pair], bool] | None = None, *, is_first: bool = True
-) -> Rows:
-    """Read what is taken of a partition into memory, and fit it."""
-    wanted = Wanted(partition, is_taken)
-    lots: list[_Lot] = []
-    failed: list[Row] = []
-    for piece in partition.pieces:
-        try:
-            with opened(piece.member, asked) as file:
-                lots.append(_lot(KeyedTable.of(file, asked), piece, wanted))
-        except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
-            failed += [_failed(piece, error)] if is_first else []
+def _taken(partition: Partition, asked: Asked, gaps: Gaps, some: Container[Pair] | None = None) -> Rows:
+    """Read a partition into memory, or `some` of its recordings, and fit them."""
+    wanted = Wanted(partition, some)
+    lots = [lot for piece in partition.pieces for lot in _read(piece, asked, wanted, gaps)]
     held = Counter(pair for lot in lots for pair in lot.pairs)
-    whole: list[_Lot] = []
+    lost = {pair for pair in gaps.lost(held) if wanted.takes(pair)}
+    whole: list[Lot] = []
     parts: dict[Pair, list[Job]] = defaultdict(list)
     for lot in lots:
-        if all(held[pair] == 1 for pair in lot.pairs):
+        if all(held[pair] == 1 and pair not in lost for pair in lot.pairs):
             whole.append(lot)
         else:
             for job in lot.jobs():
                 parts[job.unit, job.recording].append(job)
-    jobs = [_gathered(each) for _, each in sorted(parts.items())]
-    rows = [job for job in jobs if isinstance(job, Row)]
+    rows = gaps.rows({pair: sum(job.readings for job in parts.pop(pair, ())) for pair in sorted(lost)})
+    jobs = [gathered(each) for _, each in sorted(parts.items())]
+    rows += [job for job in jobs if isinstance(job, Row)]
+    if some is None:
+        nameless = wanted.nameless + (gaps.nameless if wanted.takes(("", "")) else 0)
+        rows += _nobodys(partition, nameless, gaps)
     rest = fitted([job for job in jobs if isinstance(job, Job)], asked)
     del lots
-    return Rows.joined([Rows.of(failed + rows), rest, *(_lined(lot, asked) for lot in _Lot.joined(whole))])
+    fits = Rows.joined([Rows.of(rows), rest, *(_lined(lot, asked) for lot in Lot.joined(whole))])
+    return _of_batches(fits, wanted.names.batches)
 
 
-class Wanted:
-    """Which rows are taken, by the number of their unit and recording.
-
-    Parameters
-    ----------
-    partition : Partition
-        Says which units.
-    is_taken : callable, optional
-        Says which of these, by unit and recording; by default all.
-    """
-
-    def __init__(self, partition: Partition, is_taken: Callable[[Pair], bool] | None = None) -> None:
-        self.names = Names()
-        self._partition, self._is_taken = partition, is_taken
-        self._known: dict[int, bool] = {}
-
-    def mask(self, numbers: Any) -> Any:  # noqa: ANN401 - arrays
-        """(B,) which of these are taken."""
-        if self._partition.only is None and not self._partition.without and self._is_taken is None:
-            return np.ones(numbers.shape, dtype=bool)
-        distinct, places = np.unique(numbers, return_inverse=True)
-        return np.array([self._one(number) for number in distinct.tolist()], dtype=bool)[places]
-
-    def _one(self, number: int) -> bool:
-        if number not in self._known:
-            pair = self.names.pair(number)
-            self._known[number] = _is_wanted(self._partition, pair[0]) and (
-                self._is_taken is None or self._is_taken(pair)
-            )
-        return self._known[number]
+def _read(piece: Piece, asked: Asked, wanted: Wanted, gaps: Gaps) -> list[Lot]:
+    """What is wanted of a piece; of one that is broken, what can be read of it."""
+    for is_sound in (True, False):
+        groups = piece.groups if is_sound else gaps.look(piece)
+        try:
+            with opened(piece.member, asked) as file:
+                return [lot_of(KeyedTable.of(file, asked), replace(piece, groups=groups), wanted)] if groups else []
+        except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
+            if not is_sound:
+                gaps.give_up(piece, error)
+    return []
 
 
-def _lot(table: KeyedTable, piece: Piece, wanted: Wanted) -> _Lot:
-    """What a piece has of each recording, in the order of its rows."""
-    columns = table.recording.columns
-    parts: list[Runs] = []
-    values: list[Floats] = []
-    for own, block in table.batches(piece.groups, wanted.names):
-        mask = wanted.mask(own.numbers)
-        whole = mask.all()
-        parts.append(own if whole else Runs(own.numbers[mask], own.lengths[mask]))
-        values.append(block if whole else block[:, np.repeat(mask, own.lengths)])
-    runs = Runs.joined(parts)
-    read = values[0] if len(values) == 1 else np.concatenate([np.empty((len(columns.cells), 0)), *values], axis=1)
-    del parts, values
-    if len(np.unique(runs.numbers)) < len(runs.numbers):
-        every = runs.rows
-        read = read[:, np.argsort(every, kind="stable")]
-        runs = Runs(*np.unique(every, return_counts=True))
-    ends = np.cumsum(runs.lengths)
-    field = [columns.cells.index(cell) for cell in columns.field.cells]
-    with np.errstate(over="ignore", invalid="ignore"):
-        is_whole = all(np.isfinite(read[row].sum()) for row in field)  # a sum is whenever all its terms are
-    usable = np.isfinite(read[field]).all(axis=0) if not is_whole else np.ones(1, dtype=bool)
-    if not usable.all():
-        read, ends = read[:, usable], np.concatenate([[0], np.cumsum(usable)])[ends]
-    pairs = [wanted.names.pair(number) for number in runs.numbers.tolist()]
-    lined = Lined(table.samples(read, piece.member.name), ends, [" ".join(filter(None, pair)) for pair in pairs])
-    return _Lot(pairs, lined, runs.lengths, np.full(len(pairs), table.start_s))
-
-
-def _gathered(parts: Sequence[Job]) -> Job | Row:
-    """One recording from what several pieces have of it, in the order of time where they have times."""
-    pair, rows = (parts[0].unit, parts[0].recording), sum(part.readings for part in parts)
-    if len(parts) == 1:
-        return parts[0]
-    samples = cast("list[Samples]", [part.source for part in parts])
-    try:
-        Joined(tuple(samples))
-    except UnitError as error:
-        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
-    start = min(part.start_s for part in parts)
-    later = [_moved(each, part.start_s - start) for each, part in zip(samples, parts, strict=True)]
-    whole = concatenated(later, later[0])
-    if whole.time is not None and np.isfinite(whole.time).all() and (np.diff(whole.time) < 0.0).any():
-        whole = whole[np.argsort(whole.time, kind="stable").tolist()]
-    return Job(*pair, whole, rows, start)
-
-
-def _moved(samples: Samples, seconds: float) -> Samples:
-    """Samples on another clock."""
-    return samples if samples.time is None or not seconds else replace(samples, time=samples.time + seconds)
-
-
-def _streamed(partition: Partition, pair: Pair, rows: int, asked: Asked) -> Row:
+def _streamed(partition: Partition, pair: Pair, rows: int, asked: Asked, gaps: Gaps) -> Row:
     """Fit a recording of more rows than are held in memory, going through its files as often as that takes."""
+    row = _row_of(partition, pair, rows, asked)
+    if row.verdict != VERDICTS[-1]:
+        return row
+    sound = tuple(replace(piece, groups=groups) for piece in partition.pieces if (groups := gaps.look(piece)))
+    if pair in gaps.lost([pair]):
+        lost = sum(gap.counts[pair] for gap in gaps.found)
+        return gaps.rows({pair: rows - lost})[0]
+    return row if sound == partition.pieces else _row_of(replace(partition, pieces=sound), pair, rows, asked)
+
+
+def _row_of(partition: Partition, pair: Pair, rows: int, asked: Asked) -> Row:
+    """Fit a recording of a partition all of which can be read, else say why not."""
     try:
         source = Streamed.of(partition, pair, asked)
     except Exception as error:  # noqa: BLE001 - as in `_row`
         return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
     return _row(Job(*pair, source, rows, source.start_s), asked)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Streamed:
-    """A recording that is read from files of rows each time it is gone through.
-
-    Attributes
-    ----------
-    partition : Partition
-        The files.
-    pair : (str, str)
-        Unit and recording.
-    asked : Asked
-    unit : Unit
-    axes : Axes
-    start_s : float, s
-        What its times count from.
-    """
-
-    partition: Partition
-    pair: Pair
-    asked: Asked
-    unit: Unit
-    axes: Axes
-    start_s: float
-
-    @classmethod
-    def of(cls, partition: Partition, pair: Pair, asked: Asked) -> Streamed:
-        """Look at the first file."""
-        with opened(partition.pieces[0].member, asked) as file:
-            table = KeyedTable.of(file, asked)
-            return cls(partition, pair, asked, table.recording.unit, table.recording.axes, table.start_s)
-
-    @property
-    def source(self) -> str:
-        """Unit and recording."""
-        return " ".join(filter(None, self.pair))
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through its readings."""
-        for piece in self.partition.pieces:
-            wanted = Wanted(self.partition, self.pair.__eq__)
-            with opened(piece.member, self.asked) as file:
-                table = KeyedTable.of(file, self.asked)
-                for runs, values in table.batches(piece.groups, wanted.names):
-                    mask = np.repeat(wanted.mask(runs.numbers), runs.lengths)
-                    if mask.any():
-                        samples = table.samples(values[:, mask], self.source)
-                        yield _moved(samples, table.start_s - self.start_s)

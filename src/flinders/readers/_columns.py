@@ -430,6 +430,21 @@ def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
     return replace(columns.magnetometers[place], magnetometers=columns.magnetometers, others=others)
 
 
+def asked_columns(columns: str, *, flat: bool = False) -> list[str]:
+    """Take apart what the user asked for: three names or numbers; two will do if `flat`.
+
+    Raises
+    ------
+    UsageError
+    """
+    asked = [part.strip() for part in columns.split(",")]
+    count = len(asked)
+    if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
+        need = "two or three different ones, such as 'mx,my' or '4,5'" if flat else _three(count)
+        raise UsageError(f"columns {columns!r}: need {need}")
+    return asked
+
+
 def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
     """Look up what the user asked for: three names, or three numbers counted from 1; two will do if `flat`.
 
@@ -438,12 +453,9 @@ def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool 
     UsageError
         Listing the columns there are.
     """
-    asked = [part.strip() for part in columns.split(",")]
+    asked = asked_columns(columns, flat=flat)
     known = [name.strip() for name in names]
     count = len(asked)
-    if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
-        need = "two or three different ones, such as 'mx,my' or '4,5'" if flat else _three(count)
-        raise UsageError(f"columns {columns!r}: need {need}")
     places = tuple(_place(part, known, width) for part in asked)
     if len(set(places)) != count:
         many = "two" if count == 2 else "three"

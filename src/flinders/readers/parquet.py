@@ -1,6 +1,7 @@
 r"""Parquet tables and Arrow files (IPC, Feather version 2), column by column and a row group at a time.
 
 Columns are recognised by the same names as those of text; a column of three, ``mag`` of fixed lists, is three columns.
+A column of text that is named like a time is read where its cells are dates of ISO 8601, ``2026-11-21T12:30:05.25Z``.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.readers._extras import needs, reading
+from flinders.readers._names import TIME, meaning
 from flinders.readers._table import WIDEST, Table, TableRecording, open_table
 from flinders.samples import BLOCK
 
@@ -21,6 +23,12 @@ if TYPE_CHECKING:
 
 PARQUET: Final = b"PAR1"
 ARROW: Final = b"ARROW1\x00\x00"
+TEXTS: Final = ("string", "large_string", "string_view")
+ISO: Final = (
+    r"^\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])[T ]([01]\d|2[0-3]):[0-5]\d(:[0-5]\d(\.\d{1,9})?)?"
+    r"(Z|[+-]\d{2}(:?\d{2})?)?$"
+)
+"""Dates that are read of texts."""
 
 
 def sniff_parquet(head: bytes) -> bool:
@@ -126,17 +134,46 @@ def _parts(field: Any) -> list[tuple[int | None, str]]:  # noqa: ANN401
     if text.startswith("fixed_size_list<") and text.endswith("[3]"):
         return [(part, f"{field.name}.{axis}") for part, axis in enumerate("xyz")]
     numeric = text.startswith(("int", "uint", "float", "double", "halffloat", "bool", "timestamp", "decimal"))
-    return [(None, field.name)] if numeric else []
+    is_date = text in TEXTS and meaning(field.name).kind == TIME
+    return [(None, field.name)] if numeric or is_date else []
 
 
 def values_of(column: Any, part: int | None) -> Floats:  # noqa: ANN401
     """One column as float, NaN where it is null; a time in nanoseconds since 1970."""
     if part is not None:
         column = column.flatten().take(_every_third(part, len(column)))
+    if str(column.type) in TEXTS:
+        column = _dates(column)
     if str(column.type).startswith("timestamp"):
         column = column.cast("timestamp[ns]").cast("int64")
     values = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
     return np.asarray(values, dtype=np.float64)
+
+
+def _dates(column: Any) -> Any:  # noqa: ANN401
+    """Times in UTC of texts of ISO 8601, null for what is none; one that states no zone is taken to be in UTC.
+
+    >>> import pyarrow
+    >>> texts = pyarrow.array(["1970-01-01T00:00:01.5Z", "1970-01-01 01:00:02+01:00", "1970-01-01T00:00:03", "noon"])
+    >>> _dates(texts).cast("int64")
+    <pyarrow.lib.Int64Array object at ...>
+    [
+      1500000000,
+      2000000000,
+      3000000000,
+      null
+    ]
+    """
+    arrow, compute = needs("pyarrow", "parquet", "a table"), needs("pyarrow.compute", "parquet", "a table")
+    kind = arrow.timestamp("ns", "UTC")
+    texts = compute.utf8_trim_whitespace(column.cast("string"))
+    texts = compute.if_else(compute.match_substring_regex(texts, ISO), texts, None)
+    zoned = compute.match_substring_regex(texts, r"(Z|[+-]\d{2}(:?\d{2})?)$")
+    texts = compute.if_else(zoned, texts, compute.binary_join_element_wise(texts, "Z", ""))
+    try:
+        return texts.cast(kind)
+    except ValueError:  # a day that the calendar has not
+        return arrow.nulls(len(texts), kind)
 
 
 def _every_third(part: int, length: int) -> Any:  # noqa: ANN401

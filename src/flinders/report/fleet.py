@@ -19,10 +19,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.errors import counted, figures
+from flinders.errors import counted, figures, percent
 from flinders.report import fleet_figures as drawing
 from flinders.report.colours import variables
-from flinders.report.fleet_view import STATES
+from flinders.report.fleet_view import STATES, SUMS_ALONE
 from flinders.report.script import asset, joined
 from flinders.report.text import degrees
 from flinders.units import label
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from jinja2 import Template
 
-    from flinders.report.fleet_view import Drift, Overview, UnitDrift
+    from flinders.report.fleet_view import BatchDrift, Drift, Overview, UnitDrift
 
 START: Final = "m0.theming(() => {});"
 VERDICTS: Final = {
@@ -42,6 +42,8 @@ VERDICTS: Final = {
     "refused": "refused: no calibration",
     "failed": "failed: could not be read",
 }
+SHOWN: Final = 4
+"""Findings of a unit that are named; the others are counted."""
 FAIR: Final = 0.02
 """Share of recordings without a calibration up to which a fleet is called good."""
 
@@ -74,12 +76,23 @@ ADVICE: Final = {
     "mirrored-axes": "check the mapping of the axes",
     "unreadable": "check whether the file is whole, and of a kind that is read",
     "no-magnetometer": "name the columns of the magnetometer",
+    "no-unit": "say in the table whose readings they are",
+    "lost-worker": "fit it by itself with flinders calibrate, and look at the memory of the machine",
+    "unit": "give all files of a unit in one unit of field",
+    "foreign-axes": "check which sensor the columns belong to",
+    "wrong-strength": "check the column of the field's strength, or take it out",
+    "refused": "record again, and turn the sensor as the example says",
     "too-few-samples": "record for longer, turning all the time",
     "stuck-axis": "check the sensor and its wiring: an axis never changes",
     "unmoved": "turn the sensor while recording",
+    "not-turned": "turn the sensor while recording, or give the calibration that the drivers belong to",
     "not-an-ellipsoid": "turn the sensor upside down and onto each of its sides",
     "undetermined": "turn the sensor about more of its axes",
     "out-of-scale": "check the unit and the columns",
+    "usage": "check the options that say how files are read",
+    "axes": "check --axes",
+    "document": "check whether the file is whole",
+    "missing-extra": "install what the example names",
     "internal": "report it: this is a fault in Flinders",
 }
 """What to do about findings and errors that a fleet has many of; docs/findings.md has all of them."""
@@ -102,7 +115,7 @@ def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str]
     return _template().render(
         overview=overview,
         drift=drift,
-        notes=list(notes),
+        notes=[*notes, *_notes(overview), *([] if drift is None else map(_sentence, about_order(drift)))],
         outcome=_outcome(overview, drift),
         numbers=_numbers(overview, drift),
         units=None if drift is None else _orders(drift),
@@ -110,9 +123,12 @@ def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str]
         states=[] if drift is None else [(name, drift.states[name], words) for name, words in STATES.items()],
         figures=_figures(overview, drift),
         verdicts=[(name, overview.verdicts.get(name, 0), words) for name, words in VERDICTS.items()],
+        most_findings=SHOWN,
         worst=[(rank, units) for rank, units in overview.worst.items() if units],
         findings=[(code, count, _meaning(code), advice(code)) for code, count in overview.findings.items()],
         codes=[(code, *told, advice(code)) for code, told in overview.codes.items()],
+        held_against="" if drift is None else drift.against,
+        odd_states=[] if drift is None else _odd(drift)[:10],
         shown_batches=len(drawing.shown_batches(overview.batches)),
         odd_batches=sorted(drawing.standing_out(overview.batches)),
         date=f"{made.day} {made:%B %Y, %H:%M %Z}",
@@ -130,11 +146,9 @@ def advice(code: str) -> str:
 
 
 def when(seconds: float) -> str:
-    """Write the day of a time since 1970; what began at zero is no date."""
+    """Write the day of a time since 1970; a dash where none is known."""
     if not math.isfinite(seconds):
         return "–"
-    if not 1e8 < seconds < 2e10:
-        return f"{figures(seconds, 4)} s"
     return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d}"
 
 
@@ -152,22 +166,13 @@ def chance(p_value: float) -> str:
 
 def _outcome(overview: Overview, drift: Drift | None) -> dict[str, str]:
     """What matters most, in a title and a sentence."""
-    lost = overview.verdicts.get("refused", 0) + overview.verdicts.get("failed", 0)
-    share = lost / overview.rows if overview.rows else 1.0
-    calibrated = f"{counted(overview.rows - lost, 'recording')} of {overview.rows:,} gave a calibration"
-    median = overview.heading_deg.quantile(0.5)
-    typical = f"; half of them are good to {degrees(median)} of heading or better" if math.isfinite(median) else ""
     if drift is None:
-        verdict = "good" if share <= FAIR else "limited"
-        return {
-            "verdict": verdict, "what": "Compasses of a fleet", "title": f"{1.0 - share:.1%} calibrated",
-            "sentence": f"{calibrated}{typical}.",
-        }  # fmt: skip
+        return _calibrated(overview)
     urgent = drift.states["recalibrate"]
     moved = f" {counted(drift.step_units, 'unit')} had something moved near the sensor." if drift.step_units else ""
     title = f"{counted(urgent, 'unit')} to recalibrate" if urgent else "None to recalibrate"
     return {
-        "verdict": "limited" if urgent else "good",
+        "verdict": "limited" if urgent or drift.states["unordered"] else "good",
         "what": f"Compass drift of {counted(drift.units, 'unit')}",
         "title": title,
         "sentence": f"Of these the heading changed by more than {drift.target_deg:g}°, which chance does not explain."
@@ -177,22 +182,76 @@ def _outcome(overview: Overview, drift: Drift | None) -> dict[str, str]:
     }
 
 
+def _calibrated(overview: Overview) -> dict[str, str]:
+    """How many gave a calibration, why the others did not, and how good these are."""
+    refused, failed = (overview.verdicts.get(name, 0) for name in ("refused", "failed"))
+    given = overview.rows - refused - failed
+    lost = [f"{refused:,} {'was' if refused == 1 else 'were'} refused"] if refused else []
+    lost += [f"{failed:,} could not be read"] if failed else []
+    said = (
+        f"{given:,} of {counted(overview.rows, 'recording')} gave a calibration{'; ' * bool(lost)}{' and '.join(lost)}"
+    )
+    median = overview.heading_deg.quantile(0.5)
+    typical = f" Half of the calibrations are good to {degrees(median)} of heading or better."
+    return {
+        "verdict": "good" if given >= (1.0 - FAIR) * overview.rows > 0 else "limited" if given else "refused",
+        "what": "Compasses of a fleet",
+        "title": f"{percent(given, overview.rows)} calibrated",
+        "sentence": f"{said}.{typical * math.isfinite(median)}",
+    }
+
+
+def _notes(overview: Overview) -> list[str]:
+    """What lies over the whole fleet."""
+    summed = overview.methods.get("consistent", 0)
+    return [f"{counted(summed, 'recording')} fitted from sums alone: {SUMS_ALONE}."] if summed else []
+
+
+def about_order(drift: Drift) -> list[str]:
+    """Say of which units no dates or no order are known, and what was counted once; a sentence each."""
+    found = []
+    if drift.undated.units:
+        found.append(
+            f"no dates are known of {counted(drift.undated.units, 'unit')}: recordings are taken in the order of their "
+            "names, nothing is told by the day, and a step may be drift over a long time"
+        )
+    if count := drift.states["unordered"]:
+        some = ", ".join(drift.unordered[:5]) + (" and others" if count > 5 else "")
+        found.append(
+            f"the order of recordings is not known of {counted(count, 'unit')} ({some}): nothing is told of them; put "
+            "dates into the names of recordings"
+        )
+    if drift.passed_over:
+        found.append(
+            f"{counted(drift.passed_over, 'row')} passed over: the same recordings stand in a table named later, or "
+            "further down, and count once"
+        )
+    return found
+
+
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."
+
+
 def _numbers(overview: Overview, drift: Drift | None) -> list[tuple[str, str, str]]:
     """What stands in large figures: name, number, what it is."""
-    good = overview.verdicts.get("good", 0)
+    good, refused, failed = (overview.verdicts.get(name, 0) for name in ("good", "refused", "failed"))
     above = overview.heading_deg.share_above(overview.target_deg)
+    beyond = percent(above, 1.0) if above else "none"
     errors = overview.heading_deg
     found = [
         ("Units", f"{overview.units:,}", counted(overview.rows, "recording")),
-        ("Good", f"{good / max(overview.rows, 1):.1%}", f"{good:,} recordings"),
+        ("Good", percent(good, overview.rows), counted(good, "recording")),
         (
             "Worst heading off by",
             degrees(errors.quantile(0.5)) if errors.total else "?",
-            f"half of the calibrations are better; {above:.1%} are above {overview.target_deg:g}°",
+            f"half of the calibrations are better; {beyond} above {overview.target_deg:g}°",
         ),
     ]
     if drift is None:
-        return found
+        why = f"{refused:,} refused, {failed:,} could not be read" if refused or failed else "all gave one"
+        lost = ("No calibration", f"{refused + failed:,}", why)
+        return [*found[:2], lost, found[2]]
     changed = drift.change_deg
     return [
         *found,
@@ -217,6 +276,11 @@ def _orders(drift: Drift) -> list[tuple[str, list[UnitDrift]]]:
     ]
 
 
+def _odd(drift: Drift) -> list[BatchDrift]:
+    """Batches that stand out by how their units changed."""
+    return [one for one in drift.batches if {"changes", "steps"} & set(one.stands_out)]
+
+
 def _meaning(code: str) -> str:
     """What a finding says, without its number."""
     words = CODES.get(code, "").replace("`number` of the ", "some of the ")
@@ -228,16 +292,17 @@ def _figures(overview: Overview, drift: Drift | None) -> dict[str, Any]:
     from markupsafe import Markup  # what is marked as safe is numbers and words of our own, and names escaped
 
     shown: dict[str, Any] = {
-        "verdicts": Markup(drawing.verdict_bar(overview.verdicts)),
+        "verdicts": Markup(drawing.bar(overview.verdicts)),
         "batches": Markup(drawing.batch_map(overview.batches)) if overview.batches else None,
         "change": None,
+        "batch_states": None,
     }
     histograms = [
         ("Worst heading error", overview.heading_deg, "degrees, 1 σ", "°", overview.target_deg),
         ("Offset", overview.offset, "length, in field strengths", "", None),
         ("Noise", overview.noise, "% of the field", "%", None),
         *(
-            ("Field strength", histogram, label(unit), f" {label(unit)}", None)
+            (f"Field strength, {label(unit)}", histogram, label(unit), "", None)
             for unit, histogram in overview.field.items()
         ),
     ]
@@ -250,6 +315,11 @@ def _figures(overview: Overview, drift: Drift | None) -> dict[str, Any]:
         for title, histogram, words, unit, target in histograms
         if histogram.total
     ]
+    if drift is not None and drift.batches:
+        states = {one.batch: one.states for one in drift.batches}
+        odd = {one.batch for one in _odd(drift)}
+        kinds = ("steady", "single", "none", "unordered", "unsure", "changed", "recalibrate")
+        shown["batch_states"] = Markup(drawing.batch_map(states, kinds, kinds[:-2], odd))
     if drift is not None and drift.change_deg.total:
         shown["change"] = Markup(drawing.distribution(drift.change_deg, "degrees", target=drift.target_deg))
     return shown
@@ -289,6 +359,13 @@ def _template() -> Template:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        counted=counted, figures=figures, degrees=degrees, day=when, share=_share, label=label, chance=chance
+        counted=counted,
+        figures=figures,
+        degrees=degrees,
+        day=when,
+        share=_share,
+        label=label,
+        chance=chance,
+        percent=percent,
     )
     return environment.get_template("fleet.html.j2")

@@ -1,4 +1,4 @@
-"""Figures of the report of a fleet as SVG: distributions, shares of verdicts, and a map of hardware batches.
+"""Figures of the report of a fleet: distributions, shares of verdicts or states, and a map of hardware batches.
 
 Colours are classes of the style sheet, as in `flinders.report.figures`, so that a figure is the same text in light, in
 dark and on paper. A batch stands out where its share of rows without a good verdict is more than chance explains.
@@ -16,20 +16,20 @@ import math
 from html import escape
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import figures
-from flinders.pooling import chance_of
+from flinders.errors import figures, percent
 from flinders.report.fleet_view import Histogram  # noqa: TC001 - examples use it
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 
 WIDE, HIGH = 400, 190
 LEFT, RIGHT, TOP, BOTTOM = 16.0, 388.0, 22.0, 146.0
 VERDICTS: Final = ("good", "limited", "refused", "failed")
 SHOWN: Final = 240
 """Batches on the map; of more, those with the largest share without a good verdict."""
-COLUMNS, ROW, CELL = 3, 24, 266
 CHANCE: Final = 0.01
+SEEN: Final = 0.004
+"""Least share of a bar that is drawn: of a million, one that failed is seen."""
 
 
 def distribution(histogram: Histogram, words: str, *, target: float | None = None, factor: float = 1.0) -> str:
@@ -72,41 +72,79 @@ def distribution(histogram: Histogram, words: str, *, target: float | None = Non
     return _svg(WIDE, HIGH, f"Distribution: {words}", parts)
 
 
-def verdict_bar(verdicts: Mapping[str, int]) -> str:
-    """Shares of the verdicts as one bar."""
-    return _svg(820, 26, "Shares of the verdicts", _shares(verdicts, 0.0, 0.0, 820.0, 26.0))
+def bar(counts: Mapping[str, int], kinds: Sequence[str] = VERDICTS) -> str:
+    """Shares of some kinds, in their order, as a bar that is as wide as its place; its height is the style sheet's."""
+    total = sum(counts.get(kind, 0) for kind in kinds)
+    widths = {kind: max(counts[kind] / total, SEEN) for kind in kinds if counts.get(kind)}
+    parts, x = [], 0.0
+    for kind, share in widths.items():
+        width = 1000.0 * share / sum(widths.values())
+        parts.append(f'<rect class="v-{kind}" x="{x:.2f}" y="0" width="{width:.2f}" height="10"/>')
+        x += width
+    told = listed_counts(counts, kinds)
+    return (
+        f'<svg class="shares" viewBox="0 0 1000 10" preserveAspectRatio="none" role="img" aria-label="{told}">'
+        f"{''.join(parts)}</svg>"
+    )
 
 
-def batch_map(batches: Mapping[str, Mapping[str, int]]) -> str:
-    """A bar of shares for each batch, in the order of their names; those that stand out are marked."""
-    shown = shown_batches(batches)
-    odd = standing_out(batches)
-    start = 26.0 + 7.2 * max((min(len(name), 15) for name in shown), default=0)  # where the bars begin
-    rows = -(-len(shown) // COLUMNS)
-    parts = []
-    for place, name in enumerate(shown):
-        x, y = (place // rows) * (CELL + 11.0), (place % rows) * float(ROW)
-        told = ", ".join(f"{count:,} {verdict}" for verdict, count in batches[name].items() if count)
-        label = name if len(name) <= 15 else f"{name[:14]}…"
-        parts.append(f"<g><title>{escape(name or 'no batch')}: {told}</title>")
-        parts.append(_text(x + 8, y + 16, "●" if odd.get(name) else "", "middle", "odd"))
-        parts.append(_text(x + 17, y + 16, label or "none", "start", "name" if odd.get(name) else ""))
-        parts += _shares(batches[name], x + start, y + 5.0, CELL - start - 54.0, 14.0)
-        parts.append(_text(x + CELL, y + 16, f"{_spoilt(batches[name]):.1%}", "end", "name" if odd.get(name) else ""))
-        parts.append("</g>")
-    return _svg(820, max(rows, 1) * ROW + 2, "Shares of the verdicts in each batch", parts)
+def listed_counts(counts: Mapping[str, int], kinds: Sequence[str] = VERDICTS) -> str:
+    """How many there are of each kind, in words.
+
+    >>> listed_counts({"refused": 2, "good": 1500})
+    '1,500 good, 2 refused'
+    """
+    return ", ".join(f"{counts[kind]:,} {kind}" for kind in kinds if counts.get(kind))
 
 
-def shown_batches(batches: Mapping[str, Mapping[str, int]]) -> list[str]:
+def batch_map(
+    batches: Mapping[str, Mapping[str, int]],
+    kinds: Sequence[str] = VERDICTS,
+    fine: Container[str] = ("good",),
+    odd: Container[str] | None = None,
+) -> str:
+    """A bar of shares for each batch, in the order of their names, as a list of HTML; those that stand out are marked.
+
+    Parameters
+    ----------
+    batches : mapping of str to mapping of str to int
+        How many there are of each kind in each batch.
+    kinds : sequence of str
+        In the order of the bar.
+    fine : container of str
+        Kinds that are as they should be; the number beside a bar is the share of all others.
+    odd : container of str, optional
+        Batches that stand out, by default those of `standing_out`.
+    """
+    marked = standing_out(batches) if odd is None else odd
+    rows = [_row(name, batches[name], kinds, fine, is_odd=name in marked) for name in shown_batches(batches, fine)]
+    return f'<ul class="batches">{"".join(rows)}</ul>'
+
+
+def _row(name: str, counts: Mapping[str, int], kinds: Sequence[str], fine: Container[str], *, is_odd: bool) -> str:
+    about = f"{escape(name or 'no batch')}: {listed_counts(counts, kinds)}"
+    share = escape(percent(_bad(counts, fine), sum(counts.values())))
+    mark = ' class="odd"' if is_odd else ""
+    return (
+        f'<li{mark} title="{about}"><span class="batch">{escape(name or "none")}</span>'
+        f"{bar(counts, kinds)}<span>{share}</span></li>"
+    )
+
+
+def shown_batches(batches: Mapping[str, Mapping[str, int]], fine: Container[str] = ("good",)) -> list[str]:
     """Names of the batches that the map has room for, sorted."""
-    worst = sorted(batches, key=lambda name: (-_spoilt(batches[name]), name))[:SHOWN]
+
+    def spoilt(name: str) -> float:
+        return _bad(batches[name], fine) / max(sum(batches[name].values()), 1)
+
+    worst = sorted(batches, key=lambda name: (-spoilt(name), name))[:SHOWN]
     return sorted(worst)
 
 
 def standing_out(batches: Mapping[str, Mapping[str, int]]) -> dict[str, bool]:
     """Batches whose share without a good verdict is larger than that of all others, beyond what chance explains.
 
-    Chi-square of two shares, with one degree of freedom and Yates's correction, at `CHANCE` over the number of batches.
+    Fisher's exact test of two shares, on the side of more, at `CHANCE` over the number of batches.
     """
     total = sum(sum(counts.values()) for counts in batches.values())
     bad = sum(_bad(counts) for counts in batches.values())
@@ -115,21 +153,32 @@ def standing_out(batches: Mapping[str, Mapping[str, int]]) -> dict[str, bool]:
 
 def _is_odd(counts: Mapping[str, int], total: int, bad: int, batches: int) -> bool:
     here, ours = sum(counts.values()), _bad(counts)
-    share, rest = bad / total if total else 0.0, total - here
-    if not here or not rest or not 0.0 < share < 1.0 or ours / here <= (bad - ours) / rest:
+    rest = total - here
+    if not here or not rest or ours / here <= (bad - ours) / rest:
         return False
-    off = max(abs(ours - here * share) - 0.5, 0.0)
-    chi_square = off**2 / (here * share * (1.0 - share) * rest / total)
-    return chance_of(chi_square, 1) < CHANCE / batches
+    return _as_many(ours, here, bad, total) < CHANCE / batches
 
 
-def _bad(counts: Mapping[str, int]) -> int:
-    return sum(count for verdict, count in counts.items() if verdict != "good")
+def _as_many(ours: int, here: int, bad: int, total: int) -> float:
+    """How often chance puts at least `ours` of the `bad` rows among `here` of `total`: the hypergeometric tail."""
+    fine = total - bad
+    first = math.exp(_choices(bad, ours) + _choices(fine, here - ours) - _choices(total, here))
+    term = summed = 1.0
+    for more in range(ours, min(here, bad)):
+        term *= (bad - more) * (here - more) / ((more + 1.0) * (fine - here + more + 1.0))
+        summed += term
+        if term < 1e-12 * summed:
+            break
+    return first * summed
 
 
-def _spoilt(counts: Mapping[str, int]) -> float:
-    """Share without a good verdict."""
-    return _bad(counts) / max(sum(counts.values()), 1)
+def _choices(many: int, few: int) -> float:
+    """Logarithm of the binomial coefficient."""
+    return math.lgamma(many + 1.0) - math.lgamma(few + 1.0) - math.lgamma(many - few + 1.0)
+
+
+def _bad(counts: Mapping[str, int], fine: Container[str] = ("good",)) -> int:
+    return sum(count for kind, count in counts.items() if kind not in fine)
 
 
 def _ends(histogram: Histogram) -> tuple[int, int]:
@@ -151,18 +200,6 @@ def _scale(low: float, high: float, x: Callable[[float], float]) -> Iterator[str
         if low <= value <= high:
             yield f'<path class="grid" d="M{x(value):.1f} {TOP}V{BOTTOM}"/>'
             yield _text(x(value), BOTTOM + 27, f"{value:,.6g}", "middle")
-
-
-def _shares(verdicts: Mapping[str, int], x: float, y: float, width: float, height: float) -> list[str]:
-    total = sum(verdicts.values()) or 1
-    parts = []
-    for verdict in VERDICTS:
-        share = width * verdicts.get(verdict, 0) / total
-        if share > 0.0:
-            box = f'x="{x:.1f}" y="{y:.1f}" width="{max(share, 0.6):.1f}" height="{height:.1f}"'
-            parts.append(f'<rect class="v-{verdict}" {box}/>')
-            x += share
-    return parts
 
 
 def _text(x: float, y: float, text: str, anchor: str, kind: str = "") -> str:

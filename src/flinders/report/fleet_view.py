@@ -25,11 +25,17 @@ STATES: Final = {
     "recalibrate": "the heading changed by more than the target, and by more than chance explains",
     "unsure": "changed by more than the target as far as was seen, or recorded too poorly to tell: record again",
     "changed": "changed by more than chance explains, and less than the target",
+    "unordered": "nothing tells in what order it was recorded: put dates into the names of recordings",
     "steady": "did not change by more than chance explains",
     "single": "has one calibration alone",
     "none": "has no calibration",
 }
 """What each state of a unit means, in the order of urgency."""
+SUMS_ALONE: Final = (
+    "strays, drift and residuals that hang together went unseen: headings are as good where there are none, but 3 "
+    "times further off than claimed where residuals hang together, and 10 times with 1 % of strays"
+)
+"""What fits from sums alone cost; measured by ``python -m benchmarks.moments_only``, docs/fleet.md has the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,11 +188,13 @@ class UnitDrift:
 
     Attributes
     ----------
-    unit, state : str
+    unit, batch, state : str
     recordings : int
         Of which there is a calibration.
-    first_s, last_s : float, s
-        When the two were recorded.
+    reference, newest : str
+        The two recordings.
+    reference_s, newest_s : float, s
+        When they were made, since 1970; NaN where no date is known.
     worst_deg, rms_deg : float
         Difference in heading.
     sigma_deg : float
@@ -201,10 +209,13 @@ class UnitDrift:
     """
 
     unit: str
+    batch: str
     state: str
     recordings: int
-    first_s: float
-    last_s: float
+    reference: str
+    newest: str
+    reference_s: float
+    newest_s: float
     worst_deg: float
     rms_deg: float
     sigma_deg: float
@@ -231,7 +242,7 @@ class UnitStep:
     before, after : str
         The recordings.
     before_s, after_s : float, s
-        When they begin.
+        When they were made, since 1970; NaN where no date is known.
     worst_deg : float
         What the step turns the heading by, at the worst heading.
     moved : 3 float, in `unit_of_field`
@@ -255,13 +266,87 @@ class UnitStep:
 
 
 @dataclass(frozen=True, slots=True)
+class BatchDrift:
+    """How the units of one hardware batch changed.
+
+    Attributes
+    ----------
+    batch : str
+        Empty for the units of which it is not known.
+    units : int
+    states : mapping of str to int
+        Units in each state that some are in.
+    stepped : int
+        Units that have a step.
+    verdicts : mapping of str to int
+        Recordings of each verdict.
+    stands_out : tuple of str
+        What it has more of than the others, beyond what chance explains: ``changes``, ``steps``, and ``verdicts`` that
+        are not good.
+    """
+
+    batch: str
+    units: int
+    states: Mapping[str, int]
+    stepped: int
+    verdicts: Mapping[str, int]
+    stands_out: tuple[str, ...]
+
+    @property
+    def changed(self) -> int:
+        """Units that changed by more than chance explains."""
+        return self.states.get("recalibrate", 0) + self.states.get("changed", 0)
+
+    @property
+    def not_good(self) -> tuple[int, int]:
+        """Recordings without a good verdict, of how many."""
+        count = sum(self.verdicts.values())
+        return count - self.verdicts.get("good", 0), count
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return dataclasses.asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Undated:
+    """Units whose recordings have an order and no dates, and how these scatter.
+
+    Attributes
+    ----------
+    units : int
+        With two calibrations or more.
+    session : float
+        Factor on claimed variances.
+    walk_deg : float
+        1 σ of the heading that slow drift makes from one recording to the next.
+    pairs : int
+        Of recordings that both rest on.
+    """
+
+    units: int
+    session: float
+    walk_deg: float
+    pairs: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "units": self.units,
+            "claims_too_small": self.session,
+            "walk_deg_per_root_recording": self.walk_deg,
+            "pairs": self.pairs,
+        }
+
+
+@dataclass(frozen=True, slots=True)
 class Drift:
     """How a fleet changed.
 
     Attributes
     ----------
-    units, calibrations, left_out : int
-        Rows that give no calibration are left out.
+    units, calibrations, left_out, passed_over : int
+        Rows that give no calibration are left out; those that a later table has as well are passed over.
     states : mapping of str to int
         Units in each state of `STATES`.
     change_deg : Histogram
@@ -277,11 +362,19 @@ class Drift:
     chance : float
         How often chance alone reports anything of a fleet in which nothing moved; for changes and for steps each.
     session : float
-        Factor on claimed variances.
+        Factor on claimed variances, of units whose recordings have dates.
     walk_deg : float
-        1 σ of the heading that the slow drift of this fleet makes in a year.
+        1 σ of the heading that their slow drift makes in a year.
     pairs : int
         Of recordings that both rest on.
+    undated : Undated
+        The same of units whose recordings have no dates.
+    unordered : tuple of str
+        Units of which nothing tells the order of recordings, no more than were asked for.
+    batches : tuple of BatchDrift
+        By name; empty where no batches are known.
+    batch_of : str
+        What tells the batch, in words.
     target_deg, dip_deg : float
     against : str
         ``first`` or ``previous``.
@@ -290,6 +383,7 @@ class Drift:
     units: int
     calibrations: int
     left_out: int
+    passed_over: int
     states: Mapping[str, int]
     change_deg: Histogram
     listed: tuple[UnitDrift, ...]
@@ -303,6 +397,10 @@ class Drift:
     session: float
     walk_deg: float
     pairs: int
+    undated: Undated
+    unordered: tuple[str, ...]
+    batches: tuple[BatchDrift, ...]
+    batch_of: str
     target_deg: float
     dip_deg: float
     against: str
@@ -313,6 +411,7 @@ class Drift:
             "units": self.units,
             "calibrations": self.calibrations,
             "left_out": self.left_out,
+            "passed_over": self.passed_over,
             "states": dict(self.states),
             "change_deg": self.change_deg.as_dict(),
             "target_deg": self.target_deg,
@@ -323,6 +422,8 @@ class Drift:
             "claims_too_small": self.session,
             "walk_deg_per_root_year": self.walk_deg,
             "pairs": self.pairs,
+            "undated": self.undated.as_dict(),
+            "unordered": list(self.unordered),
             "listed": [one.as_dict() for one in self.listed],
             "steps": {
                 "count": self.step_count,
@@ -331,4 +432,5 @@ class Drift:
                 "gap_chance": self.step_chance,
                 "largest": [one.as_dict() for one in self.steps],
             },
+            "batches": {"told_by": self.batch_of, "each": [batch.as_dict() for batch in self.batches]},
         }

@@ -1,0 +1,114 @@
+"""The report of a fleet says what its table holds: nobody is left out, nothing is rounded away, and why is said."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from html import unescape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from flinders.errors import FitError, FlindersError, InputError, UsageError
+from flinders.fleet import journal
+from flinders.fleet.overview import overview_of
+from flinders.fleet.table import Row, Rows
+from flinders.fleet.work import LostWorker
+from flinders.report.fleet import advice, page
+from flinders.report.fleet_view import SUMS_ALONE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+parquet = pytest.importorskip("pyarrow.parquet")
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+def good(unit: str, **fields: Any) -> Row:
+    values: dict[str, Any] = {
+        "verdict": "good", "method": "likelihood", "worst_deg": 0.4, "offset": (1.0, 2.0, 3.0), "radius": 50.0,
+        "noise": 0.3, "findings": ("scale-unknown",), "unit_of_field": "uT",
+    }  # fmt: skip
+    return Row(unit=unit, **{**values, **fields})
+
+
+def told(tmp_path: Path, rows: Sequence[Row]) -> str:
+    """The text of a report, without marks and doubled blanks."""
+    parquet.write_table(Rows.of(rows).sorted().to_arrow(), tmp_path / "fleet.parquet")
+    body = page(overview_of([tmp_path / "fleet.parquet"])).split("<body>")[1].split("<script")[0]
+    return " ".join(unescape(re.sub(r"<[^>]+>", " ", body)).split())
+
+
+def test_one_that_could_not_be_read_of_thousands_is_in_the_headline(tmp_path: Path) -> None:
+    rows = [good(f"U{place:04d}") for place in range(2500)]
+    text = told(tmp_path, [*rows, Row(unit="", recording="p2.parquet", code="unreadable", message="p2 is broken")])
+    assert "> 99.9% calibrated" in text
+    assert "2,500 of 2,501 recordings gave a calibration; 1 could not be read." in text
+    assert "failed: could not be read: 1 (< 0.1%)" in text
+    assert "100.0%" not in text
+    assert "is read p2 is broken" in text, "a file without a unit begins with its message"
+
+
+def test_field_strengths_are_told_apart_by_their_unit(tmp_path: Path) -> None:
+    text = told(tmp_path, [good("A"), good("B", unit_of_field="counts", radius=400.0)])
+    assert "Field strength, counts" in text
+    assert "Field strength, µT" in text
+
+
+def test_batches_are_shown_where_the_table_has_them(tmp_path: Path) -> None:
+    refused = {"verdict": "refused", "code": "coverage", "offset": (float("nan"),) * 3}
+    rows = [good(f"{place}", batch=f"<lot {place % 2}>") for place in range(40)]
+    rows += [good(f"bad {place}", batch="<lot 1>", **refused) for place in range(20)]
+    text = told(tmp_path, rows)
+    assert "By hardware batch <lot 0> 0.0% <lot 1> 50.0%" in text
+    assert "● stands out" in text
+    without = told(tmp_path, [good(f"{place}") for place in range(40)])
+    assert "By hardware batch" not in without
+
+
+def test_sums_alone_say_what_they_cost(tmp_path: Path) -> None:
+    text = told(tmp_path, [good("A", method="consistent"), good("B")])
+    assert "1 recording fitted from sums alone: strays, drift" in text
+    assert "fitted from sums alone" not in told(tmp_path, [good("B")])
+
+
+def test_what_sums_alone_cost_is_what_was_measured() -> None:
+    """The words say in round numbers what the table of docs/fleet.md says; `benchmarks.moments_only` prints it."""
+    rows = [line.split("|")[1:-1] for line in (DOCS / "fleet.md").read_text().splitlines() if line.count("|") == 10]
+    too_small = {cells[0].strip(): float(cells[7]) for cells in rows if cells[0].strip()[0] in "5abt"}
+    assert too_small["by hand, 1 % strays"] == pytest.approx(10.0, abs=0.5)
+    assert too_small["by hand, noise that hangs together (ρ = 0.8)"] == pytest.approx(3.0, abs=0.5)
+    assert too_small["500 random directions"] == pytest.approx(1.0, abs=0.05)
+    assert "3 times" in SUMS_ALONE
+    assert "10 times with 1 % of strays" in SUMS_ALONE
+
+
+def test_every_event_of_the_log_is_in_the_docs() -> None:
+    told = set(re.findall(r'event\(\s*"([a-z-]+)"', inspect.getsource(journal)))
+    text = (DOCS / "fleet.md").read_text()
+    table = text[text.index("## What the log says") :]
+    assert told == set(re.findall(r"^\| `([a-z-]+)` \|", table, flags=re.MULTILINE))
+
+
+def of_rows() -> Iterator[type[FlindersError]]:
+    """Errors that the row of a recording can have."""
+    waiting: list[type[FlindersError]] = [FitError, InputError, UsageError, LostWorker]
+    while waiting:
+        kind = waiting.pop()
+        waiting += kind.__subclasses__()
+        if kind.__module__.startswith("flinders."):
+            yield kind
+
+
+NEVER: frozenset[str] = frozenset({
+    "fit", "input", "array", "link", "needs-samples", "needs-rate", "one-axis-turned", "not-merged", "no-accelerometer",
+    "not-validated", "collapsed", "constant-strength",
+})  # fmt: skip
+"""Of bases, of connections, and of methods that a fleet does not call."""
+
+
+def test_every_reason_has_an_advice() -> None:
+    codes = {kind.code for kind in of_rows()} | {"refused", "internal"}
+    assert [code for code in sorted(codes - NEVER) if not advice(code)] == []

@@ -1,0 +1,314 @@
+"""Tables of a fleet that are broken, odd or in disorder: whoever has readings in them gets a row that says so."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.errors import UnreadableInput
+from flinders.fleet import Rows, fit_many, plan, work
+from flinders.fleet.plan import plan_of
+from flinders.fleet.run import run
+from flinders.fleet.tables import Asked
+from flinders.samples import Samples
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+pyarrow = pytest.importorskip("pyarrow")
+from pyarrow import parquet  # noqa: E402 - after it is known to be there
+
+READINGS = 150
+FIELDS = [simulate.tumble(seed=seed, n=READINGS, motion="uniform").samples.field for seed in range(6)]
+
+
+def table(*units: int, names: Sequence[Any] = (), **columns: Any) -> Any:  # noqa: ANN401 - pyarrow ships no types
+    """Readings of units, one after the other, as a table of Arrow."""
+    field = np.concatenate([FIELDS[unit] for unit in units])
+    ids = [name for unit in (names or [f"U{unit}" for unit in units]) for name in [unit] * READINGS]
+    times = np.tile(np.arange(READINGS) * 0.02, len(units))
+    axes = {f"mag_{axis}_uT": field[:, place] for place, axis in enumerate("xyz")}
+    return pyarrow.table({"unit": ids, "time_s": times, **axes, **columns})
+
+
+def spoil(path: Path, group: int, column: str) -> None:
+    """Turn bytes in the pages of a column of a row group."""
+    metadata = parquet.read_metadata(path)
+    place = metadata.schema.to_arrow_schema().get_field_index(column)
+    chunk = metadata.row_group(group).column(place)
+    begin = chunk.dictionary_page_offset or chunk.data_page_offset
+    content = bytearray(path.read_bytes())
+    for byte in range(begin, begin + chunk.total_compressed_size):
+        content[byte] ^= 0x5A
+    path.write_bytes(content)
+
+
+def rows_of(folder: Path, **options: Any) -> Rows:
+    out = folder.parent / "out.parquet"
+    run(str(folder), out, Asked(**options), workers=0, force=True)
+    return Rows.read(out)
+
+
+def told(rows: Rows) -> dict[str, tuple[int, str]]:
+    """Readings and code, or verdict, by unit; each unit once."""
+    assert len(set(rows.unit.tolist())) == len(rows)
+    codes = [code or verdict for code, verdict in zip(rows.code.tolist(), rows.verdict.tolist(), strict=True)]
+    return dict(zip(rows.unit.tolist(), zip(rows.readings.tolist(), codes, strict=True), strict=True))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "in").mkdir()
+    return tmp_path / "in"
+
+
+GOOD, UNREADABLE = (READINGS, "good"), (READINGS, "unreadable")
+
+
+@pytest.mark.parametrize("largest", [1_000_000, 400, 100])
+def test_a_broken_row_group_costs_those_who_have_readings_in_it(
+    folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one partition, in several, and where each unit is streamed."""
+    for module in (plan, work):
+        monkeypatch.setattr(module, "LARGEST", largest)
+    parquet.write_table(table(0, 1, 2, 3), folder / "a.parquet", row_group_size=100)
+    spoil(folder / "a.parquet", 2, "mag_y_uT")
+    rows = rows_of(folder)
+    assert told(rows) == {"U0": GOOD, "U1": UNREADABLE, "U2": GOOD, "U3": GOOD}
+    assert rows.message[1].startswith("100 of its 150 readings lie in row group 3 of 6 of a.parquet: ")
+    np.testing.assert_allclose(
+        rows.offset[3], flinders.fit(Samples.of(FIELDS[3], unit="uT")).calibration.offset, rtol=1e-6
+    )
+
+
+def test_one_that_has_other_readings_elsewhere_is_not_fitted_from_those(folder: Path) -> None:
+    whole = table(0, 1, 2)
+    for place in range(3):
+        parquet.write_table(whole.take(list(range(place, len(whole), 3))), folder / f"{place}.parquet")
+    parquet.write_table(table(3), folder / "3.parquet")
+    spoil(folder / "1.parquet", 0, "mag_x_uT")
+    rows = rows_of(folder)
+    assert told(rows) == {"U0": UNREADABLE, "U1": UNREADABLE, "U2": UNREADABLE, "U3": GOOD}
+    assert rows.message[0].startswith("50 of its 150 readings lie in 1.parquet: ")
+
+
+def test_a_table_whose_field_is_no_numbers_costs_its_units(folder: Path) -> None:
+    parquet.write_table(table(0, 1).slice(0, 200), folder / "a.parquet")
+    texts = table(1, 2).slice(50)
+    texts = texts.set_column(2, "mag_x_uT", texts["mag_x_uT"].cast("string"))
+    parquet.write_table(texts, folder / "b.parquet")
+    code = "no-magnetometer"
+    assert told(rows_of(folder)) == {"U0": GOOD, "U1": (READINGS, code), "U2": (READINGS, code)}
+
+
+@pytest.mark.parametrize("statistics", [True, False])
+def test_rows_whose_units_cannot_be_read_are_a_row_of_their_file(folder: Path, *, statistics: bool) -> None:
+    """Those at the ends of what the footer tells are known to be there; nobody takes it for one recording."""
+    written = table(0, 1, 2, 3)
+    parquet.write_table(written, folder / "a.parquet", row_group_size=300, write_statistics=statistics)
+    parquet.write_table(table(0, 4), folder / "b.parquet")
+    spoil(folder / "a.parquet", 0, "unit")
+    rows = rows_of(folder)
+    found = told(rows)
+    assert found.pop("(a.parquet)") == (300, "unreadable")
+    said = "it cannot be told whose readings are in row group 1 of 2 of a.parquet (300 rows), and a unit"
+    assert rows.message[0].startswith(said)
+    assert found["U2"] == found["U3"] == found["U4"] == GOOD
+    assert found["U0"] == ((READINGS, "unreadable") if statistics else GOOD)
+    assert ("U1" in found) == statistics
+
+
+def test_a_table_without_a_footer_is_a_row_among_other_tables(folder: Path) -> None:
+    parquet.write_table(table(0), folder / "a.parquet")
+    parquet.write_table(table(1), folder / "b.parquet")
+    content = (folder / "b.parquet").read_bytes()
+    (folder / "b.parquet").write_bytes(content[:-50])
+    rows = rows_of(folder)
+    assert told(rows) == {"(b.parquet)": (0, "unreadable"), "U0": GOOD}
+    assert rows.message[0].startswith("it cannot be told whose readings are in b.parquet, and a unit that has some")
+
+
+@pytest.mark.parametrize("date", ["", "/date=2026-03-01"])
+def test_a_table_without_a_footer_costs_the_unit_that_its_path_says(folder: Path, date: str) -> None:
+    for unit in range(3):
+        path = folder / f"unit=U{unit}{date}"
+        path.mkdir(parents=True)
+        bare = table(unit).drop_columns(["unit"])
+        parquet.write_table(bare.slice(0, 100), path / "0.parquet")
+        parquet.write_table(bare.slice(100), path / "1.parquet")
+    broken = folder / f"unit=U1{date}" / "1.parquet"
+    broken.write_bytes(broken.read_bytes()[:-50])
+    (folder / f"unit=U2{date}" / "0.parquet").unlink()
+    (folder / f"unit=U2{date}" / "1.parquet").write_bytes(b"PAR1")
+    rows = rows_of(folder)
+    assert told(rows) == {"U0": GOOD, "U1": (100, "unreadable"), "U2": (0, "unreadable")}
+    assert rows.message[1].startswith("some of its readings, besides 100 readings that can be read, lie in unit=U1")
+
+
+def test_a_broken_table_in_a_folder_of_null_is_a_row(folder: Path) -> None:
+    for path, content in (("unit=__HIVE_DEFAULT_PARTITION__", b"PAR1"), ("unit=U0", None)):
+        (folder / path).mkdir()
+        parquet.write_table(table(0).drop_columns(["unit"]), folder / path / "a.parquet")
+        if content is not None:
+            (folder / path / "a.parquet").write_bytes(content)
+    assert told(rows_of(folder)) == {
+        "(unit=__HIVE_DEFAULT_PARTITION__/a.parquet)": (0, "unreadable"), "U0": GOOD,
+    }  # fmt: skip
+
+
+def test_what_cannot_be_read_is_counted(folder: Path) -> None:
+    parquet.write_table(table(0, 1), folder / "a.parquet", row_group_size=READINGS)
+    spoil(folder / "a.parquet", 1, "mag_z_uT")
+    ended = run(str(folder), folder.parent / "out.parquet", Asked(), workers=0)
+    assert (ended.readings, ended.failed_readings, ended.codes) == (300, 150, {"unreadable": 1})
+
+
+def test_rows_without_a_unit_are_never_fitted(folder: Path) -> None:
+    """Null, empty and blank ones, in one file or several, in a path, of a table in memory, and streamed."""
+    whole = table(0, 1, 2, 3, names=["A", None, "", "  "])
+    for files in (1, 2):
+        for place in range(files):
+            parquet.write_table(whole.take(list(range(place, len(whole), files))), folder / f"{place}.parquet")
+        rows = rows_of(folder)
+        assert told(rows) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
+        assert rows.message[0].startswith("450 rows of 0.parquet")
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (plan, work):
+            patch.setattr(module, "LARGEST", 100)
+        assert told(rows_of(folder)) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
+    assert told(fit_many(whole)) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
+    ended = run(str(folder), folder.parent / "out.parquet", Asked(), workers=0, force=True)
+    assert (ended.units, ended.rows) == (1, 2)
+
+
+def test_ids_of_bytes_numbers_and_floats_are_texts(folder: Path) -> None:
+    for names, told_as in (
+        ([b"A", b"\xff\x00"], ["A", "ff00"]),
+        ([7, 10], ["10", "7"]),
+        ([1.5, 2.5], ["1.5", "2.5"]),
+    ):
+        for group in (READINGS, 1_000):
+            parquet.write_table(table(0, 1, names=names), folder / "a.parquet", row_group_size=group)
+            assert rows_of(folder).unit.tolist() == told_as
+
+
+def test_paths_of_hive_are_decoded(folder: Path) -> None:
+    bare = table(0).drop_columns(["unit"])
+    for path in ("unit=A%2F1/batch=7", "unit=__HIVE_DEFAULT_PARTITION__/batch=8"):
+        (folder / path).mkdir(parents=True)
+        parquet.write_table(bare, folder / path / "part.parquet")
+    (folder / "batch=9" / "unit=B%202").mkdir(parents=True)
+    text = "mag_x_uT,mag_y_uT,mag_z_uT\n" + "".join(",".join(map(str, row)) + "\n" for row in FIELDS[1].tolist())
+    (folder / "batch=9" / "unit=B%202" / "monday.csv").write_text(text)
+    rows = rows_of(folder)
+    assert told(rows) == {"": (READINGS, "no-unit"), "A/1": GOOD, "B 2": GOOD}
+    assert rows.batch.tolist() == ["8", "7", "9"]
+
+
+@pytest.mark.parametrize("column", ["batch", "HW_Batch", "lot", "revision"])
+def test_the_batch_of_hardware_stands_in_the_table(folder: Path, column: str) -> None:
+    """Of several the first by name, whichever row is met first; empty where there is none."""
+    named = ["2026-04", "2026-05", None]
+    batches = [batch for batch in named for _ in range(READINGS)]
+    batches[:50] = ["2026-07"] * 50
+    parquet.write_table(table(0, 1, 2, **{column: batches}), folder / "a.parquet", row_group_size=70)
+    assert rows_of(folder).batch.tolist() == ["2026-04", "2026-05", ""]
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (plan, work):
+            patch.setattr(module, "LARGEST", 100)
+        assert rows_of(folder).batch.tolist() == ["2026-04", "2026-05", ""]
+    assert fit_many(table(0, names=["A"], firmware=[3] * READINGS), batch_column="firmware").batch.tolist() == ["3"]
+
+
+def test_a_table_of_an_earlier_release_has_no_batches() -> None:
+    old = Rows.of([]).to_arrow().drop_columns(["batch"])
+    assert Rows.from_arrow(old).batch.tolist() == []
+
+
+def test_one_of_several_magnetometers_is_chosen_as_by_the_single_command(folder: Path) -> None:
+    left, right = table(0), table(1)
+    both = left.select(["unit", "time_s"])
+    for side, source in (("left", left), ("right", right)):
+        for axis in "xyz":
+            both = both.append_column(f"mag_{side}_{axis}_uT", source[f"mag_{axis}_uT"])
+    parquet.write_table(both, folder / "a.parquet")
+    chosen = [rows_of(folder, sensor=sensor).offset[0].tolist() for sensor in (None, "1", "2", "mag_right")]
+    assert chosen[0] == chosen[1] != chosen[2] == chosen[3]
+    assert told(rows_of(folder, sensor="stern")) == {"U0": (READINGS, "usage")}
+    parquet.write_table(left, folder / "a.parquet")
+    (folder / "U1.csv").write_text("x,y,z\n" + "".join(",".join(map(str, row)) + "\n" for row in FIELDS[1].tolist()))
+    assert told(rows_of(folder, sensor="stern", unit="uT")) == {"U0": GOOD, "U1": GOOD}, "as flinders calibrate"
+
+
+def test_dates_in_words_are_times(folder: Path) -> None:
+    dates = [f"2026-03-01T12:00:{place * 0.02:06.3f}Z" for place in range(READINGS)]
+    written = table(0).drop_columns(["time_s"]).append_column("time", pyarrow.array(dates))
+    parquet.write_table(written, folder / "a.parquet")
+    rows = rows_of(folder)
+    np.testing.assert_allclose([rows.start_s[0], rows.end_s[0]], [1772366400.0, 1772366402.98], atol=1e-3)
+    parquet.write_table(written.set_column(4, "time", pyarrow.array(["noon"] * READINGS)), folder / "a.parquet")
+    assert np.isnan(rows_of(folder).start_s[0])
+
+
+def test_times_that_are_missing_do_not_hide_the_others(folder: Path) -> None:
+    times = [None, *(place * 0.02 for place in range(1, READINGS - 1)), None]
+    parquet.write_table(table(0).set_column(1, "time_s", pyarrow.array(times)), folder / "a.parquet")
+    rows = rows_of(folder)
+    np.testing.assert_allclose([rows.start_s[0], rows.end_s[0]], [0.02, 2.96])
+
+
+def test_units_of_field_that_differ_are_told_with_their_files(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = table(0).rename_columns(["unit", "time_s", "mx", "my", "mz"])
+    parquet.write_table(table(0), folder / "a.parquet")
+    parquet.write_table(counts, folder / "b.parquet")
+    said = "its readings are in uT in a.parquet and in counts in b.parquet: give --unit"
+    assert rows_of(folder).message[0].startswith(said)
+    for module in (plan, work):
+        monkeypatch.setattr(module, "LARGEST", 100)
+    assert rows_of(folder).message[0].startswith(said), "of a unit that is streamed too"
+
+
+@pytest.mark.parametrize("largest", [1_000_000, 100])
+def test_units_beside_one_in_two_units_of_field_are_fitted(
+    folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where they lie in the same files, and where they are streamed."""
+    for module in (plan, work):
+        monkeypatch.setattr(module, "LARGEST", largest)
+    parquet.write_table(table(0, 1).take([*range(0, 300, 2)]), folder / "b.parquet")
+    parquet.write_table(table(0).take([*range(1, 150, 2)]), folder / "c.parquet")
+    counts = table(1).rename_columns(["unit", "time_s", "mx", "my", "mz"]).take([*range(1, 150, 2)])
+    parquet.write_table(counts, folder / "a.parquet")
+    assert told(rows_of(folder)) == {"U0": GOOD, "U1": (READINGS, "unit")}
+
+
+def test_what_a_run_wrote_is_no_recording(folder: Path) -> None:
+    parquet.write_table(table(0, 1), folder / "a.parquet")
+    out = folder / "out.parquet"
+    first = run(str(folder), out, Asked(), workers=0)
+    parts = work.done(plan_of(str(folder), Asked()).partitions[0], asked=Asked())
+    (folder / "other.parquet.parts").mkdir()
+    (folder / "other.parquet.parts" / "part-0000000-1-00000000.arrow").write_bytes(parts)
+    again = run(str(folder), out, Asked(), workers=0, force=True)
+    assert (first.left_out, again.left_out) == ({}, {"tables of fleets": 1})
+    assert (again.verdicts, again.files) == ({"good": 2}, 1)
+    (folder / "a.parquet").unlink()
+    with pytest.raises(UnreadableInput, match="no recordings, but 1 table that `flinders fleet` wrote"):
+        run(str(folder), folder.parent / "no.parquet", Asked(), workers=0)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
+def test_a_link_to_nothing_is_a_row_and_a_pipe_is_left_alone(folder: Path) -> None:
+    parquet.write_table(table(0), folder / "a.parquet")
+    (folder / "U1.csv").symlink_to(folder / "gone.csv")
+    os.mkfifo(folder / "U2.csv")
+    ended = run(str(folder), folder.parent / "out.parquet", Asked(), workers=0)
+    assert told(Rows.read(folder.parent / "out.parquet")) == {"U0": GOOD, "U1": (0, "unreadable")}
+    assert ended.left_out == {"pipe": 1}
