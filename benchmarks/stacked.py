@@ -2,6 +2,7 @@
 
     python -m benchmarks.stacked                         # the cost, for two kinds of motion
     python -m benchmarks.stacked --agreement 2000        # and each of so many units fitted alone beside it
+    python -m benchmarks.stacked --leaving 100           # what units take that leave the lane, so many of each fault
 
 Times are of one core; set OPENBLAS_NUM_THREADS=1. The last lines give them in units of reading the same readings from a
 Parquet file into NumPy in the same run.
@@ -19,6 +20,7 @@ import numpy as np
 
 from flinders import fitting
 from flinders.result import Refused
+from flinders.simulate.fleet import unit as specimen
 from flinders.stacked import Stack, fit_stack, lane
 from flinders.stacked.algebra import in_stretches, symmetric, with_ones
 from flinders.stacked.consistent import consistent
@@ -132,12 +134,31 @@ def agreement(stack: Stack, units: int) -> str:
     return f"{int(found.through.sum())} of {len(stack)} through; {told}; {unlike} with unlike findings"
 
 
+def leaving(units: int) -> None:
+    """Print what units with a fault take, most of which are fitted by themselves."""
+    print("| 500 readings, and | through the lane | median ms a unit | largest |")
+    print("|---|---:|---:|---:|")
+    for fault in ("", "spikes", "thermal-drift", "level-turn", "no-rotation"):
+        made = [specimen(place, fault=fault).samples for place in range(units)]
+        whole = fit_stack(made)
+        took = []
+        for one in made:
+            begin = time.process_time()
+            fit_stack([one])
+            took.append(1e3 * (time.process_time() - begin))
+        print(f"| {fault or 'no fault'} | {whole.through.mean():.0%} | {np.median(took):.2g} | {max(took):.2g} |")
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--units", type=int, default=512)
     parser.add_argument("--agreement", type=int, default=0, metavar="UNITS")
+    parser.add_argument("--leaving", type=int, default=0, metavar="UNITS")
     asked = parser.parse_args()
+    if asked.leaving:
+        leaving(asked.leaving)
+        return
     for name, by_hand in (("random directions", False), ("along a path", True)):
         field = readings_of(asked.units, by_hand=by_hand)
         stack = Stack.cut(field.reshape(-1, 3), np.full(asked.units, READINGS), unit=Unit.of("uT"))

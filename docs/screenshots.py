@@ -74,7 +74,13 @@ SHOTS: Final = (
     Shot("live-phone-dark", "collecting", options=ON_PHONE),
     Shot("live-phone-light", "good", "light", options=ON_PHONE),
 )
-REPORTS: Final = {"report-light": "light", "report-dark": "dark"}
+REPORTS: Final = {
+    "report-light": ("light", 1300), "report-dark": ("dark", 1300), "fleet-light": ("light", 1320),
+    "drift-dark": ("dark", 1320),
+}  # fmt: skip
+"""Reports: how they are looked at, and how much of them, in pixels."""
+UNITS: Final = 300
+"""Of the fleet, a tenth of them with a fault."""
 
 
 def log(readings: str, folder: Path) -> Path:
@@ -131,9 +137,10 @@ def report(browser: Browser, name: str, folder: Path) -> Path:
     place = folder / name
     place.mkdir()
     path = place / "report.html"
-    command = [sys.executable, "-m", "flinders", "calibrate", str(log("good", place)), "--report", str(path)]
-    subprocess.run(command, check=True, capture_output=True, text=True)
-    options: dict[str, Any] = {"color_scheme": REPORTS[name], "viewport": {"width": 1100, "height": 1300}}
+    words = {"report": _calibrate, "fleet": _fleet, "drift": _drift}[name.partition("-")[0]](place)
+    subprocess.run([sys.executable, "-m", "flinders", *words, "--report", str(path)], check=False, capture_output=True)
+    scheme, height = REPORTS[name]
+    options: dict[str, Any] = {"color_scheme": scheme, "viewport": {"width": 1100, "height": height}}
     context = browser.new_context(reduced_motion="reduce", **options)
     page = context.new_page()
     page.goto(path.as_uri())
@@ -141,6 +148,39 @@ def report(browser: Browser, name: str, folder: Path) -> Path:
     found = _saved(page, name)
     context.close()
     return found
+
+
+def _calibrate(folder: Path) -> list[str]:
+    return ["calibrate", str(log("good", folder))]
+
+
+def _fleet(folder: Path) -> list[str]:
+    """A line with three batches of hardware, of which one has many units that something is wrong with."""
+    import pyarrow
+    from pyarrow import parquet
+
+    from flinders.simulate.fleet import unit
+
+    made = [unit(place, bad=0.3 if place % 3 == 2 else 0.03).samples for place in range(UNITS)]
+    rows = np.repeat(np.arange(UNITS), [len(each) for each in made])
+    readings: Floats = np.concatenate([each.field for each in made])
+    table = {
+        "unit": [f"SN{place:04d}" for place in rows.tolist()],
+        "batch": [f"rev {'ABC'[place % 3]}" for place in rows.tolist()],
+        **{f"mag_{axis}_uT": readings[:, column] for column, axis in enumerate("xyz")},
+    }
+    parquet.write_table(pyarrow.table(table), folder / "line.parquet")
+    return ["fleet", str(folder / "line.parquet"), "--out", str(folder / "calibrations.parquet")]
+
+
+def _drift(folder: Path) -> list[str]:
+    """A fleet over two years, in which batteries were moved."""
+    from benchmarks.drift import Fleet, simulated
+    from pyarrow import parquet
+
+    rows, _ = simulated(Fleet(units=UNITS, step_deg=3.0), np.random.default_rng(4))
+    parquet.write_table(rows.to_arrow(), folder / "calibrations.parquet")
+    return ["drift", str(folder / "calibrations.parquet")]
 
 
 def _saved(page: Page, name: str) -> Path:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from jinja2 import Template
 
-    from flinders.report.fleet_view import BatchDrift, Drift, Overview, UnitDrift
+    from flinders.report.fleet_view import BatchDrift, Drift, Histogram, Overview, UnitDrift
 
 START: Final = "m0.theming(() => {});"
 VERDICTS: Final = {
@@ -236,33 +236,33 @@ def _sentence(words: str) -> str:
 def _numbers(overview: Overview, drift: Drift | None) -> list[tuple[str, str, str]]:
     """What stands in large figures: name, number, what it is."""
     good, refused, failed = (overview.verdicts.get(name, 0) for name in ("good", "refused", "failed"))
-    above = overview.heading_deg.share_above(overview.target_deg)
-    beyond = percent(above, 1.0) if above else "none"
-    errors = overview.heading_deg
     found = [
         ("Units", f"{overview.units:,}", counted(overview.rows, "recording")),
         ("Good", percent(good, overview.rows), counted(good, "recording")),
-        (
-            "Worst heading off by",
-            degrees(errors.quantile(0.5)) if errors.total else "?",
-            f"half of the calibrations are better; {beyond} above {overview.target_deg:g}°",
-        ),
     ]
+    above = overview.heading_deg.share_above(overview.target_deg)
+    beyond = percent(above, 1.0) if above else "none"
+    better = f"half of the calibrations are better; {beyond} above {overview.target_deg:g}°"
+    errors = _median("Worst heading off by", overview.heading_deg, better)
     if drift is None:
         why = f"{refused:,} refused, {failed:,} could not be read" if refused or failed else "all gave one"
-        lost = ("No calibration", f"{refused + failed:,}", why)
-        return [*found[:2], lost, found[2]]
-    changed = drift.change_deg
+        return [*found, ("No calibration", f"{refused + failed:,}", why), *errors]
     return [
         *found,
+        *errors,
         ("To recalibrate", f"{drift.states['recalibrate']:,}", f"changed by more than {drift.target_deg:g}°"),
         ("Moved in a step", f"{drift.step_units:,}", f"{counted(drift.step_count, 'step')} in {drift.gaps:,} gaps"),
-        (
+        *_median(
             "Heading changed by",
-            degrees(changed.quantile(0.5)) if changed.total else "?",
+            drift.change_deg,
             "median, at the worst heading; the uncertainty of both recordings is in it",
         ),
     ]
+
+
+def _median(name: str, counts: Histogram, told: str) -> list[tuple[str, str, str]]:
+    """A large figure of what was counted; none of nothing."""
+    return [(name, degrees(counts.quantile(0.5)), told)] if counts.total else []
 
 
 def _orders(drift: Drift) -> list[tuple[str, list[UnitDrift]]]:
