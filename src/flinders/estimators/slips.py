@@ -33,6 +33,7 @@ from flinders.errors import FitError
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.readings import Readings
 from flinders.result import Slip
+from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -51,6 +52,9 @@ SLIPS: Final = {
 
 FEWEST: Final = 50
 """Fewer readings than this do not tell how smooth they are."""
+
+REACH: Final = 11
+"""Readings that are looked at around a break, less one."""
 
 BROKEN: Final = 3.0
 """Times the largest break among three readings on either side that a break has to be."""
@@ -90,13 +94,14 @@ def slip_of(readings: Floats, noise: float = np.inf) -> Slip | None:
     if not moments:
         return None
     axes = max(moments, key=lambda name: len(moments[name]))
-    behind = np.zeros(len(readings), dtype=int)
-    behind[moments[axes]] = 1
-    undone = np.where((np.cumsum(behind) % 2 == 1)[:, np.newaxis], readings @ SLIPS[axes], readings)
+    rows = np.arange(0, len(readings), -(-len(readings) // LOOKED_AT))
+    some = readings[rows]
+    is_behind = np.searchsorted(moments[axes], rows, side="right") % 2 == 1
+    undone = np.where(is_behind[:, np.newaxis], some @ SLIPS[axes], some)
     after = _noise(undone)
     if not after <= GAIN * noise or np.isinf(after):
         return None
-    gain = min(_noise(readings) / max(after, np.finfo(float).tiny), MOST)
+    gain = min(_noise(some) / max(after, np.finfo(float).tiny), MOST)
     if gain <= GAIN:
         return None
     return Slip(axes=axes, rows=tuple(int(row) for row in moments[axes]), gain=gain)
@@ -104,23 +109,34 @@ def slip_of(readings: Floats, noise: float = np.inf) -> Slip | None:
 
 def moments_of(readings: Floats) -> dict[str, NDArray[np.int64]]:
     """First rows behind a break that one of `SLIPS` mends, by its name; those that mend none are left out."""
+    starts = range(0, len(readings) - REACH, BLOCK)
+    found = [_breaks(readings[begin : begin + BLOCK + REACH], begin) for begin in starts]
+    at, usual = np.concatenate([rows for rows, _ in found]), np.concatenate([beside for _, beside in found])
+    onward = 1.5 * readings[at + 2] - 0.5 * readings[at + 3]
+    back = 1.5 * readings[at + 1] - 0.5 * readings[at]
+    mended = {name: at[np.abs(onward @ slip - back).max(axis=1) <= LIKE * usual] for name, slip in SLIPS.items()}
+    return {name: found + 2 for name, found in mended.items() if len(found)}
+
+
+def _breaks(readings: Floats, begin: int) -> tuple[NDArray[np.int64], Floats]:
+    """Rows, counted from `begin`, behind whose next one the path breaks, and how far it usually is from straight there.
+
+    What two readings lead to is then far from what the next two come from, and the two next to the middle of nine go
+    across the break.
+    """
     axes = np.ascontiguousarray(readings.T)
     before = 1.5 * axes[:, 1:-2] - 0.5 * axes[:, :-3]
     after = 1.5 * axes[:, 2:-1] - 0.5 * axes[:, 3:]
     breaks = np.abs(after - before).max(axis=0)
     three = np.maximum(np.maximum(breaks[:-2], breaks[1:-1]), breaks[2:])
-    beside = np.maximum(three[:-6], three[6:])  # the two next to the middle of nine go across the break
-    at = 4 + np.flatnonzero(breaks[4:-4] > BROKEN * beside)
-    usual = beside[at - 4]
-    onward, back = after[:, at].T, before[:, at].T
-    mended = {name: at[np.abs(onward @ slip - back).max(axis=1) <= LIKE * usual] for name, slip in SLIPS.items()}
-    return {name: found + 2 for name, found in mended.items() if len(found)}
+    beside = np.maximum(three[:-6], three[6:])
+    at = np.flatnonzero(breaks[4:-4] > BROKEN * beside)
+    return at + 4 + begin, beside[at]
 
 
 def _noise(readings: Floats) -> float:
-    """Distance of some readings from their ellipsoid, 1 σ, in their unit; infinite where there is none."""
-    some = readings[:: -(-len(readings) // LOOKED_AT)]
+    """Distance of readings from their ellipsoid, 1 σ, in their unit; infinite where there is none."""
     try:
-        return Likelihood().estimate(Readings.of(some)).noise
+        return Likelihood().estimate(Readings.of(readings)).noise
     except FitError:
         return float("inf")
