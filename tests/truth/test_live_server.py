@@ -91,11 +91,16 @@ def has_fit(session: Session) -> bool:
     return session.view is not None and session.shown.found is not None and session.shown.found.key == session.shown.key
 
 
+def has_all(session: Session) -> bool:
+    """There is a fit of all readings that come."""
+    return has_fit(session) and session.source.link == "ended"
+
+
 @contextlib.contextmanager
 def running(folder: Path) -> Iterator[Bench]:
     found = Bench(folder, simulate.tumble(seed=1).samples)
     with found.client:
-        found.until(lambda session: has_fit(session) and session.source.link == "ended")
+        found.until(has_all)
         yield found
     found.sink.close()
 
@@ -412,7 +417,7 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
     bench = Bench(tmp_path, samples)
     bench.hub.supply = replace(bench.hub.supply, unrecorded=lambda: "the disk is full")
     with bench.client:
-        bench.until(has_fit)
+        bench.until(has_all)
         with bench.page() as socket:
             assert "not-recorded" in str(json.loads(socket.receive_text())["state"]["reasons"])
         bench.path.write_text("t_s,mx,my,mz\n", encoding="utf-8")
