@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import subprocess
 from dataclasses import replace
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from scipy.signal import lfilter
 
 import flinders
 from flinders import simulate
@@ -417,6 +419,17 @@ def test_a_current_that_was_recorded_and_not_asked_for_is_named(seed: int) -> No
     assert named.number == pytest.approx(np.degrees(np.arctan2(0.3 * about, level)), rel=0.25)
     followed = flinders.fit(flight, drivers=("current",)).findings
     assert not [finding for finding in followed if finding.code == "driver-unfollowed"]
+
+
+def test_readings_that_hang_together_hide_no_driver_of_a_long_recording() -> None:
+    """Of a long recording every so many readings are looked at, and those hang together less."""
+    rng = np.random.default_rng(2)
+    directions = simulate.uniform(rng, 60_000)
+    strength = 50.0 + lfilter([math.sqrt(1.0 - 0.95**2)], [1.0, -0.95], 0.5 * rng.normal(size=len(directions)))
+    warmth = 20.0 + 10.0 * np.sin(np.linspace(0.0, 40.0 * np.pi, len(directions)))
+    field = directions * strength[:, np.newaxis] + 0.1 * np.outer(warmth - 20.0, [1.0, 0.0, 0.0])
+    found = flinders.fit(Samples.of(field, unit="uT", temperature=warmth)).findings
+    assert "driver-unfollowed" in [finding.code for finding in found]
 
 
 def test_a_current_that_moves_nothing_is_not_named() -> None:

@@ -350,6 +350,7 @@ def test_misuse_is_said_in_a_line(logs: Path, tmp_path: Path) -> None:
         ([str(logs), "--dip", "91"], 2, "need degrees from -89 to 89"),
         ([str(logs), "--scale", "-1"], 2, "need a number above 0"),
         ([str(logs), "--report", str(out)], 2, "give each another name"),
+        ([str(logs), "--report", f"{out.parent}/./{out.name}"], 2, "give each another name"),
         ([str(logs), "--out", str(tmp_path / "table.csv")], 2, "give it a name that ends in .parquet"),
     ):
         ended = CliRunner().invoke(main, ["fleet", "--out", str(out), *words, "--force"], prog_name="flinders")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -114,8 +115,10 @@ def _check_outputs(out: str, report: str | None, log_file: str | None, *, force:
     UsageError, OutputError
     """
     from flinders.files import refuse_existing
+    from flinders.fleet.store import is_remote
 
-    named = [name for name in (out, report, log_file) if name is not None]
+    asked = [name for name in (out, report, log_file) if name is not None]
+    named = [name if is_remote(name) else os.path.realpath(name) for name in asked]
     if len(set(named)) < len(named):
         raise UsageError("--out, --report and --log are files of their own: give each another name")
     if report is not None:

@@ -53,7 +53,8 @@ def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, tim
     time : float
         Readings that say as much as one independent reading.
     """
-    some = samples[:: max(1, len(samples) // MOST)]
+    stride = max(1, -(-len(samples) // MOST))
+    some, time = samples[::stride], max(time / stride, min(time, 1.0))
     found = [one for name in samples.drivers if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
     return max(found, key=lambda one: one.chi_square, default=None)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.fleet.batches import MOST, Batches, batches_of
+from flinders.fleet.batches import MOST, Batches, batches_of, texts
 from flinders.fleet.history import whole_units
 from flinders.report.fleet_view import Histogram, Overview, Unit
 
@@ -96,12 +96,12 @@ class _Tally:
 
     def add(self, table: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Take in the rows of some units."""
-        units = _texts(table, "unit")
-        verdicts = _texts(table, "verdict")
+        units = texts(table.column("unit"))
+        verdicts = texts(table.column("verdict"))
         self.rows += len(units)
         self.units += len(set(units))
         self.verdicts.update(verdicts)
-        self.methods.update(method for method in _texts(table, "method") if method)
+        self.methods.update(method for method in texts(table.column("method")) if method)
         self.findings.update(table.column("findings").combine_chunks().flatten().to_pylist())
         self._add_codes(table, units)
         self._add_batches(self.told_by.of(table), verdicts)
@@ -118,7 +118,7 @@ class _Tally:
                 self.batches[batch][verdict] += count
 
     def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401
-        codes, messages = _texts(table, "code"), table.column("message")
+        codes, messages = texts(table.column("code")), table.column("message")
         self.codes.update(code for code in codes if code)
         for place, code in enumerate(codes):
             if code and code not in self.examples:
@@ -136,7 +136,7 @@ class _Tally:
         self.heading_deg = self.heading_deg.counted(shares["heading error"])
         self.offset = self.offset.counted(shares["offset"])
         self.noise = self.noise.counted(shares["noise"])
-        units = np.array(_texts(table, "unit_of_field"), dtype=object)
+        units = np.array(texts(table.column("unit_of_field")), dtype=object)
         for name in sorted(set(units[known])):
             low, high, classes = (10.0, 100.0, 120) if name == "uT" else (1.0, 1e5, 100)
             counted = self.strengths.get(name, Histogram.over(low, high, classes))
@@ -168,14 +168,6 @@ def _unit(table: Any, place: int, shares: dict[str, Floats]) -> Unit:  # noqa: A
         radius=float(row["radius"]),
         findings=tuple(row["findings"] or ()),
     )
-
-
-def _texts(table: Any, name: str) -> list[str]:  # noqa: ANN401
-    """Texts of a column, empty for null."""
-    from pyarrow import compute
-
-    texts: list[str] = compute.fill_null(table.column(name).cast("string"), "").to_pylist()
-    return texts
 
 
 def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401

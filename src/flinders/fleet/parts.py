@@ -122,7 +122,7 @@ class Parts:
         """Files of the partitions that are done; those that a power cut has spoilt are taken away."""
         found = {}
         for path in sorted(self.folder.glob(DONE)):
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, ValueError):  # of another name it is none of ours
                 place = int(path.name.split("-")[1])
                 if path == self._path(place, path.read_bytes()):
                     found[place] = path

@@ -340,11 +340,6 @@ class Rows:
         return cls.from_arrow(needs_arrow().ipc.open_file(content).read_all())
 
 
-def rows_in(content: bytes) -> int:
-    """How many rows there are in what `Rows.to_bytes` made."""
-    return int(needs_arrow().ipc.open_file(content).read_all().num_rows)
-
-
 NAMES: Final = tuple(field.name for field in dataclasses.fields(Rows))
 """The columns, in order."""
 VERDICTS: Final = ("good", "limited", "refused", "failed")
