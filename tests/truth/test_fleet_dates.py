@@ -67,6 +67,15 @@ def to_recalibrate(units: dict[str, UnitDrift]) -> set[str]:
         ("2026-01-10T12:30:05+02:00", (2026, 1, 10, 10, 30, 5)),
         ("20260110123005", (2026, 1, 10, 12, 30, 5)),
         ("2026-01-10-02.csv", (2026, 1, 10)),
+        ("2026-01-10T1230Z", (2026, 1, 10, 12, 30)),
+        ("20260110T123005-0200", (2026, 1, 10, 14, 30, 5)),
+        ("2026-01-10 12:30:05.250", (2026, 1, 10, 12, 30, 5, 250000)),
+        ("2026-01-10_0057.csv", (2026, 1, 10)),
+        ("20260110_000062", (2026, 1, 10)),
+        ("2026-01-10_12-60", (2026, 1, 10)),
+        ("2026-01-10_12-30-05-07", (2026, 1, 10)),
+        ("2026-01-05_2026-01-06", (2026, 1, 5)),
+        ("2026-01-05_06-01-2026", (2026, 1, 5)),
         ("10.1.2026", (2026, 1, 10)),
         ("1-31-2026", (2026, 1, 31)),
         ("31_01_2026", (2026, 1, 31)),
@@ -77,7 +86,7 @@ def test_a_date_in_a_name_is_read(name: str, date: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["", "run 7", "2026-02-30", "12026011055", "serial 20991399", "3-4-2026", "2026-13-01"]
+    "name", ["", "run 7", "2026-02-30", "12026011055", "serial 20991399", "3-4-2026", "2026-13-01", "20260110000062"]
 )
 def test_what_is_no_date_is_none(name: str) -> None:
     assert np.isnan(date_of(name))
@@ -99,6 +108,34 @@ def test_names_tell_the_order_where_some_dates_are_known_and_agree() -> None:
     assert not arranged(["3-4-2026", "4-4-2026"], np.full(2, NONE)).is_known
 
 
+@pytest.mark.parametrize(
+    ("pattern", "is_dated"),
+    [("2026-01-10_{:04d}", True), ("20260110_{:06d}", True), ("2026-01-10_00-{}", True), ("20260110{:06d}", False)],
+)
+def test_numbers_that_follow_a_date_keep_their_order_and_are_no_times(pattern: str, is_dated: bool) -> None:
+    names = [pattern.format(number) for number in range(57, 63)]
+    found = arranged(names[::-1], np.full(6, NONE))
+    assert [names[::-1][place] for place in found.places] == names
+    assert found.is_known
+    assert found.is_dated == is_dated
+    assert len({repr(date) for date in found.date_s}) == 1
+
+
+@pytest.mark.parametrize("one", ["2026-01-10", "2026-01-10_0057", "2026-01-10 after"])
+def test_a_day_beside_a_time_of_that_day_is_in_no_order(one: str) -> None:
+    assert not arranged([one, "2026-01-10T08-00"], np.full(2, NONE)).is_known
+    assert not arranged(["2026-01-10T08-00", one, "2026-01-10T09-00"], np.full(3, NONE)).is_known
+    assert arranged([one, "2026-01-11T00-00", "2026-01-09T23-59-59.999"], np.full(3, NONE)).places == [2, 0, 1]
+
+
+def test_a_day_beside_a_time_of_that_day_is_in_the_order_of_numbers_that_rise_with_times() -> None:
+    names = ["run 3 2026-01-10T09-00", "run 2 2026-01-10", "run 1 2026-01-10T08-00"]
+    assert arranged(names, np.full(3, NONE)).places == [2, 1, 0]
+    assert arranged(names, np.full(3, NONE)).is_dated
+    falling = ["run 1 2026-01-10T09-00", "run 2 2026-01-10", "run 3 2026-01-10T08-00"]
+    assert not arranged(falling, np.full(3, NONE)).is_known
+
+
 def test_equal_names_are_told_apart_by_their_tables_or_not_at_all() -> None:
     assert not arranged(["", ""], np.array([3.0, 900.0])).is_known
     assert arranged(["", ""], np.array([3.0, 900.0]), [1, 0]).places == [1, 0]
@@ -106,8 +143,11 @@ def test_equal_names_are_told_apart_by_their_tables_or_not_at_all() -> None:
 
 def test_a_clock_and_a_name_of_the_same_day_tell_an_order_only_together() -> None:
     noon = datetime(2026, 1, 10, 12, tzinfo=UTC).timestamp()
-    assert arranged(["2026-01-10 a", "2026-01-10 b"], np.array([NONE, noon])).is_known
-    assert not arranged(["2026-01-10 b", "2026-01-10 a"], np.array([NONE, noon])).is_known
+    assert arranged(["2026-01-10 1", "2026-01-10 2"], np.array([NONE, noon])).is_known
+    assert not arranged(["2026-01-10 a", "2026-01-10 b"], np.array([NONE, noon])).is_known
+    twice = np.array([NONE, noon, noon + 60.0])
+    assert not arranged(["2026-01-10 2", "2026-01-10 3", "2026-01-10 1"], twice).is_known
+    assert arranged(["2026-01-10T08-00", "2026-01-10T12-00"], np.array([NONE, noon])).places == [0, 1]
     assert arranged(["2026-01-08 b", "2026-01-10 a"], np.array([NONE, noon])).is_dated
 
 

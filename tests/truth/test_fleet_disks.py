@@ -15,6 +15,7 @@ from benchmarks.bucket import Bucket
 from flinders import simulate
 from flinders.errors import OutputError
 from flinders.fleet import Rows, store
+from flinders.fleet.engine import map_units
 from flinders.fleet.journal import Journal
 from flinders.fleet.log import Log
 from flinders.fleet.run import run
@@ -112,9 +113,10 @@ def test_a_log_goes_on_below_a_line_that_was_cut(tmp_path: Path) -> None:
     assert [json.loads(line)["resumed"] for line in others] == [1, 1]
 
 
-def test_a_copy_of_an_object_for_which_there_is_no_room_is_told_from_a_bad_one(
+def test_a_copy_of_an_object_for_which_there_is_no_room_ends_the_run(
     logs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """That is no fault of the recording, and the next one has no room either."""
     pytest.importorskip("obstore")
 
     def full(*_: object) -> None:
@@ -124,6 +126,14 @@ def test_a_copy_of_an_object_for_which_there_is_no_room_is_told_from_a_bad_one(
     with Bucket({"U0/monday.csv": TEXT.encode()}) as bucket:
         for name, value in bucket.environment.items():
             monkeypatch.setenv(name, value)
-        told = run("gs://fleet/", logs.parent / "out.parquet", Asked(), workers=0)
-    assert told.codes == {"output": 1}
-    assert "no space left on the disk" in Rows.read(logs.parent / "out.parquet").message[0]
+        with pytest.raises(OutputError, match="no space left on the disk"):
+            run("gs://fleet/", logs.parent / "out.parquet", Asked(), workers=0)
+
+
+def no_room(_: int) -> bytes:
+    raise OutputError("no space left on the disk: free some, or use another disk")
+
+
+def test_a_full_disk_of_a_worker_is_told_as_one_of_the_driver() -> None:
+    with pytest.raises(OutputError, match=r"^no space left on the disk: free some, or use another disk$"):
+        list(map_units(no_room, [1, 2], workers=2))

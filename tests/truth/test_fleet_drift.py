@@ -24,7 +24,7 @@ from flinders.fleet.drift import drift_of
 from flinders.fleet.history import histories
 from flinders.fleet.overview import overview_of
 from flinders.fleet.scatter import Scatter, scatter_of
-from flinders.fleet.steps import Lines, steps_of
+from flinders.fleet.steps import Lines, gaps_of, steps_of
 from flinders.fleet.table import Row, Rows
 from flinders.judged import Judged
 from flinders.report.fleet import page
@@ -156,6 +156,21 @@ def test_two_steps_of_a_unit_are_both_found() -> None:
     assert [step.after for step in steps_of(lines, Scatter(), chance=1e-4)] == [3, 8]
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("same", [slice(0, 12), slice(2, 7), slice(5, 7)])
+def test_recordings_of_the_same_time_overflow_nothing_and_hide_no_step(same: slice) -> None:
+    offset = 0.001 * np.random.default_rng(1).normal(size=(12, 3))
+    offset[6:, 0] += 0.05
+    time = np.arange(12) * DAY
+    time[same] = time[same][0]
+    lines = Lines(np.array([0, 12]), time, offset, np.tile(1e-6 * np.eye(3), (12, 1, 1)))
+    unclaimed = replace(lines, covariance=lines.covariance / 100.0)  # all changes show a drift then
+    gaps = gaps_of(unclaimed, np.array([0]), np.array([12]), Scatter())
+    assert np.max(gaps.square) < 1.0
+    assert np.isfinite(gaps.p_value).all()
+    assert [step.after for step in steps_of(lines, Scatter(), chance=1e-4)] == [5]
+
+
 def test_few_pairs_say_nothing_of_how_a_fleet_scatters() -> None:
     assert scatter_of(np.ones((10, 3)), np.tile(np.eye(3), (10, 1, 1)), np.ones(10)) == Scatter(pairs=10)
 
@@ -225,6 +240,57 @@ def test_batches_come_from_a_column_a_pattern_or_the_name(tmp_path: Path) -> Non
     assert set(overview_of([path]).batches) == {"week 0", "week 1", "week 2", "week 3"}
     with pytest.raises(UsageError, match="neither a column"):
         overview_of([path], batch="(")
+
+
+def test_a_unit_of_several_batches_is_of_the_first_by_name_and_all_its_rows_are(tmp_path: Path) -> None:
+    rows, _ = fleet(units=40)
+    number, place = np.divmod(np.arange(len(rows)), 5)
+    late = np.where(number % 2 == 0, "A", "B").astype(object)
+    path = written(tmp_path, replace(rows, batch=np.where(place < 2, "Z", np.where(place < 3, "", late))))
+    drift = drift_of([path])
+    assert {lot.batch: lot.units for lot in drift.batches} == {"A": 20, "B": 20}
+    for lot in drift.batches:
+        assert sum(lot.verdicts.values()) == 100
+        assert overview_of([path]).batches[lot.batch] == lot.verdicts
+
+
+def test_rows_of_no_unit_are_left_out_and_tell_no_batch(tmp_path: Path) -> None:
+    rows, _ = fleet(units=40)
+    rows = replace(rows, unit=np.array([f"B{int(unit[1:]) // 20}-{unit}" for unit in rows.unit], dtype=object))
+    lost = [
+        Row(unit=unit, verdict="failed", code="unreadable") for unit in ("", "(b.parquet)", "(c-1.csv)", "(d-1.csv)")
+    ]
+    path = written(tmp_path, Rows.joined([rows, Rows.of(lost)]).sorted())
+    for batch in (None, "unit_of_field", "^[^-]+"):
+        drift, overview = drift_of([path], batch=batch), overview_of([path], batch=batch)
+        assert (drift.units, overview.units, drift.left_out, drift.states["none"]) == (40, 40, 4, 0)
+        assert sum(lot.units for lot in drift.batches) == 40
+        assert {lot.batch: lot.verdicts for lot in drift.batches} == overview.batches
+        assert sum(sum(lot.verdicts.values()) for lot in drift.batches) == 200
+    with pytest.raises(UsageError, match="finds nothing"):
+        overview_of([path], batch="parquet")
+    real = replace(rows, unit=np.array([f"({unit})" for unit in rows.unit], dtype=object))
+    assert drift_of([written(tmp_path, real)]).units == 40
+
+
+def test_two_outputs_in_one_file_are_refused_before_anything_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(tmp_path, fleet(units=40)[0])
+    before = path.read_bytes()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").symlink_to(tmp_path)
+    for out, report in (
+        ("x.parquet", "./x.parquet"),
+        ("there/x.parquet", "x.parquet"),
+        (path.name, "x.html"),
+        ("x.parquet", f"there/{path.name}"),
+    ):
+        ended = CliRunner().invoke(main, ["drift", path.name, "--out", out, "--report", report, "--force"])
+        assert ended.exit_code == 2
+        assert "name" in ended.stderr
+    assert path.read_bytes() == before
+    assert sorted(each.name for each in tmp_path.iterdir()) == [path.name, "there"]
 
 
 def test_the_command_ends_with_what_it_found(tmp_path: Path) -> None:

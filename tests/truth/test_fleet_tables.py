@@ -10,7 +10,7 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.errors import UnreadableInput
+from flinders.errors import UnreadableInput, UsageError
 from flinders.fleet import Rows, fit_many, plan, work
 from flinders.fleet.plan import plan_of
 from flinders.fleet.run import run
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 pyarrow = pytest.importorskip("pyarrow")
-from pyarrow import parquet  # noqa: E402 - after it is known to be there
+from pyarrow import ipc, parquet  # noqa: E402 - after it is known to be there
 
 READINGS = 150
 FIELDS = [simulate.tumble(seed=seed, n=READINGS, motion="uniform").samples.field for seed in range(6)]
@@ -255,6 +255,13 @@ def test_dates_in_words_are_times(folder: Path) -> None:
     np.testing.assert_allclose([rows.start_s[0], rows.end_s[0]], [1772366400.0, 1772366402.98], atol=1e-3)
     parquet.write_table(written.set_column(4, "time", pyarrow.array(["noon"] * READINGS)), folder / "a.parquet")
     assert np.isnan(rows_of(folder).start_s[0])
+    dates[5], dates[7], dates[9] = "2026-02-30T12:00:00Z", "2999-03-01T12:00:00Z", "2026-03-01T12:00:00+99:00"
+    parquet.write_table(written.set_column(4, "time", pyarrow.array(dates)), folder / "a.parquet")
+    rows = rows_of(folder)
+    np.testing.assert_allclose([rows.start_s[0], rows.end_s[0]], [1772366400.0, 1772366402.98], atol=1e-3)
+    time = flinders.read(folder / "a.parquet").time
+    assert time is not None
+    assert np.flatnonzero(np.isnan(time)).tolist() == [5, 7, 9]
 
 
 def test_times_that_are_missing_do_not_hide_the_others(folder: Path) -> None:
@@ -312,3 +319,131 @@ def test_a_link_to_nothing_is_a_row_and_a_pipe_is_left_alone(folder: Path) -> No
     ended = run(str(folder), folder.parent / "out.parquet", Asked(), workers=0)
     assert told(Rows.read(folder.parent / "out.parquet")) == {"U0": GOOD, "U1": (0, "unreadable")}
     assert ended.left_out == {"pipe": 1}
+
+
+def test_a_nested_column_is_no_batch(folder: Path) -> None:
+    """The units beside it are fitted one by one; a batch that another column names is taken."""
+    board = [{"board": "A", "rev": 2}] * 2 * READINGS
+    for name, nested in (("hardware", board), ("batch", [[1]] * 2 * READINGS)):
+        rows = table(0, 1, **{name: nested}, lot=["7"] * 2 * READINGS)
+        parquet.write_table(rows, folder / "a.parquet")
+        for found in (rows_of(folder), fit_many(rows)):
+            assert told(found) == {"U0": GOOD, "U1": GOOD}
+            assert found.batch.tolist() == ["7", "7"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"), [("nested", "column unit holds list<"), ("twice", "2 columns unit"), ("empty", "has no rows")]
+)
+def test_a_table_whose_units_cannot_be_told_is_not_fitted_as_one(folder: Path, fault: str, said: str) -> None:
+    whole = table(0, 1)
+    if fault == "nested":
+        whole = whole.set_column(0, "unit", pyarrow.array([[1]] * len(whole)))
+    elif fault == "twice":
+        whole = whole.append_column("unit", whole["unit"])
+    parquet.write_table(whole.slice(0, 0) if fault == "empty" else whole, folder / "a.parquet")
+    for beside in (False, True):
+        if beside:
+            parquet.write_table(table(2), folder / "b.parquet")
+        rows = rows_of(folder)
+        assert told(rows) == {"(a.parquet)": (0, "unreadable")} | ({"U2": GOOD} if beside else {})
+        assert said in rows.message[0]
+    if fault != "empty":
+        with pytest.raises(UnreadableInput, match=said):
+            fit_many(whole)
+
+
+@pytest.mark.parametrize("path", ["a.parquet", "unit=U0/a.parquet", "unit=U0/date=2026-03-01/a.parquet"])
+@pytest.mark.parametrize("largest", [1_000_000, 100])
+def test_a_table_that_could_not_be_opened_at_first_is_not_fitted_from_a_part(
+    folder: Path, path: str, largest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor all of it as the log of one unit."""
+    for module in (plan, work):
+        monkeypatch.setattr(module, "LARGEST", largest)
+    (folder / path).parent.mkdir(parents=True, exist_ok=True)
+    whole = table(0).drop_columns(["unit"]) if "=" in path else table(0, 1)
+    parquet.write_table(whole, folder / path, row_group_size=100)
+
+    def closed(*_: object) -> None:
+        raise UnreadableInput("the store does not answer")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(plan, "opened", closed)
+        (partition,) = plan_of(str(folder), Asked()).partitions
+    rows = Rows.from_bytes(work.done(partition, asked=Asked()))
+    assert told(rows) == {"U0" if "=" in path else "(a.parquet)": (0, "unreadable")}
+    assert "a.parquet could not be read when the run began" in rows.message[0]
+
+
+def test_a_log_of_one_that_could_not_be_opened_at_first_is_fitted(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parquet.write_table(table(0).drop_columns(["unit"]), folder / "U0.parquet")
+
+    def closed(*_: object) -> None:
+        raise UnreadableInput("the store does not answer")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(plan, "opened", closed)
+        (partition,) = plan_of(str(folder), Asked()).partitions
+    assert told(Rows.from_bytes(work.done(partition, asked=Asked()))) == {"U0": GOOD}
+
+
+@pytest.mark.parametrize("largest", [1_000_000, 100])
+def test_a_file_that_goes_while_the_run_goes_on_is_counted_once(
+    folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (plan, work):
+        monkeypatch.setattr(module, "LARGEST", largest)
+    parquet.write_table(table(0, 1), folder / "a.parquet")
+    (folder / "unit=U2" / "date=2026-03-01").mkdir(parents=True)
+    parquet.write_table(table(2).drop_columns(["unit"]), folder / "unit=U2" / "date=2026-03-01" / "b.parquet")
+    partitions = plan_of(str(folder), Asked()).partitions
+    for path in folder.rglob("*.parquet"):
+        path.unlink()
+    rows = Rows.joined([Rows.from_bytes(work.done(each, asked=Asked())) for each in partitions])
+    assert told(rows) == {"(a.parquet)": (300, "unreadable"), "U2": UNREADABLE}
+
+
+@pytest.mark.parametrize("column", ["mag_x_uT", "mag_z_uT"])
+@pytest.mark.parametrize("codec", ["zstd", "lz4"])
+def test_a_broken_record_batch_costs_those_who_have_readings_in_it(folder: Path, column: str, codec: str) -> None:
+    """Also of a compressed file, of which the column of units is unpacked alone."""
+    whole = table(0, 1, 2, lot=["7"] * 3 * READINGS)
+    options = ipc.IpcWriteOptions(compression=codec)
+    with ipc.new_file(folder / "a.arrow", whole.schema, options=options) as file:
+        file.write_table(whole, max_chunksize=READINGS)
+    content = (folder / "a.arrow").read_bytes()
+    field = FIELDS[1][:, "xyz".index(column[4])].tobytes()
+    packed = pyarrow.compress(field, codec=codec, asbytes=True)
+    begin = content.index(packed[:40])
+    (folder / "a.arrow").write_bytes(content[:begin] + b"\xff" * 40 + content[begin + 40 :])
+    rows = rows_of(folder)
+    assert told(rows) == {"U0": GOOD, "U1": UNREADABLE, "U2": GOOD}
+    assert rows.batch.tolist() == ["7"] * 3
+    assert rows.message[1].startswith("its 150 readings lie in record batch 2 of 3 of a.arrow: ")
+
+
+@pytest.mark.parametrize("largest", [1_000_000, 100])
+def test_units_that_cannot_be_read_keep_their_batch(
+    folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (plan, work):
+        monkeypatch.setattr(module, "LARGEST", largest)
+    lots = ["6"] * READINGS + ["7"] * READINGS
+    parquet.write_table(table(0, 1, lot=lots), folder / "a.parquet", row_group_size=READINGS)
+    spoil(folder / "a.parquet", 1, "mag_y_uT")
+    rows = rows_of(folder)
+    assert (told(rows), rows.batch.tolist()) == ({"U0": GOOD, "U1": UNREADABLE}, ["6", "7"])
+
+
+def test_a_table_without_the_batch_that_was_asked_for_has_none(folder: Path) -> None:
+    parquet.write_table(table(0, batch=["7"] * READINGS), folder / "a.parquet")
+    parquet.write_table(table(1, lot=["8"] * READINGS), folder / "b.parquet")
+    rows = rows_of(folder, batch_column="batch")
+    assert (told(rows), rows.batch.tolist()) == ({"U0": GOOD, "U1": GOOD}, ["7", ""])
+    with pytest.raises(UsageError, match="no file has a column revision"):
+        rows_of(folder, batch_column="revision")
+    with pytest.raises(UsageError, match="no column revision"):
+        fit_many(table(0), batch_column="revision")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import TYPE_CHECKING, Literal
 
@@ -10,6 +11,7 @@ import click
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._talk import drawn, print_json, say, working
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,10 +109,14 @@ def _check_outputs(report: str | None, out: str | None, tables: Sequence[str], *
 
     Raises
     ------
+    UsageError
+        Where a file is named for two of them, or is read.
     OutputError
     """
     from flinders.files import refuse_existing
 
+    if report is not None and out is not None and os.path.realpath(report) == os.path.realpath(out):
+        raise UsageError(f"the table and the report are both to be {out}: name two files")
     _options.refuse_twice(tables)
     for path in (report, out):
         if path is not None:

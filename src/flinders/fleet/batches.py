@@ -25,6 +25,8 @@ COLUMN: Final = "batch"
 """What tells it where nobody says otherwise and there is something in it."""
 PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
 """What stands before the last part of a unit's name, which is taken for its batch where nothing tells it."""
+UNNAMED: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
+"""What rows of readings that no unit is known of, and of files that cannot be read, have in place of a unit's name."""
 MOST: Final = 2_000
 """Names that tell more batches than that tell none."""
 
@@ -55,11 +57,17 @@ class Batches:
         return "the name of the unit" if self.is_guess else f"{self.pattern.pattern!r} in the name"
 
     def of(self, table: Any) -> list[str]:  # noqa: ANN401 - pyarrow ships no types
-        """Batch of each row of a table of Arrow; empty where it is not known."""
-        if self.column:
-            return texts(table.column(self.column))
-        known: dict[str, str] = {}
+        """Batch of the unit of each row of a table of Arrow that has all rows of its units; empty where none is known.
+
+        Of a unit whose rows say several it is the first of them by name.
+        """
         units = texts(table.column("unit"))
+        known: dict[str, str] = {}
+        if self.column:
+            for unit, batch in zip(units, texts(table.column(self.column)), strict=True):
+                if batch:
+                    known[unit] = min(batch, known.get(unit, batch))
+            return [known.get(unit, "") for unit in units]
         return [known[unit] if unit in known else known.setdefault(unit, self.of_name(unit)) for unit in units]
 
     def of_name(self, unit: str) -> str:
@@ -100,12 +108,25 @@ def batches_of(paths: Paths, asked: str | None) -> Batches:
             raise UsageError(f"batch {asked!r}: that column is empty in all rows; {_choice(columns)}")
         return Batches(column=asked)
     batches = Batches(pattern=pattern_of(asked, columns))
-    if not any(batches.of_name(unit) for unit in _cells(paths, "unit")):
+    if not any(batches.of_name(unit) for unit in _cells(paths, "unit") if not UNNAMED.search(unit)):
         raise UsageError(
             f"batch {asked!r} is no column of the table, and as a regular expression finds nothing in the name of any "
             f"unit; {_choice(columns)}"
         )
     return batches
+
+
+def of_units(table: Any) -> Any:  # noqa: ANN401
+    """Rows of a table of Arrow that are of a unit: not those that say what failed before any was known."""
+    from pyarrow import array
+
+    units = texts(table.column("unit"))
+    unnamed = {unit for unit in set(units) if UNNAMED.search(unit)}
+    if not unnamed:
+        return table
+    verdicts = texts(table.column("verdict"))
+    unnamed -= {unit for unit, verdict in zip(units, verdicts, strict=True) if verdict != "failed"}
+    return table.filter(array([unit not in unnamed for unit in units]))
 
 
 def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from flinders.fleet.batches import of_units
 from flinders.fleet.table import VERDICTS, needs_arrow
 
 if TYPE_CHECKING:
@@ -79,9 +80,10 @@ class Counts:
                 counts = batch.column("readings").to_numpy()
                 readings += int(np.sum(counts))
                 failed += int(np.sum(counts[_is_among(batch, VERDICTS[3:])]))
-                unit = batch.column("unit")
-                units += len(unit.unique()) - (unit[0].as_py() == last) - (unit[0].as_py() == "" != last)
-                last = unit[-1].as_py()
+                unit = of_units(batch).column("unit")
+                if len(unit):
+                    units += len(unit.unique()) - (unit[0].as_py() == last)
+                    last = unit[-1].as_py()
             return cls(file.metadata.num_rows, readings, units, failed, texts, np.concatenate(worst))
 
 

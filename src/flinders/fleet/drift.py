@@ -445,7 +445,7 @@ def _batches(seen: _Survey, found: _Found, batches: Batches) -> tuple[BatchDrift
         return ()
     verdicts: dict[str, dict[str, int]] = {name: {} for name in names}
     for (batch, verdict), count in seen.verdicts.items():
-        verdicts.setdefault(batch, {})[verdict] = count
+        verdicts[batch][verdict] = count
     judged = {name: sum(found.batches[name][state] for state in JUDGED) for name in names}
     odd = {
         "changes": standing_out({name: _shares(judged[name], _changed(found.batches[name])) for name in names}),

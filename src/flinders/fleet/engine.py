@@ -26,7 +26,7 @@ from multiprocessing.connection import wait
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from flinders.errors import LinkError, MissingExtra
+from flinders.errors import LinkError, MissingExtra, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -86,6 +86,7 @@ class _Raised:
     """What a worker could not do, in words: exceptions do not all survive the way between processes."""
 
     words: str
+    is_output: bool = False
 
 
 def cores() -> int:
@@ -239,6 +240,8 @@ def _serve(connection: Connection, work: Callable[[Any], Any]) -> None:
             return
         try:
             result = work(unit)
+        except OutputError as error:  # a full disk is told as it is
+            result = _Raised(str(error), is_output=True)
         except Exception as error:  # noqa: BLE001 - told to the driver, which raises it
             import traceback
 
@@ -287,6 +290,8 @@ def _in_processes(
 def _checked(result: Any) -> Any:  # noqa: ANN401
     """What a worker returned; what it could not do is raised here."""
     if isinstance(result, _Raised):
+        if result.is_output:
+            raise OutputError(result.words)
         raise RuntimeError(f"a worker could not do its work:\n{result.words}")  # noqa: TRY004
     return result
 
@@ -395,6 +400,8 @@ def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
     ------
     LinkError
         Where the scheduler lost it.
+    OutputError
+        Where the disk of a worker is full.
     RuntimeError
         Where the work raised.
     """
@@ -406,6 +413,8 @@ def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
         error = future.exception()
         if isinstance(error, _distributed().scheduler.KilledWorker):
             return Lost(ATTEMPTS)
+        if isinstance(error, OutputError):
+            raise OutputError(str(error))
         raise RuntimeError(f"a worker of {scheduler} could not do its work: {type(error).__name__}: {error}")
     raise _is_gone(scheduler)
 

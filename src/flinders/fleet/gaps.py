@@ -20,13 +20,14 @@ which are read by themselves. Where these are what is broken, the footer still c
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import counted
+from flinders.errors import UnreadableInput, counted
 from flinders.fleet.table import LONGEST, Row
-from flinders.fleet.tables import Asked, KeyedTable, Keys, Names, counts_of, extents_of, opened
+from flinders.fleet.tables import HALF, Asked, KeyedTable, Keys, Names, batch_in, counts_of, extents_of, opened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 NAMED: Final = 4
 """Groups that a message names; it counts the others."""
+NOT_PLANNED: Final = "could not be read when the run began, so that it is not known what is in it: run it again"
+"""Said of a file that can be opened now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +87,7 @@ class Gap:
         named = [str(group + 1) for group in self.groups[:NAMED]]
         more = [f"{len(self.groups) - NAMED} more"] * (len(self.groups) > NAMED)
         *first, last = named + more
-        plural = "s" * (len(self.groups) > 1)
+        plural = ("es" if self.group.endswith("ch") else "s") * (len(self.groups) > 1)
         return f"{self.group}{plural} {', '.join(first)}{' and ' if first else ''}{last} of {self.of}"
 
     @property
@@ -101,6 +104,20 @@ class Gap:
             f"elsewhere was fitted without them: {self.error}"
         )
         return _row(self.error, (f"({self.name})", self.place), self.rows, said)
+
+
+@contextlib.contextmanager
+def opened_as_planned(piece: Piece, asked: Asked) -> Iterator[Tabular]:
+    """Open the file of a piece, unless that did not go when the run was planned: only some of it would be read.
+
+    Raises
+    ------
+    UnreadableInput
+    """
+    with opened(piece.member, asked) as file:
+        if piece.is_refused:
+            raise UnreadableInput(f"{piece.member.name} {NOT_PLANNED}")
+        yield file
 
 
 class Gaps:
@@ -137,12 +154,13 @@ class Gaps:
     def _note(self, piece: Piece, bad_of: Callable[[Tabular], Mapping[int, Exception]]) -> None:
         """Take note of the groups of a piece that cannot be read."""
         try:
-            with opened(piece.member, self._asked) as file:
-                keys = Keys.of(file.name, file.schema.names, self._asked) or Keys()
+            with opened_as_planned(piece, self._asked) as file:
+                keys = Keys.of_schema(file.name, file.schema, self._asked) or Keys()
                 bad = bad_of(file)
                 self.found += list(self._gaps(piece, file, keys, bad))
-        except Exception as error:  # noqa: BLE001 - one file of many
+        except Exception as error:  # noqa: BLE001 - `work` takes whatever a file does, and asks here what that costs
             bad = dict.fromkeys(piece.groups, error)
+            self.found = [gap for gap in self.found if gap.piece != piece]  # all of it, what was broken before too
             self.found.append(self._closed(piece, error))
         self._sound[piece] = tuple(group for group in piece.groups if group not in bad)
 
@@ -156,6 +174,8 @@ class Gaps:
         gap = Gap(piece, "", piece.groups, len(piece.groups), piece.rows, error, ends=self._partition.only or ())
         if keys is None:
             return gap
+        number = self._names.number(keys.unit_value) << HALF | self._names.number(keys.recording_value)
+        self._names.note(number, batch_in(piece.member.name, self._asked))
         if keys.recording_value:
             return replace(gap, counts=Counter({(keys.unit_value, keys.recording_value): piece.rows}), ends=())
         return replace(gap, ends=(keys.unit_value,), is_told=True)
@@ -165,13 +185,13 @@ class Gaps:
         bad: dict[int, Exception] = {}
         try:
             table = KeyedTable.of(file, self._asked)
-        except Exception as error:  # noqa: BLE001
+        except Exception as error:  # noqa: BLE001 - as in `_note`: all groups, with whose they are
             return dict.fromkeys(piece.groups, error)
         for group in piece.groups:
             try:
                 for _ in table.batches((group,), self._names):
                     pass
-            except Exception as error:  # noqa: BLE001
+            except Exception as error:  # noqa: BLE001 - as in `_note`: this group, and the others are read
                 bad[group] = error
         return bad
 
@@ -185,10 +205,13 @@ class Gaps:
             try:
                 known += counts_of(file, keys, (group,), self._names)
                 told.append(group)
-            except Exception:  # noqa: BLE001
+            except Exception:  # noqa: BLE001 - as in `_note`: its keys are broken too, whatever that raises
                 units = set(extents_of(file, keys)[group] or ())
                 if len(units) == 1 and not keys.recording:
-                    known[units.pop(), keys.recording_value] += file.groups[group]
+                    unit = units.pop()
+                    known[unit, keys.recording_value] += file.groups[group]
+                    number = self._names.number(unit) << HALF | self._names.number(keys.recording_value)
+                    self._names.note(number, keys.batch_value)
                     told.append(group)
                 else:
                     untold.append(group)
@@ -218,6 +241,11 @@ class Gaps:
     def untold(self) -> list[Row]:
         """Rows of those whose units cannot be told."""
         return [gap.row for gap in self.found if not gap.counts and not gap.is_told]
+
+    def batches(self, known: Mapping[Pair, str]) -> dict[Pair, str]:
+        """Batches of hardware that are known, and those of recordings some of which cannot be read."""
+        own = self._names.batches
+        return {pair: min(each[pair] for each in (known, own) if pair in each) for pair in {*known, *own}}
 
     @property
     def nameless(self) -> int:

@@ -15,6 +15,7 @@ import numpy as np
 
 from flinders.errors import DocumentError
 from flinders.files import reason
+from flinders.fleet.batches import of_units
 from flinders.fleet.changes import Calibrations
 from flinders.fleet.dates import arranged, is_date
 from flinders.fleet.table import LATER, LISTS, NAMES, needs_arrow, objects
@@ -63,9 +64,10 @@ class Histories:
     unit_of_field : (R,) object
     dip_deg : (R,) float
     verdicts : mapping of (str, str) to int
-        Rows of each batch and verdict, those without a calibration too.
+        Rows of each batch of their units and verdict, those without a calibration too.
     left_out : int
-        Rows without a calibration: refused and failed ones, and those in another unit than the unit's first.
+        Rows without a calibration: refused and failed ones, those of no unit among them, and those in another unit than
+        the unit's first.
     passed_over : int
         Rows that another table has as well.
     """
@@ -94,9 +96,10 @@ class Histories:
         """Sort the rows of whole units, each of a recording of its own."""
         from pyarrow import compute
 
+        rows, table = len(table), of_units(table)
         keys = [("unit", "ascending"), ("start_s", "ascending"), ("recording", "ascending")]
         table = table.take(compute.sort_indices(table, sort_keys=keys)).combine_chunks()
-        names, line = np.unique(_texts(table.column("unit")), return_inverse=True)
+        names, begins, line = np.unique(_texts(table.column("unit")), return_index=True, return_inverse=True)
         batch = objects(batches.of(table)) if batches else np.full(len(table), "", dtype=object)
         verdict = _texts(table.column("verdict"))
         usable = table.column("covariance").is_valid().to_numpy() & table.column("offset").is_valid().to_numpy()
@@ -110,7 +113,7 @@ class Histories:
         offset, matrix, covariance = (_list(inside, name, LISTS[name]) for name in ("offset", "matrix", "covariance"))
         return cls(
             unit=names,
-            batch=_of_units(batch, line, len(names)),
+            batch=batch[begins],
             first=np.searchsorted(line[kept], np.arange(len(names) + 1)),
             is_known=order.is_known,
             is_dated=order.is_dated,
@@ -120,7 +123,7 @@ class Histories:
             unit_of_field=field[alike],
             dip_deg=_numbers(inside, "dip_deg"),
             verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if batches else {},
-            left_out=len(table) - len(kept),
+            left_out=rows - len(kept),
             passed_over=passed_over,
         )
 
@@ -350,14 +353,6 @@ def _texts(column: Any) -> NDArray[np.object_]:  # noqa: ANN401
 
     texts: NDArray[np.object_] = compute.fill_null(column, "").to_numpy(zero_copy_only=False).astype(object)
     return texts
-
-
-def _of_units(batch: NDArray[np.object_], line: NDArray[np.intp], units: int) -> NDArray[np.object_]:
-    """(U,) the first batch that a row of each unit tells."""
-    found = np.full(units, "", dtype=object)
-    told = np.flatnonzero(batch != "")[::-1]
-    found[line[told]] = batch[told]
-    return found
 
 
 def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401

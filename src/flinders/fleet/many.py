@@ -10,7 +10,7 @@ from flinders.fleet.lots import Job
 from flinders.fleet.plan import Partition, Piece
 from flinders.fleet.store import Member
 from flinders.fleet.table import Row, Rows, needs_arrow
-from flinders.fleet.tables import BATCH, Asked, KeyedTable, Tabular
+from flinders.fleet.tables import BATCH, Asked, KeyedTable, Keys, Tabular
 from flinders.fleet.work import fitted, of_table
 from flinders.samples import Samples
 
@@ -58,6 +58,8 @@ def fit_many(
     ------
     UsageError
         For a table without a column of units, and columns or units of field that there are not.
+    UnreadableInput
+        For a column of units that is nested, or there twice.
     NoMagnetometer
         Where it is not clear which columns are the magnetometer.
     MissingExtra
@@ -87,6 +89,7 @@ def fit_many(
         refused = Rows.of([row for row in jobs if isinstance(row, Row)])
         return Rows.joined([refused, fitted([job for job in jobs if isinstance(job, Job)], asked)]).sorted()
     held = _in_memory(table)
+    Keys.of(held.name, held.schema.names, asked)  # where each column that was asked for is to be there
     whole = Partition((Piece(Member("table", "", 0), (0,), held.groups[0]),))
     return of_table(KeyedTable.of(held, asked), whole, asked).sorted()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.fleet.batches import MOST, Batches, batches_of, texts
+from flinders.fleet.batches import MOST, Batches, batches_of, of_units, texts
 from flinders.fleet.history import whole_units
 from flinders.report.fleet_view import Histogram, Overview, Unit
 
@@ -99,12 +99,13 @@ class _Tally:
         units = texts(table.column("unit"))
         verdicts = texts(table.column("verdict"))
         self.rows += len(units)
-        self.units += len(set(units))
+        named = of_units(table)
+        self.units += len(named.column("unit").unique())
         self.verdicts.update(verdicts)
         self.methods.update(method for method in texts(table.column("method")) if method)
         self.findings.update(table.column("findings").combine_chunks().flatten().to_pylist())
         self._add_codes(table, units)
-        self._add_batches(self.told_by.of(table), verdicts)
+        self._add_batches(self.told_by.of(named), texts(named.column("verdict")))
         self._add_numbers(table)
 
     def told_batches(self) -> dict[str, dict[str, int]]:

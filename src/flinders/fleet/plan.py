@@ -22,7 +22,7 @@ import hashlib
 import json
 from collections import Counter, defaultdict, deque
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from itertools import chain, islice, pairwise
 from pathlib import PurePosixPath
@@ -31,7 +31,17 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
 from flinders.fleet.store import MAGIC, Member, listed
 from flinders.fleet.table import SIGN, VERSION
-from flinders.fleet.tables import BATCH_COLUMNS, TABLES, Asked, Keys, extents_of, in_path, opened, units_of
+from flinders.fleet.tables import (
+    BATCH_COLUMNS,
+    TABLES,
+    Asked,
+    Keys,
+    extents_of,
+    in_path,
+    opened,
+    refuse_empty,
+    units_of,
+)
 from flinders.readers import READERS
 
 if TYPE_CHECKING:
@@ -79,12 +89,15 @@ class Piece:
         Of the groups.
     is_table : bool
         A table that could not be taken for one, among others that could: what its units are is not known.
+    is_refused : bool
+        A file that could not be opened as a table, and of whose row groups nothing is known.
     """
 
     member: Member
     groups: tuple[int, ...] = ()
     rows: int = 0
     is_table: bool = False
+    is_refused: bool = False
 
     @property
     def weight(self) -> int:
@@ -108,6 +121,10 @@ class Partition:
     pieces: tuple[Piece, ...]
     only: tuple[str, ...] | None = None
     without: tuple[str, ...] = ()
+    _named: frozenset[str] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_named", frozenset(self.without if self.only is None else self.only))
 
     @property
     def rows(self) -> int:
@@ -121,7 +138,7 @@ class Partition:
 
     def takes(self, unit: str) -> bool:
         """Whether the readings of a unit are taken."""
-        return unit not in self.without if self.only is None else unit in self.only
+        return (unit in self._named) != (self.only is None)
 
     def split(self) -> list[Partition]:
         """A partition for each piece, to find the one that kills its worker; none where they belong together."""
@@ -184,6 +201,7 @@ def plan_of(where: str, asked: Asked) -> Plan:
         taken = [member for member in taken if member not in own]
     if not taken:
         raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'table')} that `flinders fleet` wrote")
+    _refuse_batch(where, tables, logs, asked)
     by_recording = defaultdict(list)
     for table in tables:
         by_recording[table.keys.recording_value].append(table)
@@ -218,14 +236,36 @@ def _sorted_out(members: Sequence[Member], asked: Asked) -> tuple[list[_Surveyed
     columns = next((error for error in refused.values() if isinstance(error, UsageError)), None)
     if columns is not None and not tables:
         raise columns
-    logs += [Piece(member, is_table=bool(tables)) for member in refused]  # why, the worker will say
+    is_table = bool(tables)
+    logs += [Piece(member, is_table=is_table, is_refused=True) for member in refused]  # why, the worker will say
     return tables, sorted(logs, key=lambda piece: piece.member), own
+
+
+def _refuse_batch(where: str, tables: Sequence[_Surveyed], logs: Sequence[Piece], asked: Asked) -> None:
+    """Refuse a batch of hardware that was asked for, and that nothing says.
+
+    Raises
+    ------
+    UsageError
+    """
+    pieces = [*(table.piece for table in tables), *logs]
+    if asked.batch_column is None or any(table.keys.batch for table in tables):
+        return
+    if not any(piece.is_refused or asked.batch_column in in_path(piece.member.name) for piece in pieces):
+        raise UsageError(
+            f"{where}: no file has a column {asked.batch_column} or lies in a folder "
+            f"{asked.batch_column}=...: name another with --batch-column, or leave that out"
+        )
 
 
 def _named(member: Member, asked: Asked) -> list[_Surveyed]:
     """A table that cannot be opened as one piece of the unit that its path says; nothing where that says none."""
     keys = Keys.of_path(member.name, asked)
-    return [] if keys is None else [_Surveyed(Piece(member, (0,)), keys.unit_value, keys.unit_value, keys)]
+    return (
+        []
+        if keys is None
+        else [_Surveyed(Piece(member, (0,), is_refused=True), keys.unit_value, keys.unit_value, keys)]
+    )
 
 
 def _ending(member: Member) -> str:
@@ -294,11 +334,10 @@ def _surveyed(member: Member, asked: Asked) -> list[_Surveyed] | None:
     with opened(member, asked) as file:
         if SIGN in (file.schema.metadata or {}):
             return None
-        keys = Keys.of(member.name, file.schema.names, asked)
+        keys = Keys.of_schema(member.name, file.schema, asked)
         if keys is None:
             return []
-        if not sum(file.groups):
-            raise UnreadableInput(f"{member.name} has no rows: record again, or check what was saved")
+        refuse_empty(file)
         extents = extents_of(file, keys)
         for groups in _ranges(file.groups):
             piece = Piece(member, groups, sum(file.groups[group] for group in groups))
@@ -339,9 +378,9 @@ def _tables(tables: Sequence[_Surveyed], asked: Asked) -> Iterator[Partition]:
         for place, table in enumerate(tables)
         if table.keys.unit or not shared[place]
     ]
+    shares = iter(alone)
     for pieces in _packed([piece for piece, _ in alone]):
-        first = next(place for place, (piece, _) in enumerate(alone) if piece is pieces[0])
-        without = {unit for _, units in alone[first : first + len(pieces)] for unit in units}
+        without = {unit for _, units in islice(shares, len(pieces)) for unit in units}
         yield Partition(tuple(pieces), without=tuple(sorted(without)))
     together = defaultdict(list)
     for unit, places in sorted(across.items()):

@@ -244,6 +244,7 @@ def _walks(lines: Lines, after: Places, low: Places, high: Places, scatter: Scat
     others = after[:, np.newaxis] + around
     is_there = (others >= low[:, np.newaxis]) & (others < high[:, np.newaxis] - 1)
     others = np.where(is_there, others, 0)
+    is_there &= np.isfinite(excess[others])
     count = is_there.sum(axis=1)
     odd = chances(np.where(is_there, chi_square[others], 0.0).sum(axis=1), 3 * count) < ODD
     sizes = np.sort(np.where(is_there, excess[others], np.inf), axis=1)
@@ -253,11 +254,14 @@ def _walks(lines: Lines, after: Places, low: Places, high: Places, scatter: Scat
 
 
 def _between_neighbours(lines: Lines, scatter: Scatter) -> tuple[Floats, Floats]:
-    """(R − 1,) the walk, squared, that each change to the next recording shows, and that change as a chi-square."""
+    """(R − 1,) the walk, squared, that each change to the next recording shows, and that change as a chi-square.
+
+    Between recordings of the same time there is none, and the first is NaN.
+    """
     changes, gap = np.diff(lines.offset, axis=0), np.abs(np.diff(lines.time))
     noise = scatter.session * (lines.covariance[1:] + lines.covariance[:-1])
     beyond = np.sum(changes**2, axis=1) - np.einsum("nii->n", noise)
-    excess = beyond.clip(min=0.0) / np.maximum(gap, np.finfo(float).tiny) / MEDIAN
+    excess = beyond.clip(min=0.0) / np.where(gap > 0.0, gap, np.nan) / MEDIAN
     spread = (scatter.walk**2 * gap)[:, np.newaxis, np.newaxis] * np.eye(3)
     return excess, _squares(changes, noise + spread)
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flinders.fleet.gaps import opened_as_planned
 from flinders.fleet.lots import Wanted, moved, refuse_other_unit
-from flinders.fleet.tables import KeyedTable, opened
+from flinders.fleet.tables import KeyedTable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,7 +48,7 @@ class Streamed:
     @classmethod
     def of(cls, partition: Partition, pair: Pair, asked: Asked) -> Streamed:
         """Look at the first file."""
-        with opened(partition.pieces[0].member, asked) as file:
+        with opened_as_planned(partition.pieces[0], asked) as file:
             table = KeyedTable.of(file, asked)
             return cls(partition, pair, asked, table.recording.unit, table.recording.axes, table.start_s)
 
@@ -60,7 +61,7 @@ class Streamed:
         """Go through its readings."""
         for piece in self.partition.pieces:
             wanted = Wanted(self.partition, (self.pair,))
-            with opened(piece.member, self.asked) as file:
+            with opened_as_planned(piece, self.asked) as file:
                 table = KeyedTable.of(file, self.asked)
                 first = self.partition.pieces[0].member.name
                 refuse_other_unit(piece.member.name, table.recording.unit, first, self.unit)

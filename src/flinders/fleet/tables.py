@@ -16,6 +16,7 @@ r"""Parquet and Arrow files whose rows are readings of many units: how they are 
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -25,7 +26,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.errors import UnreadableInput, UsageError
+from flinders.errors import FlindersError, UnreadableInput, UsageError
 from flinders.fleet import store
 from flinders.fleet.table import needs_arrow
 from flinders.readers import Choice
@@ -134,6 +135,17 @@ class Tabular:
         return "row group" if self.kind == "Parquet" else "record batch"
 
 
+def refuse_empty(file: Tabular) -> None:
+    """Refuse a table without rows.
+
+    Raises
+    ------
+    UnreadableInput
+    """
+    if not sum(file.groups):
+        raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
+
+
 @contextlib.contextmanager
 def opened(member: Member, asked: Asked) -> Iterator[Tabular]:
     """Open a Parquet or Arrow file, here or in a store.
@@ -158,8 +170,10 @@ def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
     bounded = {"buffer_size": BUFFER, "pre_buffer": False, "page_checksum_verification": True}
     with reading(name, "a Parquet table"):
         file = parquet.ParquetFile(where, **bounded)
-        keys = Keys.of(name, file.schema_arrow.names, asked)
-        texts = list(keys.columns) if keys else []
+        texts: list[str] = []
+        with contextlib.suppress(FlindersError):  # who looks for the keys is told
+            keys = Keys.of_schema(name, file.schema_arrow, asked)
+            texts += keys.columns if keys else ()
         if texts:
             file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
         metadata = file.metadata
@@ -192,21 +206,56 @@ def _extent(statistics: Any) -> tuple[str, str] | None:  # noqa: ANN401
 
 
 def _arrow(name: str, where: Any) -> Tabular:  # noqa: ANN401
+    """Open an Arrow file, of which no more columns are unpacked than are asked for."""
     import pyarrow
     from pyarrow import ipc
 
+    source = pyarrow.memory_map(where) if isinstance(where, str) else where
+
+    def only(places: Sequence[int]) -> Any:  # noqa: ANN401
+        return ipc.open_file(source, options=ipc.IpcReadOptions(included_fields=list(places)))
+
     with reading(name, "an Arrow file"):
-        file = ipc.open_file(pyarrow.memory_map(where) if isinstance(where, str) else where)
-        groups = tuple(file.get_batch(number).num_rows for number in range(file.num_record_batches))
+        whole = only(())
+        schema, groups = whole.schema, _rows_of(whole, only)
 
     def batches(wanted: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
         with reading(name, "an Arrow file"):
+            file = only([place for place, column in enumerate(schema.names) if column in columns])
             for number in wanted:
                 batch = file.get_batch(number).select(columns)
                 batch.validate(full=True)
                 yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
 
-    return Tabular(name, "Arrow", file.schema, groups, batches, lambda _: [None] * len(groups))
+    return Tabular(name, "Arrow", schema, groups, batches, lambda _: [None] * len(groups))
+
+
+def _rows_of(file: Any, only: Callable[[Sequence[int]], Any]) -> tuple[int, ...]:  # noqa: ANN401
+    """Rows of each record batch, as the first of its columns tells that can be read; 0 where none can.
+
+    Raises
+    ------
+    Exception
+        What Arrow raises, where no record batch can be read.
+    """
+    counts: dict[int, int] = {}
+    refused = None
+    for place in range(len(file.schema)):
+        column = only([place])
+        for number in set(range(file.num_record_batches)) - counts.keys():
+            try:
+                counts[number] = column.get_batch(number).num_rows
+            except Exception as error:  # noqa: BLE001 - on a broken file that is anything, as in `reading`
+                refused = error
+        if len(counts) == file.num_record_batches:
+            break
+    if refused is not None and not any(counts.values()):
+        raise refused
+    return tuple(counts.get(number, 0) for number in range(file.num_record_batches))
+
+
+class NoBatch(UsageError):
+    """A column that was asked for as the batch of hardware, and is not there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,8 +296,34 @@ class Keys:
         if unit is None:
             return None
         recording = _key(values, columns, asked.recording_column, RECORDING_COLUMNS, name) or ("", "")
-        batch = _key(values, columns, asked.batch_column, BATCH_COLUMNS, name) or ("", "")
+        try:
+            batch = _key(values, columns, asked.batch_column, BATCH_COLUMNS, name) or ("", "")
+        except UsageError as error:
+            raise NoBatch(str(error)) from None
         return cls(unit[0], recording[0], unit[1], recording[1], *batch)
+
+    @classmethod
+    def of_schema(cls, name: str, schema: Any, asked: Asked) -> Self | None:  # noqa: ANN401
+        """Find them as `of`; what is nested is no batch, and a table need not have the batch that was asked for.
+
+        Raises
+        ------
+        UsageError
+            Where the unit or the recording that was asked for is nowhere.
+        UnreadableInput
+            Where the column of units, or one that was asked for, is nested, or there twice.
+        """
+        own = (asked.recording_column, RECORDING_COLUMNS), (asked.batch_column, BATCH_COLUMNS)
+        guessed = {column for named, usual in own if named is None for column in usual}
+        columns = [field.name for field in schema if field.name.casefold() not in guessed or _is_text(field.type)]
+        try:
+            keys = cls.of(name, columns, asked)
+        except NoBatch:
+            keys = cls.of(name, columns, replace(asked, batch_column=None))
+            keys = keys and replace(keys, batch="", batch_value="")
+        for column in keys.columns if keys else ():
+            _refuse_column(name, schema, column)
+        return keys
 
     @classmethod
     def of_path(cls, name: str, asked: Asked) -> Self | None:
@@ -262,6 +337,35 @@ class Keys:
     def columns(self) -> tuple[str, ...]:
         """Those of them that are columns."""
         return tuple(filter(None, (self.unit, self.recording, self.batch)))
+
+
+@functools.lru_cache(maxsize=256)
+def _is_text(kind: Any) -> bool:  # noqa: ANN401
+    """Whether the values of a type of Arrow can be written as texts: those of a struct or a list cannot."""
+    arrow = needs_arrow()
+    try:
+        _texts(arrow.nulls(0, kind)).dictionary_encode()
+    except arrow.ArrowException:
+        return False
+    return True
+
+
+def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
+    """Refuse a column that cannot tell whose rows they are.
+
+    Raises
+    ------
+    UnreadableInput
+    """
+    there = schema.names.count(column)
+    if there > 1:
+        raise UnreadableInput(f"{name} has {there} columns {column}: give all but one another name, or leave them out")
+    kind = schema.field(column).type
+    if not _is_text(kind):
+        raise UnreadableInput(
+            f"{name}: column {column} holds {kind}, which names nothing: make it a column of texts or numbers, or give "
+            "it another name"
+        )
 
 
 def in_path(name: str) -> dict[str, str]:
@@ -334,7 +438,7 @@ class KeyedTable:
             Where no column says which unit a row is of, and for columns and units that cannot be.
         """
         names = list(file.schema.names)
-        keys = Keys.of(file.name, names, asked)
+        keys = Keys.of_schema(file.name, file.schema, asked)
         if keys is None:
             raise UsageError(
                 f"{file.name} does not say which unit a row is of: need a column such as unit or serial, or name it "
@@ -584,13 +688,25 @@ def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:
     if not arrow.types.is_dictionary(array.type):
         if arrow.types.is_floating(array.type):
             array = compute.if_else(compute.is_nan(array), None, array)
-        is_bytes = "binary" in str(array.type)
-        array = (array if is_bytes else array.cast(arrow.string())).dictionary_encode()
+        array = _texts(array).dictionary_encode()
     texts = [text_of(value) for value in array.dictionary.to_pylist()]
     places = array.indices
     if places.null_count:
         places, texts = places.fill_null(len(texts)), [*texts, ""]
     return texts, places.to_numpy(zero_copy_only=False)
+
+
+def _texts(array: Any) -> Any:  # noqa: ANN401
+    """A column of keys as texts; bytes, and texts each of which stands there once, as they are.
+
+    Raises
+    ------
+    pyarrow.ArrowException
+        Where these have none.
+    """
+    arrow = needs_arrow()
+    is_kept = "binary" in str(array.type) or arrow.types.is_dictionary(array.type)
+    return array if is_kept else array.cast(arrow.string())
 
 
 def text_of(value: object) -> str:

@@ -22,14 +22,14 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from flinders import fitting
-from flinders.errors import InputError, UnreadableInput, counted
+from flinders.errors import FlindersError, InputError, OutputError, UnreadableInput, counted
 from flinders.fleet import store
-from flinders.fleet.gaps import Gaps
+from flinders.fleet.gaps import NOT_PLANNED, Gaps, opened_as_planned
 from flinders.fleet.lots import Job, Lot, Wanted, gathered, lot_of
 from flinders.fleet.plan import LARGEST, Partition, Piece, key_of
 from flinders.fleet.streamed import Streamed
 from flinders.fleet.table import LONGEST, NAMES, VERDICTS, Row, Rows, objects
-from flinders.fleet.tables import Asked, KeyedTable, Keys, Names, batch_in, counts_of, opened
+from flinders.fleet.tables import Asked, KeyedTable, Keys, Names, batch_in, counts_of, opened, refuse_empty
 from flinders.readers import open_log
 from flinders.samples import Samples, frame_of
 from flinders.stacked import Lined, fit_stack
@@ -252,8 +252,9 @@ def _log(piece: Piece, asked: Asked, copies: contextlib.ExitStack) -> Job | Row:
     if not unit and not piece.is_table:
         return _failed(piece, NoUnit(piece.member.name))
     try:
-        if piece.is_table:
-            _refuse_table(piece, asked)
+        refused = _refused(piece, asked) if piece.is_refused else None
+        if refused is not None:
+            return _failed(replace(piece, is_table=True), refused)
         log = open_log(
             copies.enter_context(store.fetched(piece.member)),
             columns=asked.columns,
@@ -264,20 +265,29 @@ def _log(piece: Piece, asked: Asked, copies: contextlib.ExitStack) -> Job | Row:
         )
         begun = 0.0 if log.begun is None else log.begun.timestamp()
         return Job(unit, recording, _short(_instrument(log, asked)), 0, begun)
+    except OutputError:  # no room for a copy: that is no fault of the file, and the next has none either
+        raise
     except Exception as error:  # noqa: BLE001 - as in `_row`: one file of a million
         return _failed(piece, error)
 
 
-def _refuse_table(piece: Piece, asked: Asked) -> None:
-    """Say why a table could not be taken for one.
+def _refused(piece: Piece, asked: Asked) -> FlindersError | None:
+    """Why a file that could not be opened as a table is not fitted now; None where it is the log of one unit.
 
     Raises
     ------
     FlindersError
+        Where it still cannot be opened.
     """
     with opened(piece.member, asked) as file:
-        KeyedTable.of(file, asked)
-    raise UnreadableInput(f"{piece.member.name} could not be read when the run began: run it again")
+        try:
+            if not piece.is_table and Keys.of_schema(file.name, file.schema, asked) is None:
+                return None
+            refuse_empty(file)
+            KeyedTable.of(file, asked)
+        except FlindersError as error:
+            return error
+    return UnreadableInput(f"{piece.member.name} {NOT_PLANNED}")
 
 
 def _instrument(log: Log, asked: Asked) -> Instrument:
@@ -313,16 +323,18 @@ def _of_tables(partition: Partition, asked: Asked) -> Rows:
             streamed.append(_streamed(replace(partition, pieces=pieces), pair, rows, asked, gaps))
     others = gaps.rows({pair: 0 for pair in gaps.lost(wanted) - wanted.keys() if partition.takes(pair[0])})
     others += _nobodys(partition, nameless, gaps)
-    return _of_batches(Rows.joined([*found, Rows.of(streamed + others)]), names.batches)
+    return _of_batches(Rows.joined([*found, Rows.of(streamed + others)]), gaps.batches(names.batches))
 
 
 def _counted(piece: Piece, asked: Asked, gaps: Gaps, names: Names) -> Counter[Pair]:
     """How many readings of each recording a piece has, as far as its columns of keys can be read."""
     for is_sound in (True, False):
+        groups = piece.groups if is_sound else gaps.look(piece)
+        if not groups:
+            break
         try:
-            with opened(piece.member, asked) as file:
-                keys = Keys.of(file.name, file.schema.names, asked) or Keys()
-                groups = piece.groups if is_sound else gaps.look(piece)
+            with opened_as_planned(piece, asked) as file:
+                keys = Keys.of_schema(file.name, file.schema, asked) or Keys()
                 return counts_of(file, keys, groups, names) + gaps.counts_in(piece)
         except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
             if not is_sound:
@@ -388,16 +400,18 @@ def _taken(partition: Partition, asked: Asked, gaps: Gaps, some: Container[Pair]
     rest = fitted([job for job in jobs if isinstance(job, Job)], asked)
     del lots
     fits = Rows.joined([Rows.of(rows), rest, *(_lined(lot, asked) for lot in Lot.joined(whole))])
-    return _of_batches(fits, wanted.names.batches)
+    return _of_batches(fits, gaps.batches(wanted.names.batches))
 
 
 def _read(piece: Piece, asked: Asked, wanted: Wanted, gaps: Gaps) -> list[Lot]:
     """What is wanted of a piece; of one that is broken, what can be read of it."""
     for is_sound in (True, False):
         groups = piece.groups if is_sound else gaps.look(piece)
+        if not groups:
+            break
         try:
-            with opened(piece.member, asked) as file:
-                return [lot_of(KeyedTable.of(file, asked), replace(piece, groups=groups), wanted)] if groups else []
+            with opened_as_planned(piece, asked) as file:
+                return [lot_of(KeyedTable.of(file, asked), replace(piece, groups=groups), wanted)]
         except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
             if not is_sound:
                 gaps.give_up(piece, error)

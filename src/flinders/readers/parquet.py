@@ -154,15 +154,9 @@ def _dates(column: Any) -> Any:  # noqa: ANN401
     """Times in UTC of texts of ISO 8601, null for what is none; one that states no zone is taken to be in UTC.
 
     >>> import pyarrow
-    >>> texts = pyarrow.array(["1970-01-01T00:00:01.5Z", "1970-01-01 01:00:02+01:00", "1970-01-01T00:00:03", "noon"])
-    >>> _dates(texts).cast("int64")
-    <pyarrow.lib.Int64Array object at ...>
-    [
-      1500000000,
-      2000000000,
-      3000000000,
-      null
-    ]
+    >>> texts = ["1970-01-01T00:00:01.5Z", "1970-01-01 01:00:02+01:00", "1970-01-01T00:00:03", "noon"]
+    >>> _dates(pyarrow.array([*texts, "1970-02-30T00:00:00Z"])).cast("int64").to_pylist()
+    [1500000000, 2000000000, 3000000000, None, None]
     """
     arrow, compute = needs("pyarrow", "parquet", "a table"), needs("pyarrow.compute", "parquet", "a table")
     kind = arrow.timestamp("ns", "UTC")
@@ -172,8 +166,22 @@ def _dates(column: Any) -> Any:  # noqa: ANN401
     texts = compute.if_else(zoned, texts, compute.binary_join_element_wise(texts, "Z", ""))
     try:
         return texts.cast(kind)
-    except ValueError:  # a day that the calendar has not
-        return arrow.nulls(len(texts), kind)
+    except ValueError:  # a day that the calendar has not: those first, of which there are few that differ
+        days = compute.utf8_slice_codeunits(texts, 0, 10).dictionary_encode()
+        is_day = _cast_each(days.dictionary, arrow.timestamp("s")).is_valid()
+        return _cast_each(compute.if_else(is_day.take(days.indices), texts, None), kind)
+
+
+def _cast_each(texts: Any, kind: Any) -> Any:  # noqa: ANN401
+    """Texts as times, null for each that is none; halves of what holds such a text are gone on with."""
+    try:
+        return texts.cast(kind)
+    except ValueError:
+        arrow = needs("pyarrow", "parquet", "a table")
+        if len(texts) == 1:
+            return arrow.nulls(1, kind)
+        half = len(texts) // 2
+        return arrow.concat_arrays([_cast_each(texts.slice(0, half), kind), _cast_each(texts.slice(half), kind)])
 
 
 def _every_third(part: int, length: int) -> Any:  # noqa: ANN401
