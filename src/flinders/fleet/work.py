@@ -17,7 +17,7 @@ import contextlib
 import math
 from collections import Counter, defaultdict
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -36,15 +36,17 @@ from flinders.stacked import Lined, fit_stack
 from flinders.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fleet.tables import Pair
+    from flinders.fleet.tables import Pair, Tabular
     from flinders.readers import Instrument, Log
     from flinders.samples import Recording
     from flinders.stacked import Columns
+
+Found = TypeVar("Found")
 
 
 class LostWorker(InputError):
@@ -328,18 +330,13 @@ def _of_tables(partition: Partition, asked: Asked) -> Rows:
 
 def _counted(piece: Piece, asked: Asked, gaps: Gaps, names: Names) -> Counter[Pair]:
     """How many readings of each recording a piece has, as far as its columns of keys can be read."""
-    for is_sound in (True, False):
-        groups = piece.groups if is_sound else gaps.look(piece)
-        if not groups:
-            break
-        try:
-            with opened_as_planned(piece, asked) as file:
-                keys = Keys.of_schema(file.name, file.schema, asked) or Keys()
-                return counts_of(file, keys, groups, names) + gaps.counts_in(piece)
-        except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
-            if not is_sound:
-                gaps.give_up(piece, error)
-    return gaps.counts_in(piece)
+
+    def counted_in(file: Tabular, groups: Sequence[int]) -> Counter[Pair]:
+        keys = Keys.of_schema(file.name, file.schema, asked) or Keys()
+        return counts_of(file, keys, groups, names)
+
+    counts = _of_readable(piece, asked, gaps, counted_in) or Counter()
+    return counts + gaps.counts_in(piece)
 
 
 def _nobodys(partition: Partition, rows: int, gaps: Gaps) -> list[Row]:
@@ -405,17 +402,29 @@ def _taken(partition: Partition, asked: Asked, gaps: Gaps, some: Container[Pair]
 
 def _read(piece: Piece, asked: Asked, wanted: Wanted, gaps: Gaps) -> list[Lot]:
     """What is wanted of a piece; of one that is broken, what can be read of it."""
+
+    def read_of(file: Tabular, groups: Sequence[int]) -> Lot:
+        return lot_of(KeyedTable.of(file, asked), replace(piece, groups=tuple(groups)), wanted)
+
+    lot = _of_readable(piece, asked, gaps, read_of)
+    return [] if lot is None else [lot]
+
+
+def _of_readable(
+    piece: Piece, asked: Asked, gaps: Gaps, look: Callable[[Tabular, Sequence[int]], Found]
+) -> Found | None:
+    """Look at the row groups of a piece; where that fails, at those that can be read; None where there are none."""
     for is_sound in (True, False):
         groups = piece.groups if is_sound else gaps.look(piece)
         if not groups:
             break
         try:
             with opened_as_planned(piece, asked) as file:
-                return [lot_of(KeyedTable.of(file, asked), replace(piece, groups=groups), wanted)]
+                return look(file, groups)
         except Exception as error:  # noqa: BLE001 - as in `_row`: one file of many
             if not is_sound:
                 gaps.give_up(piece, error)
-    return []
+    return None
 
 
 def _streamed(partition: Partition, pair: Pair, rows: int, asked: Asked, gaps: Gaps) -> Row:
