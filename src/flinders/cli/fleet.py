@@ -37,7 +37,9 @@ Exit codes:
 """,
 )
 @click.argument("source", metavar="INPUT")
-@click.option("-o", "--out", required=True, metavar="FILE.parquet", help="The table to write, also to s3:// or gs://.")
+@click.option(
+    "-o", "--out", required=True, metavar="FILE.parquet", help="The table to write, also to s3://, gs:// or az://."
+)
 @click.option("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
 @click.option("--workers", type=click.IntRange(0, 4096), metavar="N", help="Processes [default: one for each core].")
 @click.option("--scheduler", metavar="tcp://…", help="Work on this Dask cluster instead.")
@@ -71,8 +73,8 @@ def command(
     """Calibrate all units of INPUT, and write a row for each of their recordings.
 
     INPUT is a folder or a pattern of logs, whose first folders or names are the units, or of Parquet and Arrow tables
-    with a column of units; here, or at s3:// or gs://. A recording that cannot be fitted or read is a row that says
-    why.
+    with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row that
+    says why.
     """
     from flinders.fleet.log import Log
     from flinders.fleet.run import run
