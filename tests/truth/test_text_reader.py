@@ -750,7 +750,11 @@ KEPT = [
     ("t,mx,my,mz\ns,uT,uT,uT\n0,1,2,3\n", "t,mx,my,mz\ns,uT,uT,uT\n0,2,4,6\n"),
     ("1,−2,3\n", "2,-4,6\n"),
     ("[[1,2,3],[4,5,6]]", "2,4,6\n8,10,12\n"),
-    ("Raw:1,2,3,4,5,6,7,8,9\r\n", "ax,ay,az,gx,gy,gz,mx,my,mz\r\n1,2,3,4,5,6,14,16,18\r\n"),
+    (
+        "Raw:8192,0,0,16,0,0,7,8,9\r\n",
+        "accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_y_uT,mag_z_uT\n1,0,0,1,0,0,1.4,1.6,1.8\n",
+    ),
+    ("ready\nX: 1 Y: 2 Z: 3 uT\n\nX: 4 Y: 5 Z: 6 uT\n", "X (uT),Y (uT),Z (uT)\n2,4,6\n8,10,12\n"),
 ]
 
 

@@ -68,6 +68,8 @@ class Recorder:
     columns, unit, scale : optional
         For the readings that `next` hands on, where the lines do not tell; as `flinders.open_recording` takes them.
         What is written does not depend on them.
+    pattern : str, optional
+        How a line with a reading is written, where that is not recognised.
     resumed : Resumed, optional
         The recording that is continued, of which `sink` is the file.
     stopped : callable
@@ -97,6 +99,7 @@ class Recorder:
         columns: str | None = None,
         unit: str | None = None,
         scale: float | None = None,
+        pattern: str | None = None,
         resumed: Resumed | None = None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
@@ -112,6 +115,7 @@ class Recorder:
             columns=columns,
             unit=unit,
             scale=scale,
+            pattern=pattern,
             most=readings,
             header=resumed.header if resumed else None,
             rows=resumed.rows if resumed else (),

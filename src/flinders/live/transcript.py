@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -53,8 +54,6 @@ UNLIKE: Final = 50
 """Lines in a row that are not like the first ones, after which advice is given."""
 STEP_S: Final = 1e-4
 """Lines that arrive together are told apart by so much, the last digit of a time."""
-BESIDE: Final = re.compile(r"\s*(Raw|Uni|Cal[12])\s*[: ]", re.IGNORECASE)
-"""Lines that sketches print beside the readings: the same in other units, the calibration they hold."""
 ENDS: Final = re.compile(rb"[\r\n]+")
 
 
@@ -183,6 +182,8 @@ class Transcript:
     columns, unit, scale : optional
         Which columns are the magnetometer's, and what they are in, as `flinders.open_recording` takes them; for the
         readings, where the lines do not tell.
+    pattern : str, optional
+        How a line with a reading is written, where that is not recognised.
     most : int, optional
         Rows after which nothing more is taken.
     header, rows : str, optional, and sequence of str
@@ -197,13 +198,14 @@ class Transcript:
         columns: str | None = None,
         unit: str | None = None,
         scale: float | None = None,
+        pattern: str | None = None,
         most: int | None = None,
         header: str | None = None,
         rows: tuple[str, ...] = (),
     ) -> None:
         self.told = Recorded()
         self._name, self._is_framed, self._most = name, is_framed, most
-        self._columns, self._unit, self._scale = columns, unit, scale
+        self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows
         self._read: tuple[Layout, Unit] | None = None
         self._rest = b""
@@ -304,8 +306,8 @@ class Transcript:
     def _would_be(self) -> int:
         """Count the held lines that would be rows."""
         texts = self._texts()
-        form = settle(texts)
-        return sum(form.row(text, 0.0) is not None for text in texts) if form else 0
+        form = settle(texts, self._pattern)
+        return len(_rows(form, texts)) if form else 0
 
     def _texts(self) -> list[str]:
         """What is held, without a first line that may be cut."""
@@ -323,8 +325,8 @@ class Transcript:
         if self.told.form is not None:
             return
         texts = self._texts()
-        form = settle([*self._before, *texts])
-        rows = [row.text for text in texts if form and (row := form.row(text, 0.0)) is not None]
+        form = settle([*self._before, *texts], self._pattern)
+        rows = _rows(deepcopy(form), texts) if form else []
         if form is None or not rows:
             return
         if self._header not in (None, form.header):
@@ -360,8 +362,9 @@ class Transcript:
         cut, self._is_cut = self._is_cut and not is_marked(text), False
         at = held.at if self._last is None else max(held.at, self._last + STEP_S)
         row = None if cut or form is None else form.row(text, at)
-        if form is None or row is None:
-            self._note(text, form, cut=cut)
+        if form is None or row is None or not row.text:
+            if row is None:
+                self._note(text, form, cut=cut)
             return f"# {'cut off: ' * cut}{escaped(held.line)}\n"
         self._last, self._unlike = at, 0
         self.told.add(row.field, at)
@@ -383,9 +386,6 @@ class Transcript:
         if form is None and not cut:
             self._before.append(text)
         if cut or text.lstrip().startswith(COMMENTS) or (form and text.strip() in form.header):
-            return
-        sign = BESIDE.match(text)
-        if sign and form and sign[1] != form.words.partition(":")[0]:
             return
         self._count_unknown(text, form)
 
@@ -413,6 +413,11 @@ class Transcript:
         layout, unit = self._read
         values = rows_of(rows, range(len(rows)), layout.grid).values
         return readings_of(layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name))
+
+
+def _rows(form: Form, texts: list[str]) -> list[str]:
+    """The rows that these lines make."""
+    return [row.text for text in texts if (row := form.row(text, 0.0)) is not None and row.text]
 
 
 def escaped(line: bytes) -> str:

@@ -3,8 +3,8 @@
 A list of triples, a list of objects, or one of either a line; the keys of the first object become
 the header, those of objects and lists inside it joined with a dot.
 
->>> flat({"t": 1, "mag": {"x": 2, "y": [3]}})
-{'t': 1, 'mag.x': 2, 'mag.y.0': 3}
+>>> is_json('{"t": 1, "mag": [2, 3, 4]}'), is_json("[[1, 2, 3],"), is_json("[1, 2, 3] uT")
+(True, True, False)
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 from flinders.errors import UnreadableInput
 from flinders.readers._lines import EndsEarly, Lines, shown
 from flinders.readers._source import Source, derived
+from flinders.readers.dialects.json_lines import flat
 from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
@@ -33,8 +34,10 @@ MARK: Final = "flinders"
 
 
 def is_json(text: str) -> bool:
-    """Tell whether a text begins like JSON with readings in it."""
-    return OPENING.match(text.lstrip()) is not None
+    """Tell whether a text begins like JSON with readings in it; ``[1, 2, 3] uT`` is a line of a board."""
+    first = text.lstrip().partition("\n")[0].rstrip()
+    is_closed = sum(map(first.count, "[{")) == sum(map(first.count, "]}"))
+    return OPENING.match(first) is not None and not (is_closed and isinstance(_parsed(first), str))
 
 
 def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
@@ -55,21 +58,6 @@ def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
     first = next(groups, [])
     names = next((tuple(flat(record)) for record in first if isinstance(record, dict)), ())
     return derived(source, _encoded(chain([first], groups), names)), names
-
-
-def flat(record: dict[str, object]) -> dict[str, object]:
-    """Bring what lies inside objects and lists to the top, with dots in its name."""
-    found: dict[str, object] = {}
-    for key, value in record.items():
-        if isinstance(value, list):
-            inside = flat({str(place): inner for place, inner in enumerate(value)})
-        elif isinstance(value, dict):
-            inside = flat(value)
-        else:
-            inside = {}
-            found[key] = value
-        found.update({f"{key}.{inner}": leaf for inner, leaf in inside.items()})
-    return found
 
 
 def _a_record_a_line(opening: list[str]) -> bool:

@@ -58,14 +58,14 @@ class Rewriter:
         """
         layout = self._layout
         recorded = lines.texts
-        texts: list[str | None] = [None] * len(recorded) if layout.prefix else list(recorded)
+        texts: list[str | None] = [text or None for text in recorded] if layout.words else list(recorded)
         if self._add:
             self._rename(texts, lines.first)
         for line, _ in rows.unreadable:
             texts[line - lines.first] = None
         for line, reading in zip(rows.lines, field.tolist(), strict=True):
             place = line - lines.first
-            texts[place] = self._changed(layout.without_prefix(recorded[place]), self._written(reading))
+            texts[place] = self._changed(recorded[place], self._written(reading))
         for text in texts:
             if text is not None:
                 yield text + layout.newline

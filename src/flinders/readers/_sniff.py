@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
-from flinders.readers._columns import Column, Columns, choose, names_magnetometer, wanted_places
+from flinders.readers._columns import Column, Columns, choose, names_magnetometer
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._log import FIRST, Choice
-from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, is_unit, meaning
+from flinders.readers._names import FIELD, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
 
 if TYPE_CHECKING:
@@ -42,14 +42,6 @@ COMMENTS: Final = ("#", "%", "//")
 MOST_RANGES: Final = 16
 """Columns whose ranges are told."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
-
-PREFIXES: Final = {
-    "Raw": re.compile(r"(?:.* -> )?\s*Raw\s*[: ]\s*(?=[-+.\d]+\s*,)", re.IGNORECASE),
-    "Uni": re.compile(r"(?:.* -> )?\s*Uni\s*[: ]\s*(?=[-+.\d]+\s*,)", re.IGNORECASE),
-}
-"""Starts of the lines MotionCal and Adafruit's sketches exchange; a serial monitor may put the time before."""
-MOTIONCAL: Final = ("ax", "ay", "az", "gx", "gy", "gz", "mx", "my", "mz")
-
 
 FLOWN: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
 """What a blackbox of Betaflight or INAV does not say of its magnetometer."""
@@ -81,8 +73,8 @@ class Layout:
         Where they stand; 0 where nowhere.
     header_text : str
         That line, as it is.
-    prefix : str
-        ``"Raw"`` or ``"Uni"``: only lines starting so are read.
+    words : str
+        The dialect that was made a table of, for people; empty where the file is one.
     in_force : str
         The calibration of the board that readings are after, where the headers of a blackbox tell one.
     encoding, newline : str
@@ -95,7 +87,7 @@ class Layout:
     header: tuple[str, ...] = ()
     header_line: int = 0
     header_text: str = ""
-    prefix: str = ""
+    words: str = ""
     in_force: str = ""
     encoding: str = "utf-8"
     newline: str = "\n"
@@ -112,10 +104,6 @@ class Layout:
         """
         skip = max(self.start - first, 0)
         first, texts = first + skip, texts[skip:]
-        if self.prefix:
-            pattern = PREFIXES[self.prefix]
-            marked = [place for place, text in enumerate(texts) if pattern.match(text) or text == ENDS_EARLY]
-            return [self.without_prefix(texts[place]) for place in marked], [first + place for place in marked]
         kept = [text for text in texts if (bare := text.lstrip()) and not bare.startswith(COMMENTS)]
         if self.header_text and self.header_text in kept:
             kept = [text for text in kept if text != self.header_text]
@@ -129,13 +117,10 @@ class Layout:
         bare = text.lstrip()
         return bool(bare) and not bare.startswith(COMMENTS) and not (self.header_text and text == self.header_text)
 
-    def without_prefix(self, text: str) -> str:
-        """Take off what stands before the numbers of a line."""
-        return PREFIXES[self.prefix].sub("", text, count=1) if self.prefix else text
-
     def __str__(self) -> str:
-        parts = [f"{self.prefix}: lines"] if self.prefix else [] if self.header else ["no header"]
-        parts.append(f"{SPOKEN[self.grid.delimiter]}-separated")
+        if self.words:
+            return self.words
+        parts = ["no header"] * (not self.header) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
         written += f"; {FLOWN}" * is_flown(self.columns)
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
@@ -201,10 +186,6 @@ def sniff(
     UsageError
         Where `columns` asks for columns that there are not, or `choice` for a magnetometer.
     """
-    for prefix, pattern in PREFIXES.items():
-        if any(pattern.match(text) for text in texts):
-            choice.refuse_beside(name)
-            return _prefixed(prefix, columns)
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
         blank = not any(text.strip() for text in texts)
@@ -259,23 +240,6 @@ def _first_row(texts: list[str], after: int, start: int) -> int:
 
 def _grid(columns: Columns, dialect: tuple[str, str], width: int) -> Grid:
     return Grid(*dialect, width, columns.cells, columns.needed)
-
-
-def _prefixed(prefix: str, columns: str | None) -> Layout:
-    """Lay out lines of nine numbers: counts of MotionCal after ``Raw:``, units of Adafruit after ``Uni:``."""
-    raw = prefix == "Raw"
-    field = wanted_places(columns, MOTIONCAL, 9) if columns is not None else (6, 7, 8)
-    beside = (
-        Column(ACCELERATION, (0, 1, 2), MOTIONCAL[:3], 1 / 8192 if raw else 1.0),
-        Column(RATE, (3, 4, 5), MOTIONCAL[3:6], FACTORS[RATE]["dps"] / 16 if raw else 1.0),
-    )
-    chosen = Columns(
-        field=Column(FIELD, field, tuple(MOTIONCAL[cell] for cell in field)),
-        unit="counts" if raw else "uT",
-        scale=0.1 if raw else None,
-        beside=tuple(column for column in beside if not set(column.cells) & set(field)),
-    )
-    return Layout(_grid(chosen, (",", "."), 9), chosen, header=MOTIONCAL, prefix=prefix)
 
 
 def _is_comment(text: str) -> bool:

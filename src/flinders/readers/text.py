@@ -1,4 +1,4 @@
-r"""Recordings as text: tables with any delimiter, decimal sign and header, MotionCal captures, JSON, Paparazzi's logs.
+r"""Recordings as text: tables with any delimiter, decimal sign and header, JSON, and what boards print for people.
 
 >>> import tempfile
 >>> from pathlib import Path
@@ -15,28 +15,31 @@ tumble.csv: columns mag_x, mag_y, mag_z in mG, time in t_s; comma-separated
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.errors import UnitError, UnreadableInput
+from flinders.errors import NoMagnetometer, UnitError, UnreadableInput
 from flinders.readers import _arrow
 from flinders.readers._columns import wanted_acceleration
 from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._log import FIRST, Choice
-from flinders.readers._magcc import is_magcc, table_of_datagrams
 from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._numbers import Rows, rows_of
-from flinders.readers._paparazzi import is_paparazzi, table_of_messages
-from flinders.readers._replay import FRAME, is_replay, table_of_replay
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
 from flinders.readers._sniff import COMMENTS, Layout, in_force, is_flown, sniff
 from flinders.readers._source import File
 from flinders.readers._span import Span
+from flinders.readers.dialects import Transcription, guess, recognise
+from flinders.readers.dialects.magcc import is_magcc, table_of_datagrams
+from flinders.readers.dialects.paparazzi import is_paparazzi, table_of_messages
+from flinders.readers.dialects.pattern import Pattern
+from flinders.readers.dialects.replay import FRAME, is_replay, table_of_replay
 from flinders.samples import BLOCK
 from flinders.units import COUNTS, Unit
 
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
     from flinders.readers._columns import Columns
     from flinders.readers._numbers import Grid
     from flinders.readers._source import Source
+    from flinders.readers.dialects import Dialect
     from flinders.samples import Samples, Skipped
 
 Progress: TypeAlias = "Callable[[int, int | None], None]"
@@ -75,6 +79,8 @@ class TextRecording:
         Called once a block with the bytes read so far and those there are.
     span : Span
         Which part of it is read.
+    transcription : Transcription, optional
+        Of a recording in a dialect, what made the table that `file` is.
     skipped : tuple of Skipped
         What the last pass over the file has left out so far.
     """
@@ -86,6 +92,7 @@ class TextRecording:
     frame: str = "sensor"
     progress: Progress | None = None
     span: Span = field(default_factory=Span)
+    transcription: Transcription | None = None
     skipped: tuple[Skipped, ...] = field(default=(), init=False)
 
     @property
@@ -168,7 +175,7 @@ class TextRecording:
 
         All else stays: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Lines that
         cannot be read are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON
-        and captures of ``Raw:`` lines become comma-separated tables. Lines carry their ends: write them with
+        and what boards print with labels become comma-separated tables. Lines carry their ends: write them with
         ``newline=""`` and, for the same characters, `layout.encoding`.
 
         Parameters
@@ -230,11 +237,14 @@ class TextRecording:
 
     def _pass(self, columns: Columns) -> Iterator[_Stretch]:
         """Go over these columns of the file once, noting what is left out, and judge it at the end."""
-        tally = Tally()
+        tally, others = Tally(), 0
         self.skipped = ()
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
         for lines, rows, usable in self._read(grid, columns):
             left_out = left_out_of(lines, rows, usable)
+            if self.transcription:
+                left_out += (other := self.transcription.others(others))
+                others += sum(entry.rows for entry in other)
             tally.add(rows, usable)
             self.skipped = added(self.skipped, left_out)
             if self.progress:
@@ -277,7 +287,7 @@ class TextRecording:
         others = (*COMMENTS, layout.header_text) if layout.header_text else COMMENTS
         # one character is found in a tenth of the time that two take
         has_others = any(other[0] in text and other in text for other in others)
-        return lines.first >= layout.start and not layout.prefix and not has_others
+        return lines.first >= layout.start and not has_others
 
     def _usable(self, rows: Rows, columns: Columns) -> NDArray[np.bool_]:
         """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
@@ -317,6 +327,7 @@ def open_text(
     axes: str | Axes = "x,y,z",
     flat: str | None = None,
     choice: Choice = FIRST,
+    pattern: str | None = None,
     progress: Progress | None = None,
 ) -> TextRecording:
     """Recognise a text recording from its first lines.
@@ -337,6 +348,8 @@ def open_text(
         Two columns will do, those of this plane: ``"xy"``; the third axis reads 0.
     choice : Choice, optional
         Which of several magnetometers.
+    pattern : str, optional
+        How a line with a reading is written, such as ``"N {x} / {y} / {z}"``, where it is not recognised.
     progress : callable, optional
         Called once a block with the bytes read so far and those there are.
 
@@ -354,38 +367,113 @@ def open_text(
     head = file.head()
     if kind := foreign_kind(head):
         raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
-    encoding, newline = encoding_of(head), newline_of(head)
-    table, names, frame = file, tuple[str, ...](), "sensor"
-    beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
-    if is_json(beginning):
-        table, names = table_of(file, encoding)
-        encoding, newline = "utf-8", "\n"
-    elif is_magcc(beginning):
-        table, names = table_of_datagrams(file, encoding)
-        encoding, newline = "utf-8", "\n"
-    opening, is_all = table.opening(encoding)
-    if not names and is_paparazzi(opening):
-        table, names = table_of_messages(file, encoding, opening)
-        encoding, newline = "utf-8", "\n"
-        opening, is_all = table.opening(encoding)
-    elif not names and is_replay(opening):
-        (table, names), frame = table_of_replay(file, encoding), FRAME
-        encoding, newline = "utf-8", "\n"
-        opening, is_all = table.opening(encoding)
-    layout = replace(sniff(file.name, opening, columns, names, flat, choice), encoding=encoding, newline=newline)
+    chosen = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
+    table, layout = _laid_out(file, head, chosen, pattern)
     settled = unit_of(layout.columns, file.name, unit, scale)
     layout = replace(layout, columns=layout.columns.with_strength_in(settled))
     if is_flown(layout.columns):
-        frame, layout = FRAME, replace(layout, in_force=in_force(opening[: layout.start - 1]))
+        table = table._replace(frame=FRAME)
+        layout = replace(layout, in_force=in_force(table.opening[: layout.start - 1]))
         if layout.in_force and columns is None:
             raise _not_raw(file.name, layout)
-    recording = TextRecording(table, layout, settled, axes, frame)
-    if is_all and not layout.columns.magnetometers:  # one of several may be dead
+    recording = TextRecording(
+        table.file, layout, settled, axes, table.frame, span=Span(), transcription=table.transcription
+    )
+    if table.is_all and not layout.columns.magnetometers:  # one of several may be dead
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
             pass
     recording.progress = progress
     recording.skipped = ()
     return recording
+
+
+class _Table(NamedTuple):
+    """A file as a table, or what was made one of it.
+
+    Attributes
+    ----------
+    file : Source
+    encoding : str
+    names : tuple of str
+        Of the columns, where no line of the table says them.
+    frame : str
+        ``sensor`` or ``vehicle``.
+    words : str
+        What the file is, where it is no table.
+    transcription : Transcription, optional
+    opening : list of str
+        The first lines of the table.
+    is_all : bool
+        They are all.
+    """
+
+    file: Source
+    encoding: str
+    names: tuple[str, ...] = ()
+    frame: str = "sensor"
+    words: str = ""
+    transcription: Transcription | None = None
+    opening: list[str] = []  # noqa: RUF012 - never changed
+    is_all: bool = False
+
+    def opened(self) -> _Table:
+        """The same, with its first lines."""
+        opening, is_all = self.file.opening(self.encoding)
+        return self._replace(opening=opening, is_all=is_all)
+
+
+def _laid_out(
+    file: Source, head: bytes, chosen: Callable[..., Layout], pattern: str | None
+) -> tuple[_Table, Layout]:
+    """Find how the lines of a file are written; what is no table becomes one.
+
+    Raises
+    ------
+    InputError, UsageError
+        As `open_text`.
+    """
+    encoding = encoding_of(head)
+    table = _table_of(file, encoding, head.decode(encoding, "replace").removeprefix("\ufeff"), pattern)
+    newline = "\n" if table.words else newline_of(head)
+    try:
+        layout = chosen(table.opening, header=table.names)
+    except (NoMagnetometer, UnreadableInput):
+        dialect = None if table.words else guess(table.opening)
+        if dialect is None:
+            raise
+        table, newline = _transcribed(file, encoding, dialect), "\n"
+        layout = chosen(table.opening, header=table.names)
+    return table, replace(layout, encoding=table.encoding, newline=newline, words=table.words)
+
+
+def _table_of(file: Source, encoding: str, beginning: str, pattern: str | None) -> _Table:
+    """Make a table of a file whose beginning shows that it is none."""
+    plain = _Table(file, encoding)
+    if pattern is not None:
+        return _transcribed(file, encoding, Pattern.of(pattern))
+    if is_json(beginning):
+        return _Table(*_made(table_of(file, encoding)), words="JSON").opened()
+    if is_magcc(beginning):
+        return _Table(*_made(table_of_datagrams(file, encoding)), words="magcc datagrams").opened()
+    plain = plain.opened()
+    if is_paparazzi(plain.opening):
+        made = table_of_messages(file, encoding, plain.opening)
+        return _Table(*_made(made), words="messages of Paparazzi").opened()
+    if is_replay(plain.opening):
+        return _Table(*_made(table_of_replay(file, encoding)), frame=FRAME, words="replay of PX4's estimator").opened()
+    dialect = recognise(plain.opening)
+    return plain if dialect is None else _transcribed(file, encoding, dialect)
+
+
+def _made(table: tuple[Source, tuple[str, ...]]) -> tuple[Source, str, tuple[str, ...]]:
+    source, names = table
+    return source, "utf-8", names
+
+
+def _transcribed(file: Source, encoding: str, dialect: Dialect) -> _Table:
+    """Make a table of a file in a dialect."""
+    made = Transcription(file, dialect, encoding)
+    return _Table(made.table, "utf-8", dialect.names, words=dialect.words, transcription=made).opened()
 
 
 def _not_raw(name: str, layout: Layout) -> UnreadableInput:

@@ -5,7 +5,8 @@ They are time (s), acceleration, rate (rad/s), field, and roll, pitch and yaw (r
 
 >>> is_magcc("|0.1,0,0,9.8,0,0,0.1,0.21,0.01,-0.58,0,0,1.57*")
 True
->>> cells("|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*")[7], cells("|1,2,3*")
+>>> row = Magcc().row
+>>> row("|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*")[7], row("|1,2,3*")
 ('0.21', None)
 """
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from flinders.readers._lines import ENDS_EARLY, EndsEarly
@@ -38,10 +40,22 @@ def is_magcc(text: str) -> bool:
     return any(_numbers(found[1]) is not None for found in FIRST.finditer(text))
 
 
-def cells(line: str) -> list[str] | None:
-    """Take the thirteen numbers of a datagram, as they are written; None where it is none."""
-    found = DATAGRAM.fullmatch(line)
-    return _numbers(found[1]) if found else None
+@dataclass(frozen=True, slots=True)
+class Magcc:
+    """A datagram in each line."""
+
+    words: str = "magcc datagrams"
+    names: tuple[str, ...] = NAMES
+
+    def row(self, line: str) -> list[str] | None:
+        """Take the thirteen numbers of a datagram, as they are written; None where it is none."""
+        found = DATAGRAM.fullmatch(line)
+        return _numbers(found[1]) if found else None
+
+
+def recognise(lines: list[str]) -> Magcc | None:
+    """Find a datagram among other lines."""
+    return Magcc() if any(map(Magcc().row, lines)) else None
 
 
 def table_of_datagrams(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:

@@ -1,0 +1,192 @@
+r"""A printed line becomes numbers, each with its label and its unit, and the labels become names of columns.
+
+A board prints for people: ``Mag X: -20.8 Y: -20.2 Z: 26.1 uT``. The text between two numbers holds the unit of the first
+and the label of the second. A label that says an axis only belongs to the sensor that was named before it, and three
+numbers behind one label are its x, y and z, so that the names say what those of a table's header say.
+
+>>> numbers, gaps = cut("Mag X: -20.8 Y: -20.2 Z: 26.1 uT")
+>>> numbers
+['-20.8', '-20.2', '26.1']
+>>> names_of(gaps)
+('Mag X (uT)', 'Mag Y (uT)', 'Mag Z (uT)')
+>>> names_of(cut("A: 12 -3 8190 M: 217 4 -586")[1])
+('A x', 'A y', 'A z', 'M x', 'M y', 'M z')
+>>> names_of(cut("Heading: 123.4 X: 1 Y: 2 Z: 3")[1])
+('Heading', 'X', 'Y', 'Z')
+>>> cut("0xFF38 0x0010")[0], seconds_of(STAMP.match("14:03:00.250 -> X: 1"))
+(['-200', '16'], 50580.25)
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from flinders.readers._names import FACTORS, meaning
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+NUMBER: Final = (
+    r"(?<![\w.^])(?!(?<=\w\[)\d+\])[-+−]?"
+    r"(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|(?:nan|NaN|NAN|inf|ovf)(?!\w))"
+)
+"""A number that is no part of a word, of ``m/s^2`` or of an index; Arduino prints ``nan``, ``inf`` and ``ovf``."""
+STAMP: Final = re.compile(
+    r"\s*[\[(<]?(?:[A-Z][a-z]{2} +\d+ +)?(?:(?P<date>\d{4}-\d\d-\d\d)[T ])?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)(?P<fraction>[.,]\d+)?(?:,\d+)?(?P<zone>Z|[+-]\d\d:?\d\d)?"
+    r"[\])>]?\s*(?P<mark>->|[|>:;,\t-])?\s*"
+)
+"""The time that a serial monitor, a logger or an operating system puts before a line."""
+
+_CUT: Final = re.compile(rf"\s*({NUMBER})\s*")
+_OTHER_UNITS: Final = ("deg", "degs", "degree", "degrees", "°", "º", "hz", "hpa", "%", "rad", "mbar", "ft", "f", "°f")
+"""Units of what stands beside a magnetometer and is not read."""
+_UNIT: Final = "|".join(
+    re.escape(unit)
+    for unit in sorted({*_OTHER_UNITS, *(unit for units in FACTORS.values() for unit in units)}, key=len, reverse=True)
+)
+_UNIT_AHEAD: Final = re.compile(rf"[\[(]?((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
+"""A unit right behind a number; ``T:`` is a label."""
+_UNIT_INSIDE: Final = re.compile(rf"[(\[]\s*((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))\s*[)\]]?\s*$", re.IGNORECASE)
+"""A unit in brackets at the end of a label."""
+_EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"
+_BETWEEN: Final = re.compile(r"[\s:=|>\"'{,;]+")
+_XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)
+"""``Mag XYZ``, ``x, y, z``: a label of all three."""
+_AXIS: Final = re.compile(r"(?:^|[\s_.\-/])([xyz])(?:[\s_-]*(?:axis|component|value|field))?$", re.IGNORECASE)
+"""An axis at the end of a label."""
+_WORDS: Final = 3
+"""Words of a label that are tried when all of it says nothing: what stands before may be a sentence, or a value."""
+_LETTER_BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}
+"""Bits of a hexadecimal number with so many digits; one that has them all is signed."""
+
+
+class Gap(NamedTuple):
+    """What stands between two numbers: the unit of the one before it and the label of the one after it."""
+
+    unit: str
+    label: str
+
+
+def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
+    """Cut a line into its numbers and what stands before, between and behind them, without spaces at the ends."""
+    pieces = _CUT.split(line)
+    return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
+
+
+def decimal(number: str) -> str:
+    """Write a number as decimal digits: a hexadecimal one with all of its digits is signed, what overflowed is none.
+
+    >>> decimal("0xFFFFFF38"), decimal("0x1F"), decimal("-0x10"), decimal("ovf"), decimal("-1.50")
+    ('-200', '31', '-16', 'nan', '-1.50')
+    """
+    if number[-1:] in "fF" and number.lstrip("-+").casefold() in ("inf", "ovf"):
+        return "nan"
+    if "x" not in number and "X" not in number:
+        return number
+    sign, digits = ("-", number[3:]) if number.startswith("-") else ("", number.lstrip("+")[2:])
+    value, bits = int(digits, 16), _LETTER_BITS.get(len(digits), 0)
+    return f"{sign}{value - (1 << bits) if bits and value >> (bits - 1) else value}"
+
+
+def names_of(gaps: Sequence[str]) -> tuple[str, ...]:
+    """Name the columns of a line: label, axis and unit, as a header would; empty where nothing says what a number is.
+
+    Parameters
+    ----------
+    gaps : sequence of str
+        What stands before, between and behind the numbers, as `cut` gives it.
+    """
+    parsed = [Gap("", _label(gaps[0])), *map(_gap, gaps[1:])]
+    labels, units = [gap.label for gap in parsed[:-1]], [gap.unit for gap in parsed[1:]]
+    names: list[str] = []
+    sensor = ""
+    for first, count in _runs(labels):
+        label, unit = _without_unit(labels[first])
+        axes, sensor = _axes(label, count, sensor)
+        stated = unit or next((each for each in units[first : first + count][::-1] if each), "")
+        for place in range(count):
+            units[first + place] = units[first + place] or stated
+        names += axes
+    return tuple(f"{name} ({unit})" if unit else name for name, unit in zip(names, _shared(names, units), strict=True))
+
+
+def is_labelled(gaps: Sequence[str]) -> bool:
+    """Tell whether signs of a label stand between the numbers, as ``X:``, ``x=`` or ``mag [``, and not commas only."""
+    return any(re.search(r"[^\W\d_][^,;]*[:=\[({]|[xyzXYZ]$", gap) is not None for gap in gaps[:-1])
+
+
+def seconds_of(stamp: re.Match[str] | None) -> float | None:
+    """The time of a `STAMP` in s: since 1970 where it has a date, else since midnight; None where there is none."""
+    if stamp is None:
+        return None
+    fraction = float((stamp["fraction"] or ".0").replace(",", "."))
+    second = 3600 * int(stamp["hour"]) + 60 * int(stamp["minute"]) + int(stamp["second"]) + fraction
+    if stamp["date"] is None:
+        return second
+    try:
+        day = datetime.fromisoformat(f"{stamp['date']}T00:00:00{stamp['zone'] or '+00:00'}")
+    except ValueError:
+        return None
+    return (day - datetime.fromtimestamp(0, UTC)).total_seconds() + second
+
+
+def _gap(text: str) -> Gap:
+    unit = _UNIT_AHEAD.match(text)
+    return Gap(unit[1] if unit else "", _label(text[unit.end() :] if unit else text))
+
+
+def _label(text: str) -> str:
+    """The words of a label, without the signs around them; brackets around a unit at its end stay."""
+    inside = _UNIT_INSIDE.search(text.rstrip(" \t,;:=|[{<>\"'-#*/→~"))
+    bare = text[: inside.start()] if inside else text
+    words = _BETWEEN.sub(" ", bare.strip(_EDGE)).strip()
+    return f"{words} ({inside[1]})".lstrip() if inside else words
+
+
+def _without_unit(label: str) -> tuple[str, str]:
+    inside = _UNIT_INSIDE.search(label)
+    return (label[: inside.start()].rstrip(), inside[1]) if inside else (label, "")
+
+
+def _runs(labels: Sequence[str]) -> Iterator[tuple[int, int]]:
+    """Yield where each label stands and how many numbers follow it without one of their own."""
+    starts = [place for place, label in enumerate(labels) if label or place == 0]
+    for start, end in zip(starts, [*starts[1:], len(labels)], strict=True):
+        yield start, end - start
+
+
+def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
+    """Name the numbers behind one label, and tell which sensor a label of an axis alone belongs to from here on."""
+    bare = _XYZ.sub("", label).strip(_EDGE)
+    if count == 3 and (label or sensor):
+        named = _known(bare, " x") if bare else ""
+        return [f"{named} {axis}".lstrip() for axis in "xyz"], named
+    if count > 1:
+        return [f"{label} {number}".lstrip() if label else "" for number in range(1, count + 1)], ""
+    if axis := _AXIS.search(label):
+        words = _known(label[: axis.start()].strip(_EDGE), f" {axis[1]}", otherwise="") or sensor
+        return [f"{words} {axis[1]}".lstrip()], words
+    return [_known(label) if label else ""], ""
+
+
+def _known(label: str, ending: str = "", otherwise: str | None = None) -> str:
+    """The last words of a label that mean something to `meaning`, all of them first; else what `otherwise` says."""
+    words = label.split()
+    for count in (len(words), *range(min(_WORDS, len(words) - 1), 0, -1)):
+        some = " ".join(words[len(words) - count :])
+        if some and meaning(some + ending).kind:
+            return some
+    return (words[-1] if words else "") if otherwise is None else otherwise
+
+
+def _shared(names: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Give the unit behind z to x and y before it, where they have none of their own."""
+    known = list(units)
+    axes = [name[-1:].casefold() for name in names]
+    for place in range(2, len(names)):
+        if axes[place - 2 : place + 1] == ["x", "y", "z"] and known[place] and not any(known[place - 2 : place]):
+            known[place - 2 : place] = [known[place]] * 2
+    return known

@@ -1,0 +1,115 @@
+"""Dialects: lines that are no table, and how each of them becomes a row of one.
+
+A dialect is recognised by the first lines and then takes one line at a time, whether that comes from a file or from a
+wire. A new one is a file with a function ``recognise``, and a line in `recognise` here.
+
+>>> dialect = recognise(["starting up", "X: -20.8 Y: -20.2 Z: 26.1 uT", "X: -20.7 Y: -20.1 Z: 26.2 uT"])
+>>> dialect.words, dialect.names
+('labelled lines', ('X (uT)', 'Y (uT)', 'Z (uT)'))
+>>> dialect.row("X: -20.6 Y: -20.0 Z: 26.3 uT"), dialect.row("low battery") is None
+(['-20.6', '-20.0', '26.3'], True)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, Protocol
+
+from flinders.readers._lines import ENDS_EARLY, shown
+from flinders.readers._source import derived
+from flinders.readers.dialects import json_lines, labelled, magcc, motioncal, stamped
+from flinders.samples import Skipped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.readers._lines import Lines
+    from flinders.readers._source import Source
+
+OTHER: Final = "other"
+"""Why lines are left out that are none of the dialect."""
+MOST_NUMBERS: Final = 10
+"""Numbers of lines that are kept to be shown."""
+
+
+class Dialect(Protocol):
+    """How lines that are no table become rows of one.
+
+    Attributes
+    ----------
+    words : str
+        For people.
+    names : tuple of str
+        Of the columns; empty where the lines do not tell them.
+    """
+
+    @property
+    def words(self) -> str: ...  # noqa: D102 - above
+    @property
+    def names(self) -> tuple[str, ...]: ...  # noqa: D102 - above
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take one line, in order: the cells of a reading, nothing for a part of one, None where it is another line."""
+
+
+def recognise(lines: list[str]) -> Dialect | None:
+    """Find the dialect whose marks the lines bear; None for a table."""
+    return (
+        motioncal.recognise(lines)
+        or magcc.recognise(lines)
+        or json_lines.recognise(lines)
+        or stamped.recognise(lines, recognise)
+        or labelled.recognise(lines)
+    )
+
+
+def guess(lines: list[str]) -> Dialect | None:
+    """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
+    return stamped.recognise(lines, recognise, marked=False) or labelled.recognise(lines, marked=False)
+
+
+class Transcription:
+    """A recording in a dialect as the table that it stands for, and what of it is no reading.
+
+    Parameters
+    ----------
+    source : Source
+    dialect : Dialect
+    encoding : str
+        Of the source.
+
+    Attributes
+    ----------
+    table : Source
+        Comma-separated rows without a header, each in the place of its line; kept as the source is.
+    """
+
+    def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
+        self.dialect = dialect
+        self._encoding = encoding
+        self._others, self._numbers, self._example = 0, list[int](), ""
+        self.table = derived(source, self._rows(source))
+
+    def others(self, before: int = 0) -> tuple[Skipped, ...]:
+        """Account for the lines that are none of the dialect, less so many that are accounted for already."""
+        if self._others <= before:
+            return ()
+        numbers = () if before else tuple(self._numbers)
+        return (Skipped(OTHER, self._others - before, numbers, "" if before else self._example),)
+
+    def _rows(self, source: Source) -> Iterator[bytes]:
+        for lines in source.lines(self._encoding):
+            yield "".join(f"{self._row(lines, place, text)}\n" for place, text in enumerate(lines.texts)).encode()
+
+    def _row(self, lines: Lines, place: int, text: str) -> str:
+        """Write one line as a row; nothing where it is no reading, so that rows keep the numbers of their lines."""
+        cells = self.dialect.row(text)
+        if cells is not None:
+            return ",".join(cells)
+        if text == ENDS_EARLY:
+            return text
+        if text.strip():
+            self._others += 1
+            self._example = self._example or shown(text)
+            if len(self._numbers) < MOST_NUMBERS:
+                self._numbers.append(lines.first + place)
+        return ""

@@ -1,0 +1,205 @@
+"""Lines in which labels say what the numbers are: ``X: -20.8 Y: -20.2 Z: 26.1 uT``, ``Mag (uT) [ 1, 2, 3 ]``.
+
+Lines with the same labels and units are of one kind. The kind that names a magnetometer ends a reading; acceleration,
+rate, temperature and time of the kinds that come before it belong to it. Where each axis has a line of its own, that of
+z ends the reading. A line of no such kind is another line: a cut one has other labels, or lacks its unit.
+
+>>> dialect = recognise(["Accel X: 0.1 Y: 0.2 Z: 9.8 m/s^2", "Mag X: -20.8 Y: -20.2 Z: 26.1 uT", "", "low battery"] * 2)
+>>> dialect.row("Accel X: 0.1 Y: 0.2 Z: 9.7 m/s^2"), dialect.row("Mag X: 1 Y: 2 Z: 3 uT")
+((), ['1', '2', '3', '0.1', '0.2', '9.7'])
+>>> dialect.row("Mag X: 1 Y: 2 Z:"), recognise(["1,2,3"]), recognise(["(1, 2, 3)"] * 3, marked=False).names
+(None, None, ('x', 'y', 'z'))
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+
+from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
+from flinders.readers._several import instruments, vectors
+from flinders.readers._sniff import COMMENTS
+from flinders.readers._tokenizer import cut, is_labelled, names_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Kind: TypeAlias = "tuple[str, ...]"
+"""The names of a line's numbers; lines of one kind have the same."""
+OFTEN: Final = 0.5
+"""Share of the most frequent kind's lines that another one needs to be preferred for its unit."""
+SELDOM: Final = 0.05
+"""Share of the magnetometer's lines that a kind needs to be read with it."""
+AUXILIARY: Final = (ACCELERATION, RATE, TEMPERATURE, TIME)
+DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
+"""What stands between the numbers of a table, whose rows need no guess, and of times and dates."""
+_SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
+"""Words of lines that say how a sensor is set or corrected."""
+MOST_SEEN: Final = 1024
+"""Texts between numbers that are remembered."""
+PLAIN: Final = ("x", "y", "z")
+
+
+class _Printed(NamedTuple):
+    """One line, cut."""
+
+    kind: Kind
+    numbers: list[str]
+    is_labelled: bool
+    is_plain: bool
+    is_setting: bool
+
+
+@dataclass(slots=True)
+class Labelled:
+    """Lines of some kinds that together make a reading.
+
+    Attributes
+    ----------
+    kinds : dict of kind to int
+        Those that are read, and where the numbers of each stand in the row.
+    closing : tuple of str
+        The kind that ends a reading.
+    needed : frozenset of int
+        Places in the row without which there is no reading.
+    names : tuple of str
+        Of the columns.
+    """
+
+    kinds: dict[Kind, int]
+    closing: Kind
+    needed: frozenset[int]
+    names: tuple[str, ...]
+    words: str = "labelled lines"
+    _cells: list[str] = field(init=False)
+    _seen: dict[tuple[str, ...], Kind | None] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        self._cells = [""] * len(self.names)
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take the numbers of a line by its kind; a reading where that ends one."""
+        numbers, gaps = cut(line)
+        kind = self._kind(gaps)
+        if kind is None:
+            return None
+        if len(self.kinds) == 1:
+            return numbers
+        start = self.kinds[kind]
+        self._cells[start : start + len(numbers)] = numbers
+        if kind != self.closing:
+            return ()
+        cells, self._cells = self._cells, [""] * len(self.names)
+        return cells if all(cells[place] for place in self.needed) else ()
+
+    def _kind(self, gaps: tuple[str, ...]) -> Kind | None:
+        """Tell the kind of a line by what stands between its numbers; None for one that is not read."""
+        if gaps not in self._seen:
+            if len(self._seen) >= MOST_SEEN:
+                self._seen.clear()
+            kind = names_of(gaps) if len(gaps) > 1 else None
+            self._seen[gaps] = kind if kind in self.kinds else None
+        return self._seen[gaps]
+
+
+def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
+    """Find lines whose labels name a magnetometer, or, where that is not asked for, three numbers between any words.
+
+    Parameters
+    ----------
+    lines : list of str
+    marked : bool
+        Labels have to be parted from their numbers by more than a comma, so that no table is taken for labelled lines.
+    """
+    every = [_printed(line) for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    counts = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
+    enough = OFTEN * max(counts.values(), default=0)
+    printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
+    counts = Counter(each.kind for each in printed)
+    labelled = [kind for kind in dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked)]
+    closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
+    if closing is not None:
+        others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
+        return _laid_out(closing, [kind for kind in others if _belongs(kind, closing)], printed)
+    if together := _axis_by_axis([kind for kind in labelled if counts[kind] >= OFTEN * max(counts.values())]):
+        return together
+    return None if marked else _by_place(printed, max(enough, OFTEN * len(every)))
+
+
+def _printed(line: str) -> _Printed:
+    numbers, gaps = cut(line)
+    is_plain = set(gaps) <= DELIMITERS and "0x" not in line.casefold()
+    is_setting = _SETTING.search(" ".join(gaps)) is not None
+    return _Printed(names_of(gaps) if numbers else (), numbers, is_labelled(gaps), is_plain, is_setting)
+
+
+def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
+    """Pick the kind that names one: the rawest, of those one that states its unit, then the most frequent."""
+    found = {kind: instruments(vectors(kind, list(map(meaning, kind)), FIELD)) for kind in kinds}
+    found = {kind: fields for kind, fields in found.items() if fields}
+    often = [kind for kind in found if counts[kind] >= OFTEN * max(counts[other] for other in found)]
+
+    def quality(kind: Kind) -> tuple[int, bool, int]:
+        best = found[kind][0]
+        return best.rank, not meaning(kind[best.cells[0]]).unit, -counts[kind]
+
+    return min(often, key=quality, default=None)
+
+
+def _belongs(kind: Kind, closing: Kind) -> bool:
+    """Tell whether a kind of line is read together with the magnetometer's: another sensor, or another magnetometer."""
+    meanings = list(map(meaning, kind))
+    if any(vectors(kind, meanings, each) for each in (ACCELERATION, RATE)):
+        return True
+    if vectors(kind, meanings, FIELD):
+        both = closing + kind
+        return len(instruments(vectors(both, list(map(meaning, both)), FIELD))) > len(
+            instruments(vectors(closing, list(map(meaning, closing)), FIELD))
+        )
+    return any(known.kind in AUXILIARY for known in meanings)
+
+
+def _laid_out(closing: Kind, others: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled:
+    """Put the numbers of the magnetometer's lines first in the row, and behind them those of the others."""
+    kinds, names = {closing: 0}, _timed(closing, [each.numbers for each in printed if each.kind == closing])
+    for kind in others:
+        kinds[kind] = len(names)
+        names += kind
+    return Labelled(kinds, closing, frozenset(range(len(closing))), names)
+
+
+def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
+    """Put lines together that have an axis each; that of z ends the reading."""
+    names = tuple(name for kind in kinds for name in kind)
+    fields = instruments(vectors(names, list(map(meaning, names)), FIELD))
+    if not fields:
+        return None
+    starts = {kind: sum(map(len, kinds[:place])) for place, kind in enumerate(kinds)}
+    last = fields[0].cells[-1]
+    closing = next(kind for kind, start in starts.items() if start <= last < start + len(kind))
+    return Labelled(starts, closing, frozenset(fields[0].cells), names)
+
+
+def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
+    """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them."""
+    counts = Counter(each.kind for each in printed if len(each.kind) in (len(PLAIN), len(PLAIN) + 1))
+    kind = max(counts, key=lambda each: counts[each], default=None)
+    if kind is None or counts[kind] < enough:
+        return None
+    names = _timed(kind, [each.numbers for each in printed if each.kind == kind])
+    if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
+        return None
+    words = "lines of three numbers" if len(kind) == len(PLAIN) else "lines of time and three numbers"
+    return Labelled({kind: 0}, kind, frozenset(range(len(kind))), (*names[: -len(PLAIN)], *PLAIN), words)
+
+
+def _timed(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
+    """Name a first number without a label the time, where it ascends and does not just count."""
+    if kind[0] and meaning(kind[0]).kind != "":
+        return kind
+    first = [float(row[0].replace("−", "-")) for row in rows]
+    steps = {after - before for before, after in zip(first, first[1:], strict=False)}
+    is_time = len(steps) > 0 and min(steps) > 0 and steps != {1.0}
+    return ("time", *kind[1:]) if is_time and not kind[0] else kind

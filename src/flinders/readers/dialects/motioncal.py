@@ -1,0 +1,68 @@
+"""Lines of MotionCal and of Adafruit's sketches for it: ``Raw:`` with nine counts, ``Uni:`` with nine numbers in units.
+
+They are acceleration, rate and field. A count of ``Raw:`` is g/8192, °/s/16 and µT/10; ``Uni:`` is in m/s², rad/s and µT.
+
+Source: PaulStoffregen/MotionCal ``portlist.cpp`` and ``visualize.c``; Adafruit AHRS ``calibration.ino``.
+
+>>> raw = recognise(["ready", "Raw:0,0,8192,0,0,16,217,4,-586"])
+>>> raw.words, raw.names[:4], raw.row("Raw:0,0,8192,0,0,16,217,4,-586")
+('Raw: lines', ('accel_x_g', 'accel_y_g', 'accel_z_g', 'gyro_x_dps'), ['0', '0', '1', '0', '0', '1', '21.7', '0.4', '-58.6'])
+>>> raw.row("Cal1:0,0,0,0,0,0,0,0,0,50"), raw.row("hello")
+((), None)
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from flinders.readers._numbers import number
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+LINE: Final = re.compile(r"(?:.* -> )?\s*(Raw|Uni|Cal[12])\s*[: ]\s*(?=[-+.\d]+\s*,)", re.IGNORECASE)
+"""How such lines begin; a serial monitor may put the time before, and sketches print their calibration between."""
+UNITS: Final = {"raw": ("g", "dps", "uT"), "uni": ("mps2", "radps", "uT")}
+COUNTS: Final = (8192, 16, 10)
+"""Counts of ``Raw:`` in one g, °/s and µT."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionCal:
+    """Lines with one of the two signs."""
+
+    sign: str
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        return f"{self.sign.capitalize()}: lines"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the nine columns."""
+        sensors = zip(("accel", "gyro", "mag"), UNITS[self.sign], strict=True)
+        return tuple(f"{sensor}_{axis}_{unit}" for sensor, unit in sensors for axis in "xyz")
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take the nine numbers of a line, counts in units; nothing where the other sign or a calibration stands."""
+        mark = LINE.match(line)
+        if mark is None:
+            return None
+        if mark[1].casefold() != self.sign:
+            return ()
+        cells = [cell.strip() for cell in line[mark.end() :].split(",")]
+        values = [number(cell, ".") for cell in cells]
+        if len(cells) != 9 or None in values:
+            return None
+        if self.sign == "uni":
+            return cells
+        return [f"{value / COUNTS[place // 3]:.9g}" for place, value in enumerate(values) if value is not None]
+
+
+def recognise(lines: list[str]) -> MotionCal | None:
+    """Find such lines among others; ``Raw:`` before ``Uni:``, which says the same in fewer digits."""
+    signs = {mark[1].casefold() for line in lines if (mark := LINE.match(line))}
+    return next((MotionCal(sign) for sign in UNITS if sign in signs), None)

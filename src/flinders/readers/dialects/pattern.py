@@ -1,0 +1,61 @@
+"""Lines as the user describes them: ``"N {x} / {y} / {z}"`` names the numbers, all else is as it is printed.
+
+>>> pattern = Pattern.of("N {x} / {y} / {z} at {t_ms}")
+>>> pattern.names, pattern.row("N -20.8 /  -20.2 / 26.1 at 1200 ms"), pattern.row("N 1 / 2")
+(('x', 'y', 'z', 't_ms'), ['-20.8', '-20.2', '26.1', '1200'], None)
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Final
+
+from flinders.errors import UsageError
+from flinders.readers._tokenizer import NUMBER, decimal
+
+_PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")
+"""A name in braces; what a format adds behind a colon says nothing of how to read it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """A line with names in the place of its numbers.
+
+    Attributes
+    ----------
+    words : str
+        For people.
+    names : tuple of str
+    line : Pattern
+        What finds the numbers.
+    """
+
+    words: str
+    names: tuple[str, ...]
+    line: re.Pattern[str]
+
+    @classmethod
+    def of(cls, pattern: str) -> Pattern:
+        """Take what the user gave.
+
+        Raises
+        ------
+        UsageError
+            For a pattern without three different names.
+        """
+        pieces = _PLACE.split(pattern)
+        names = tuple(pieces[1::2])
+        if len(names) < 3 or len(set(names)) < len(names) or not all(names):
+            raise UsageError(
+                f"pattern {pattern!r}: need a line as it is printed, with different names in braces for the numbers, three "
+                "at least, such as 'mag {x} {y} {z}'"
+            )
+        texts = [r"\s*".join(map(re.escape, piece.split())) for piece in pieces[::2]]
+        numbers = rf"\s*({NUMBER})\s*"
+        return cls(f"lines like {pattern!r}", names, re.compile(numbers.join(texts)))
+
+    def row(self, line: str) -> list[str] | None:
+        """Take the numbers of a line; None where it is not written so."""
+        found = self.line.search(line)
+        return None if found is None else [decimal(number) for number in found.groups()]
