@@ -101,7 +101,7 @@ REFUSED: dict[str, tuple[bytes, type[InputError], str]] = {
     "prose": (
         b"Dear diary,\ntoday I calibrated\n",
         UnreadableInput,
-        "no lines of numbers in odd.csv (line 1: 'Dear diary,')",
+        "no readings are recognised in odd.csv (line 1: 'Dear diary,')",
     ),
     "a header alone": (b"mx,my,mz\n", UnreadableInput, "no readings below"),
     "zeros": (b"\x00" * 1000, UnreadableInput, "binary file"),
@@ -160,7 +160,7 @@ REFUSED: dict[str, tuple[bytes, type[InputError], str]] = {
         UnreadableInput,
         "is a calibration file",
     ),
-    "JSON of words": (b'["a", "b"]', UnreadableInput, "no lines of numbers"),
+    "JSON of words": (b'["a", "b"]', UnreadableInput, "no readings are recognised"),
     "JSON nested too deep": (b"[" * 100_000, UnreadableInput, "JSON"),
     "escape codes of a terminal": (b"\x1b[31mred\x1b[0m\n", UnreadableInput, "\ufffd[31mred"),
 }

@@ -707,7 +707,7 @@ def test_streams_that_are_no_recording_are_refused(piped: Callable[..., TextReco
         piped(io.BytesIO())
     with pytest.raises(UnreadableInput, match="a binary file"):
         piped(Dribble(bytes(range(256)) * 16 for _ in range(10**9)))
-    with pytest.raises(UnreadableInput, match="no lines of numbers"):
+    with pytest.raises(UnreadableInput, match="no readings are recognised"):
         piped(Dribble(b"tick\n" for _ in range(10**9)))
 
 

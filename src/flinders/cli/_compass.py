@@ -50,7 +50,7 @@ def place(function: Function) -> Function:
 def sensors(function: Function) -> Function:
     """Which columns and axes, and whether tilt is taken off."""
     for option in (
-        _options.columns,
+        _options.numbers,
         click.option(
             "--acceleration-axes", default="x,y,z", show_default=True, metavar="AXES",
             help="Where each axis of the acceleration comes from.",

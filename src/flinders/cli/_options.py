@@ -45,6 +45,14 @@ force = click.option("--force", is_flag=True, help="Overwrite the output file if
 columns = click.option(
     "--columns", metavar="X,Y,Z", help="The magnetometer's columns: three names, or numbers counted from 1."
 )
+pattern = click.option(
+    "--pattern", metavar="LINE", help="How a line is printed, where it is not recognised: 'N {x} / {y} / {z}'."
+)
+
+
+def numbers(function: Function) -> Function:
+    """Which numbers of a line are the magnetometer's."""
+    return columns(pattern(function))
 
 
 sensor = click.option(
@@ -55,7 +63,7 @@ sensor = click.option(
 
 OF_A_LOG: Final = ("topic", "start", "end", "as_logged")
 """What `log` adds."""
-READING: Final = ("columns", "unit", "scale", "axes", *OF_A_LOG)
+READING: Final = ("columns", "pattern", "unit", "scale", "axes", *OF_A_LOG)
 """What `recording` adds: arguments of `flinders.open_recording`."""
 
 
@@ -88,7 +96,7 @@ def recording(function: Function) -> Function:
         ),
         click.option("--scale", type=positive, metavar="UT", help="Microtesla in one count."),
         click.option("--unit", metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts."),
-        columns,
+        numbers,
     ):  # fmt: skip
         function = option(function)
     return function

@@ -193,7 +193,6 @@ def _fitted(
     from flinders.fitting import fit
 
     part = Counted(instrument)
-    say(str(part.recording))
     asked = {**options, "sensor": instrument.name}
     try:
         with saying_what_was_skipped([part.recording]):

@@ -7,13 +7,14 @@ import hashlib
 import os
 from typing import TYPE_CHECKING
 
-from flinders.errors import TooFewSamples
+from flinders.cli._talk import say
+from flinders.errors import FlindersError, TooFewSamples, counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.document import Provenance, SourceFile
-    from flinders.samples import Recording, Samples
+    from flinders.samples import Recording, Samples, Skipped
 
 
 def sha256(recording: Recording) -> str:
@@ -44,7 +45,7 @@ def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
 
 
 class Counted:
-    """A recording that knows how many rows its last pass gave.
+    """A recording that knows how many rows its last pass gave, and says once what was read.
 
     Attributes
     ----------
@@ -58,13 +59,39 @@ class Counted:
         self.recording, self.source = recording, recording.source
         self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
         self.rows = 0
+        self._is_said = False
 
     def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
+        """Go through the recording; after the first time, or where that breaks off, say what was read."""
         self.rows = 0
-        for block in self.recording.blocks():
-            self.rows += len(block)
-            yield block
+        try:
+            for block in self.recording.blocks():
+                self.rows += len(block)
+                yield block
+        except FlindersError:
+            self._say(str(self.recording))
+            raise
+        self._say(f"{self.recording}; {read_and_left_out(self.rows, getattr(self.recording, 'skipped', ()))}")
+
+    def _say(self, words: str) -> None:
+        if not self._is_said:
+            self._is_said = True
+            say(words)
+
+
+def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
+    """Say how many readings there are, and what is none, with the first such line.
+
+    >>> from flinders.samples import Skipped
+    >>> read_and_left_out(600, [Skipped("other", 3, (1, 2, 3), "LIS3MDL found"), Skipped("not finite", 1, (9,))])
+    "600 readings, 3 other lines (line 1: 'LIS3MDL found'), 1 not finite line (line 9)"
+    """
+    words = [counted(rows, "reading")]
+    for entry in skipped:
+        example = f": {entry.example!r}" if entry.example else ""
+        where = f" (line {entry.lines[0]}{example})" if entry.lines else ""
+        words.append(f"{counted(entry.rows, f'{entry.reason} line')}{where}")
+    return ", ".join(words)
 
 
 def provenance(parts: Sequence[Counted]) -> Provenance:

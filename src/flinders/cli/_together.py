@@ -57,8 +57,6 @@ def fitted(
     parts = {instrument.name: Counted(instrument) for instrument in log.instruments}
     if len(parts) < 2:
         raise UsageError(f"{log.source} has one magnetometer: leave --together out")
-    for part in parts.values():
-        say(str(part.recording))
     asked = {name: options[name] for name in TAKEN if options.get(name) is not None}
     found = fit_together(parts, reference=chosen, **asked)
     for member, part, path in zip(found.members, parts.values(), paths, strict=True):

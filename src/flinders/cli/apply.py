@@ -48,7 +48,7 @@ Example:
 @click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
 @_filters.option
 @_drivers.hold
-@_options.columns
+@_options.numbers
 @sensor_option
 @_options.log
 @_options.force

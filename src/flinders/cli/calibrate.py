@@ -291,8 +291,6 @@ def _fit(
     with progress("reading") as watch:
         opened = _sensors.opened(recordings, options, progress=watch, **reading)
         parts = [Counted(part) for part in (opened.recordings if isinstance(opened, Joined) else (opened,))]
-        for part in parts:
-            say(str(part.recording))
         try:
             with saying_what_was_skipped(part.recording for part in parts):
                 return _fitted(parts, by, options), parts

@@ -45,7 +45,7 @@ Exit codes:
 @click.option("--drift", "is_followed", is_flag=True, help="Also follow the offset through the recording.")
 @_options.judgement
 @_drivers.hold
-@_options.columns
+@_options.numbers
 @sensor_option
 @_options.log
 @_options.as_json

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 BESIDE = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
 """What may stand beside a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
 READ_BY: Final = {
-    "columns": None, "unit": None, "scale": None, "axes": "x,y,z", "topic": None, "start": None, "end": None,
-    "as_logged": False,
+    "columns": None, "pattern": None, "unit": None, "scale": None, "axes": "x,y,z", "topic": None, "start": None,
+    "end": None, "as_logged": False,
 }  # fmt: skip
 """How a recording is read, and the defaults: what else was given belongs into the command to type next."""
 

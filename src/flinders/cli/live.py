@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 ANY_PORT: Final = "?"
 """``--serial`` without a port."""
 PORT: Final = 8410
-OF_LINES: Final = ("columns", "unit", "scale")
+OF_LINES: Final = ("columns", "pattern", "unit", "scale")
 """Options of what arrives as lines, or is played back."""
 SWITCH_S: Final = 0.0005
 """Seconds that a fit may keep the interpreter from whoever waits for a datagram."""
@@ -68,7 +68,7 @@ Example:
 @click.option("--replay", metavar="LOG", help="Play a recording back, any that flinders reads.")
 @click.option("--speed", type=_options.positive, metavar="X", help="So many times as fast [default: 1].")
 @click.option("--simulate", is_flag=True, help="A simulated sensor; also where nothing is plugged in.")
-@_options.columns
+@_options.numbers
 @click.option("--unit", metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts.")
 @click.option("--scale", type=_options.positive, metavar="UT", help="Microtesla in one count.")
 @click.option(

@@ -43,6 +43,7 @@ Exit codes:
 @click.option("-o", "--output", metavar="FILE", help="Where to write; - for standard output.")
 @click.option("--seconds", type=_options.positive, metavar="S", help="Stop after so long [default: at Ctrl-C].")
 @click.option("--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings.")
+@_options.pattern
 @_options.force
 @click.option("--resume", is_flag=True, help="Go on with the recording in the output file, which a crash has ended.")
 @_options.as_json
@@ -54,14 +55,16 @@ def command(
     output: str | None,
     seconds: float | None,
     readings: int | None,
+    pattern: str | None,
     force: bool,
     resume: bool,
     as_json: bool,
 ) -> None:
     """Record what a sensor sends, as it arrives, as text that every command reads.
 
-    Understood are MotionCal's Raw: lines and Adafruit's Uni: lines, tables with any delimiter, JSON lines and
-    magcc's datagrams. A line that is not is kept as a comment. A crash loses at most a second; a port that goes
+    Understood are numbers with labels (X: -20.8 Y: -20.2 Z: 26.1 uT), in tuples, or in a table, time stamps in front of
+    them, JSON lines, MotionCal's Raw: lines, Adafruit's Uni: lines and magcc's datagrams; --pattern describes any other. A
+    line that is not understood is kept as a comment. A crash loses at most a second; a port that goes
     away is waited for.
     """
     from flinders.files import refuse_existing
@@ -90,6 +93,7 @@ def command(
             sink,
             seconds=seconds,
             readings=readings,
+            pattern=pattern,
             resumed=resumed,
             stopped=stopped,
             say=watch.say,

@@ -158,6 +158,7 @@ def open_recording(
     path: AnyPath | Sequence[AnyPath],
     *,
     columns: str | None = None,
+    pattern: str | None = None,
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
@@ -178,6 +179,9 @@ def open_recording(
         A file, ``"-"`` for standard input, or several recordings of one sensor.
     columns : str, optional
         Three names, or numbers from 1, of the magnetometer's columns: ``"mx,my,mz"``, ``"4,5,6"``.
+    pattern : str, optional
+        How a line of text with a reading is written, with names in the place of its numbers, where it is not
+        recognised: ``"N {x} / {y} / {z}"``.
     unit : str, optional
         What they are in, where the file does not say: ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``.
     scale : float, optional
@@ -215,6 +219,7 @@ def open_recording(
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
     asked = _Asked(
         columns=columns,
+        pattern=pattern,
         unit=unit,
         scale=scale,
         axes=Axes.of(axes),
@@ -241,6 +246,7 @@ def open_log(
     path: AnyPath,
     *,
     columns: str | None = None,
+    pattern: str | None = None,
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
@@ -264,6 +270,7 @@ def open_log(
     """
     asked = _Asked(
         columns=columns,
+        pattern=pattern,
         unit=unit,
         scale=scale,
         axes=Axes.of(axes),
@@ -288,13 +295,15 @@ def open_log(
     )
 
 
-def holds_log(path: AnyPath, *, columns: str | None = None, topic: str | None = None) -> bool:
+def holds_log(
+    path: AnyPath, *, columns: str | None = None, pattern: str | None = None, topic: str | None = None
+) -> bool:
     """Tell whether there is a magnetometer to choose: in a log, or a table of several; never for a pipe.
 
     Parameters
     ----------
     path : str or path
-    columns, topic : str, optional
+    columns, pattern, topic : str, optional
         As `open_recording`; columns say which magnetometer it is already.
 
     Raises
@@ -308,7 +317,9 @@ def holds_log(path: AnyPath, *, columns: str | None = None, topic: str | None = 
     reader = _reader_of(file)
     if reader.log is not None:
         return True
-    asked = _Asked(columns=columns, unit=None, scale=None, axes=Axes(), topic=topic, span=Span(), progress=None)
+    asked = _Asked(
+        columns=columns, pattern=pattern, unit=None, scale=None, axes=Axes(), topic=topic, span=Span(), progress=None
+    )
     with contextlib.suppress(FlindersError):  # said by whoever opens it next
         return bool(_columns_of(_table_of(file, reader, asked)).magnetometers)
     return False
@@ -318,6 +329,7 @@ def read(
     path: AnyPath | Sequence[AnyPath],
     *,
     columns: str | None = None,
+    pattern: str | None = None,
     unit: str | None = None,
     scale: float | None = None,
     axes: str = "x,y,z",
@@ -335,6 +347,7 @@ def read(
     recording = open_recording(
         path,
         columns=columns,
+        pattern=pattern,
         unit=unit,
         scale=scale,
         axes=axes,
@@ -378,6 +391,7 @@ class _Asked:
     topic: str | None
     span: Span
     progress: Progress | None
+    pattern: str | None = None
     choice: Choice = FIRST
     as_logged: bool = False
     flat: str | None = None
@@ -432,7 +446,9 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
             raise UsageError(f"{file.name} has no topics and no members: leave --topic out")
         options["topic"] = asked.topic
     if reader.open is open_text:
-        recording: TextRecording | TableRecording = open_text(file, **options)
+        recording: TextRecording | TableRecording = open_text(file, pattern=asked.pattern, **options)
+    elif asked.pattern is not None:
+        raise UsageError(f"{file.name} is no text ({reader.title}): leave --pattern out")
     else:
         disk = on_disk(file)
         recording = reader.open(disk, **options)  # type: ignore[misc]
@@ -464,7 +480,12 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
 
 def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
     """Open a log, which knows its units and columns."""
-    given = {"--columns": asked.columns, "--unit": asked.unit, "--scale": asked.scale}
+    given = {
+        "--columns": asked.columns,
+        "--pattern": asked.pattern,
+        "--unit": asked.unit,
+        "--scale": asked.scale,
+    }
     told = {"unit": given.pop("--unit")} if reader.takes_unit else {}
     for option, value in given.items():
         if value is not None:

@@ -21,6 +21,7 @@ from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import FIELD, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
+from flinders.readers._tokenizer import cut, pattern_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -349,8 +350,9 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         )
     place, text = lines[0]
     few = max((_rows(lines, dialect, 1) for dialect in DIALECTS), key=len)
-    headed = next((at for at, line in lines for cut, _ in DIALECTS if names_magnetometer(split(line, cut))), None)
-    if headed is not None:
+    numbers = [(at, line) for at, line in lines if len(cut(line)[0]) >= 3]
+    headed = next((at for at, line in lines for sign, _ in DIALECTS if names_magnetometer(split(line, sign))), None)
+    if headed is not None and not few and not numbers:
         return UnreadableInput(
             f"{name} has a header (line {headed + 1}) and no readings below it: record again, or check what was saved"
         )
@@ -364,7 +366,9 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         return UnreadableInput(
             f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
         )
+    place, text = numbers[0] if numbers else lines[0]
+    example = f"; this line is --pattern '{pattern_of(text)}', if those are its x, y and z" if numbers else ""
     return UnreadableInput(
-        f"no lines of numbers in {name} (line {place + 1}: {shown(text)!r}): "
-        "need three columns of numbers, one reading a line"
+        f"no readings are recognised in {name} (line {place + 1}: {shown(text)!r}): need three columns of numbers, labels "
+        f"such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or --pattern, which says how a line is printed{example}"
     )

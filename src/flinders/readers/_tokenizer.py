@@ -113,6 +113,17 @@ def names_of(gaps: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name} ({unit})" if unit else name for name, unit in zip(names, _shared(names, units), strict=True))
 
 
+def pattern_of(line: str) -> str:
+    """Write a line as the pattern of lines like it.
+
+    >>> pattern_of("<39.2/31.4/28.7/0>")
+    '<{x}/{y}/{z}/{n4}>'
+    """
+    pieces = re.split(f"({NUMBER})", line.strip())
+    names = ("x", "y", "z", *(f"n{place}" for place in range(4, len(pieces))))
+    return "".join(f"{{{names[place // 2]}}}" if place % 2 else piece for place, piece in enumerate(pieces))
+
+
 def is_labelled(gaps: Sequence[str]) -> bool:
     """Tell whether signs of a label stand between the numbers, as ``X:``, ``x=`` or ``mag [``, and not commas only."""
     return any(re.search(r"[^\W\d_][^,;]*[:=\[({]|[xyzXYZ]$", gap) is not None for gap in gaps[:-1])
