@@ -136,7 +136,7 @@ def test_a_header_long_before_a_slow_sensors_first_reading_counts() -> None:
         text += taken.text + transcript.take(b"", second + 0.95).text
     Path("out.csv").write_text(text, encoding="utf-8")
     assert transcript.told.form is not None
-    assert transcript.told.form.unit == "µT"
+    assert transcript.told.unit == "µT"
     assert read("out.csv").unit.name == "uT"
 
 

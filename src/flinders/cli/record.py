@@ -149,10 +149,10 @@ def _remarks(told: Recorded, output: str | None) -> Iterator[str]:
         return
     yield f"written to {output}"
     form = told.form
-    if form is not None and not form.cells:
+    if form is not None and not told.unit:
         yield f"next: flinders calibrate {output} --columns X,Y,Z, the magnetometer's three of {form.header}"
     else:
-        unit = "" if form is None or form.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
+        unit = "" if told.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
         yield f"next: flinders calibrate {output}{unit}"
 
 
@@ -188,9 +188,8 @@ class _Status:
 def _in_short(told: Recorded) -> str:
     """Readings, rate, strength and seconds on a line that fits any terminal."""
     parts = [counted(told.readings, "reading"), f"{figures(told.rate_hz, 3)} Hz" if told.rate_hz else "- Hz"]
-    if told.strengths and told.form is not None:
-        unit = told.form.unit
-        parts.append(f"{figures(told.weakest, 3)} to {figures(told.strongest, 3)} {unit}".rstrip())
+    if told.strengths:
+        parts.append(f"{figures(told.weakest, 3)} to {figures(told.strongest, 3)} {told.unit}")
     return "  ".join([*parts, f"{told.seconds:.0f} s"])
 
 

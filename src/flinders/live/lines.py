@@ -3,15 +3,11 @@ r"""Lines of a running sensor as rows of a table that `flinders.read` reads.
 How the first lines are written decides how all are read; it is recognised as in a file, so that what a file can hold can
 be recorded. Time of arrival is put in front where the lines have no time of their own.
 
->>> form = settle(["starting up", "Raw:0,0,8192,0,0,16,217,4,-586", "Raw:0,0,8192,0,0,16,217,2,-587"])
->>> print(form)
-Raw: lines
->>> form.header
-'t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_y_uT,mag_z_uT'
->>> form.row("Raw:0,0,8192,0,0,16,217,4,-586", 0.25)
-Row(text='0.2500,0,0,1,0,0,1,21.7,0.4,-58.6', field=(21.7, 0.4, -58.6))
->>> form.row("low battery", 0.26) is None
-True
+>>> form = settle(["starting up", "X: 21.7 Y: 0.4 Z: -58.6 uT", "X: 21.7 Y: 0.2 Z: -58.7 uT"])
+>>> print(form, "as", form.header)
+labelled lines as t_s,X (uT),Y (uT),Z (uT)
+>>> form.row("X: 21.5 Y: 0.3 Z: -58.5 uT", 0.25), form.row("low battery", 0.26)
+('0.2500,21.5,0.3,-58.5', None)
 """
 
 from __future__ import annotations
@@ -21,20 +17,17 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from flinders.errors import FlindersError
-from flinders.readers._numbers import SPACES, fits, number, split
+from flinders.readers._numbers import SPACES, Grid, number, row_of, split
 from flinders.readers._sniff import COMMENTS, SPOKEN, Layout, sniff
 from flinders.readers.dialects import guess, motioncal, recognise
 from flinders.readers.dialects.pattern import Pattern
-from flinders.readers.text import unit_of
-from flinders.units import Unit, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from flinders.readers._numbers import Grid
     from flinders.readers.dialects import Dialect
 
 TIME: Final = "t_s"
@@ -42,56 +35,27 @@ PLAIN: Final = ("mag_x", "mag_y", "mag_z")
 """Names of three columns without a header."""
 
 
-class Row(NamedTuple):
-    """A line as a row of the table, and the field in it; nothing of both where it is a part of a reading."""
-
-    text: str
-    field: tuple[float, ...]
-
-
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How a source writes its lines.
+    """How a source writes its lines."""
 
-    Attributes
-    ----------
-    words : str
-        For people.
-    header : str
-        What stands above the rows; empty where that is nothing.
-    take : callable
-        Line to row, without the time of arrival; nothing for a part of a reading, None where it is not understood.
-    delimiter, decimal : str
-        As in `Grid`.
-    cells : tuple of int
-        Where the field is in what `take` gives; empty where that is not known.
-    scale : float
-        From there to `unit`.
-    unit : str
-        ``µT`` or ``counts``.
-    is_timed : bool
-        The lines have a time of their own.
-    """
+    words: str  # for people
+    header: str  # what stands above the rows; empty where that is nothing
+    take: Callable[[str], str | None]  # line to row without a time; nothing for a part of a reading, None where unknown
+    delimiter: str
+    decimal: str
+    is_timed: bool  # the lines have a time of their own
 
-    words: str
-    header: str
-    take: Callable[[str], str | None]
-    delimiter: str = ","
-    decimal: str = "."
-    cells: tuple[int, ...] = ()
-    scale: float = 1.0
-    unit: str = "counts"
-    is_timed: bool = False
+    def row(self, line: str, arrived: float) -> str | None:
+        """Make a row of a line that arrived so many seconds after the start.
 
-    def row(self, line: str, arrived: float) -> Row | None:
-        """Make a row of a line that arrived so many seconds after the start; None where it is not understood."""
+        Returns
+        -------
+        str or None
+            Nothing for a part of a reading, None where the line is not understood.
+        """
         text = self.take(line)
-        if not text:
-            return None if text is None else Row("", ())
-        cells = split(text, self.delimiter)
-        values = [number(cells[cell], self.decimal) for cell in self.cells]
-        field = tuple(value * self.scale for value in values if value is not None)
-        return Row(text if self.is_timed else f"{self._time(arrived)}{self.delimiter}{text}", field)
+        return f"{self._time(arrived)}{self.delimiter}{text}" if text and not self.is_timed else text
 
     def _time(self, arrived: float) -> str:
         written = f"{arrived:.4f}".replace(".", self.decimal)
@@ -111,13 +75,11 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     """
     dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
     layout = None if dialect else _layout(lines)
-    dialect = dialect or (None if layout else guess(lines))
-    if dialect is not None:
+    if dialect := dialect or (None if layout else guess(lines)):
         return _transcribed(lines, dialect)
-    if layout is not None:
-        return _form(layout, lines, _kept(layout.grid, sorted(layout.grid.needed)))
-    layout = _layout(lines, "1,2,3")  # it is not clear which the magnetometer's are: all are recorded
-    return None if layout is None else _form(layout, lines, _kept(layout.grid, range(3)), is_clear=False)
+    if layout := layout or _layout(lines, "1,2,3"):  # all is recorded where it is not clear which the magnetometer's are
+        return _form(layout, lines, partial(_as_it_is, layout.grid))
+    return None
 
 
 def is_marked(line: str) -> bool:
@@ -129,19 +91,10 @@ def is_marked(line: str) -> bool:
 
 def _transcribed(lines: list[str], dialect: Dialect) -> Form | None:
     """Lay out lines in a dialect as the table that they stand for."""
-    tried = deepcopy(dialect)  # a dialect remembers parts of a reading
-    rows = [",".join(cells) for line in lines if (cells := tried.row(line))]
-    take = partial(_joined, dialect)
-    layout = _layout(rows, names=dialect.names)
-    is_clear = layout is not None
-    layout = layout or _layout(rows, "1,2,3", names=dialect.names)
-    return layout and _form(layout, rows, take, words=dialect.words, names=dialect.names, is_clear=is_clear)
-
-
-def _joined(dialect: Dialect, line: str) -> str | None:
-    """Take a line in a dialect as a row."""
-    cells = dialect.row(line)
-    return None if cells is None else ",".join(cells)
+    first = partial(_joined, deepcopy(dialect))  # a dialect remembers parts of a reading
+    rows = [row for row in map(first, lines) if row]
+    layout = _layout(rows, names=dialect.names) or _layout(rows, "1,2,3", names=dialect.names)
+    return layout and _form(layout, rows, partial(_joined, dialect), dialect.words, dialect.names)
 
 
 def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] = ()) -> Layout | None:
@@ -152,47 +105,31 @@ def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] =
         return None
 
 
-def _kept(grid: Grid, needed: Sequence[int]) -> Callable[[str], str | None]:
-    """Take the lines of a table as they are, those with all of the needed numbers."""
+def _joined(dialect: Dialect, line: str) -> str | None:
+    """Take a line in a dialect as a row."""
+    cells = dialect.row(line)
+    return None if cells is None else ",".join(cells)
 
-    def take(line: str) -> str | None:
-        text = line.strip(" ")
-        cells = split(text, grid.delimiter)
-        if text.startswith(COMMENTS) or not (fits(cells, grid.width) if grid.width else len(cells) > max(needed)):
-            return None
-        return None if any(number(cells[cell], grid.decimal) is None for cell in needed) else text
 
-    return take
+def _as_it_is(grid: Grid, line: str) -> str | None:
+    """Take a line of a table as it is, where its numbers are there."""
+    text = line.strip(" ")
+    return None if text.startswith(COMMENTS) or row_of(split(text, grid.delimiter), grid) is None else text
 
 
 def _form(
-    layout: Layout,
-    lines: list[str],
-    take: Callable[[str], str | None],
-    *,
-    words: str = "",
-    names: Sequence[str] = (),
-    is_clear: bool = True,
+    layout: Layout, lines: list[str], take: Callable[[str], str | None], words: str = "", names: Sequence[str] = ()
 ) -> Form:
     """Put together how lines are recorded; columns without names get some."""
-    grid, chosen = layout.grid, layout.columns
-    sign, is_timed = grid.delimiter, chosen.time is not None and _runs(lines, grid, chosen.time.cells[0])
+    grid, sign, time = layout.grid, layout.grid.delimiter, layout.columns.time
+    is_timed = time is not None and _runs(lines, grid, time.cells[0])
     title = sign.join(names) if names else layout.header_text.strip().lstrip("#%/ ")
     if not title and not is_timed:
         width = grid.width or len(split(lines[-1], sign))
         title = sign.join(PLAIN if width == len(PLAIN) else [f"c{place + 1}" for place in range(width)])
-    unit = unit_of(chosen, "", None, None) if is_clear else Unit.of()
-    return Form(
-        words or f"lines of numbers, {SPOKEN[sign]}-separated",
-        title if is_timed or not title else f"{TIME}{sign}{title}",
-        take,
-        " " if sign == SPACES else sign,
-        grid.decimal,
-        chosen.field.cells if is_clear else (),
-        unit.scale,
-        label(unit.inside),
-        is_timed,
-    )
+    header = title if is_timed or not title else f"{TIME}{sign}{title}"
+    words = words or f"lines of numbers, {SPOKEN[sign]}-separated"
+    return Form(words, header, take, " " if sign == SPACES else sign, grid.decimal, is_timed)
 
 
 def _runs(lines: list[str], grid: Grid, cell: int) -> bool:

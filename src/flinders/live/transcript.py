@@ -35,6 +35,7 @@ from flinders.readers._lines import shown
 from flinders.readers._numbers import rows_of
 from flinders.readers._sniff import COMMENTS, Layout, sniff
 from flinders.readers.text import unit_of
+from flinders.units import label
 
 if TYPE_CHECKING:
     from flinders.live.lines import Form
@@ -59,51 +60,36 @@ ENDS: Final = re.compile(rb"[\r\n]+")
 
 @dataclass(slots=True)
 class Recorded:
-    """What has been recorded so far.
+    """What has been recorded so far."""
 
-    Attributes
-    ----------
-    form : Form, optional
-        How the lines are written; None where that is not known.
-    readings, unknown, lines, received : int
-        Rows, lines that were not understood, all lines, and bytes.
-    seconds : float
-        Since the start.
-    strength_sum, weakest, strongest : float
-        Of the length of the field, in the unit of `form`.
-    losses : int
-        How often the other end went away.
-    datagrams_lost : int
-        What arrived and was thrown away by this machine, as far as it counts that.
-    first_unknown : str
-        The first line that was not understood.
-    """
-
-    form: Form | None = None
-    readings: int = 0
-    unknown: int = 0
+    form: Form | None = None  # how the lines are written; None where that is not known
+    unit: str = ""  # µT or counts; nothing where it is not clear which numbers are the magnetometer's
+    readings: int = 0  # rows
+    unknown: int = 0  # lines that were not understood
     lines: int = 0
-    received: int = 0
-    seconds: float = 0.0
+    received: int = 0  # bytes
+    seconds: float = 0.0  # since the start
     strengths: int = 0
-    strength_sum: float = 0.0
+    strength_sum: float = 0.0  # of the length of the field, in `unit`
     weakest: float = math.inf
     strongest: float = 0.0
-    losses: int = 0
-    datagrams_lost: int = 0
-    first_unknown: str = ""
+    losses: int = 0  # how often the other end went away
+    datagrams_lost: int = 0  # what arrived and was thrown away by this machine, as far as it counts that
+    first_unknown: str = ""  # the first line that was not understood
     first_at: float = 0.0
     last_at: float = 0.0
 
-    def add(self, field: tuple[float, ...], at: float) -> None:
-        """Count one reading."""
+    def count_row(self, at: float) -> None:
+        """Count one row."""
         self.first_at = self.first_at if self.readings else at
         self.readings, self.last_at = self.readings + 1, at
+
+    def measure(self, field: tuple[float, ...]) -> None:
+        """Note how strong the field of a reading is."""
         strength = math.hypot(*field)
-        if field and math.isfinite(strength):
-            self.strengths += 1
-            self.strength_sum += strength
-            self.weakest, self.strongest = min(self.weakest, strength), max(self.strongest, strength)
+        self.strengths += 1
+        self.strength_sum += strength
+        self.weakest, self.strongest = min(self.weakest, strength), max(self.strongest, strength)
 
     @property
     def rate_hz(self) -> float:
@@ -120,7 +106,7 @@ class Recorded:
             "seconds": self.seconds,
             "rate_hz": self.rate_hz or None,
             "strength": {
-                "unit": self.form.unit if self.form else None,
+                "unit": self.unit or None,
                 "mean": self.strength_sum / self.strengths if known else None,
                 "min": self.weakest if known else None,
                 "max": self.strongest if known else None,
@@ -135,10 +121,10 @@ class Recorded:
     def __str__(self) -> str:
         told = [f"{counted(self.readings, 'reading')}{f' ({self.form})' if self.form else ''} in {self.seconds:.1f} s"]
         told += [f"{figures(self.rate_hz)} Hz"] * (self.rate_hz > 0)
-        if self.strengths and self.form is not None:
+        if self.strengths:
             mean = self.strength_sum / self.strengths
             ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
-            told.append(f"strength {figures(mean, 3)} {self.form.unit} {ends}".replace("  ", " "))
+            told.append(f"strength {figures(mean, 3)} {self.unit} {ends}")
         told += [f"lost {self.losses} time{'s' * (self.losses != 1)}"] * (self.losses > 0)
         told += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
         return ", ".join(told)
@@ -337,6 +323,7 @@ class Transcript:
         self.told.form = form
         self._tell("settled", str(form))
         self._read = self._recognised([form.header, *self._rows, *rows])
+        self.told.unit = label(self._read[1].inside) if self._read else ""
 
     def _recognised(self, lines: list[str]) -> tuple[Layout, Unit] | None:
         """How `flinders.read` will read the text; None where it will need to be told more."""
@@ -362,16 +349,16 @@ class Transcript:
         cut, self._is_cut = self._is_cut and not is_marked(text), False
         at = held.at if self._last is None else max(held.at, self._last + STEP_S)
         row = None if cut or form is None else form.row(text, at)
-        if form is None or row is None or not row.text:
+        if form is None or not row:
             if row is None:
                 self._note(text, form, cut=cut)
             return f"# {'cut off: ' * cut}{escaped(held.line)}\n"
         self._last, self._unlike = at, 0
-        self.told.add(row.field, at)
-        rows.append(row.text)
+        self.told.count_row(at)
+        rows.append(row)
         header = f"{form.header}\n" if form.header and self._header is None else ""
         self._header = form.header
-        return f"{header}{row.text}\n"
+        return f"{header}{row}\n"
 
     def _too_long(self, held: _Held) -> str:
         """A piece of a line that is too long; the first counts for all."""
@@ -412,12 +399,15 @@ class Transcript:
             return []
         layout, unit = self._read
         values = rows_of(rows, range(len(rows)), layout.grid).values
-        return readings_of(layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name))
+        readings = readings_of(layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name))
+        for reading in readings:
+            self.told.measure(reading.field)
+        return readings
 
 
 def _rows(form: Form, texts: list[str]) -> list[str]:
     """The rows that these lines make."""
-    return [row.text for text in texts if (row := form.row(text, 0.0)) is not None and row.text]
+    return [row for text in texts if (row := form.row(text, 0.0))]
 
 
 def escaped(line: bytes) -> str:

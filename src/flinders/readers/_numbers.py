@@ -166,7 +166,7 @@ def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
     kept: list[int] = []
     unreadable: list[tuple[int, str]] = []
     for line, text in zip(lines, texts, strict=True):
-        row = _row(split(text, grid.delimiter), grid)
+        row = row_of(split(text, grid.delimiter), grid)
         if row is None:
             unreadable.append((line, text))
         else:
@@ -175,7 +175,7 @@ def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
     return Rows(np.array(values, dtype=float).reshape(-1, len(grid.cells)), kept, unreadable)
 
 
-def _row(found: list[str], grid: Grid) -> list[float] | None:
+def row_of(found: list[str], grid: Grid) -> list[float] | None:
     """Read the cells of one line, or None where it has the wrong number of them or text in a needed one."""
     if not fits(found, grid.width) if grid.width else len(found) <= max(grid.needed):
         return None

@@ -11,7 +11,6 @@ import contextlib
 import gzip
 import io
 import os
-import re
 import stat
 import sys
 import tempfile
@@ -26,6 +25,7 @@ from flinders.errors import UnreadableInput, UsageError
 from flinders.files import REASONS, reason
 from flinders.readers._kinds import GZIP, foreign_kind, may_be_log
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
+from flinders.readers._tokenizer import cut
 from flinders.readers._unpacking import is_bomb, too_large
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ MOST_SPOOLED: Final = 64 << 30
 ENOUGH_ROWS, ENOUGH_LINES = 20, 400
 """Lines of numbers of one width, and lines at all, after which no more is waited for to tell what a stream is."""
 NOTHING_PIPED: Final = "nothing was piped in"
-NUMBER: Final = re.compile(r"[-+−]?\.?\d[\d.]*(?:[eE][-+]?\d+)?")
+LEAST_NUMBERS: Final = 3
+"""In a line with a reading."""
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -393,11 +394,9 @@ def _shows_layout(head: bytes) -> bool:
 
 
 def _row_width(line: str) -> int:
-    """Count the words of a line of numbers; 0 for any other."""
-    record = line.rstrip().endswith(("}", "]"))
-    words = re.findall(r'[^\s:,"{}\[\]]+' if record else r'[^\s,;"]+', line)
-    numbers = sum(NUMBER.fullmatch(word) is not None for word in words)
-    return len(words) if numbers >= 3 and (record or 2 * numbers >= len(words)) else 0
+    """Count the numbers of a line; 0 where they are too few for a reading."""
+    numbers = len(cut(line)[0])
+    return numbers if numbers >= LEAST_NUMBERS else 0
 
 
 def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes], empty: str) -> int:

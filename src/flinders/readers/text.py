@@ -24,7 +24,6 @@ from flinders.axes import Axes
 from flinders.errors import NoMagnetometer, UnitError, UnreadableInput
 from flinders.readers import _arrow
 from flinders.readers._columns import wanted_acceleration
-from flinders.readers._json import is_json, table_of
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._log import FIRST, Choice
@@ -36,6 +35,7 @@ from flinders.readers._sniff import COMMENTS, Layout, in_force, is_flown, sniff
 from flinders.readers._source import File
 from flinders.readers._span import Span
 from flinders.readers.dialects import Transcription, guess, recognise
+from flinders.readers.dialects.json_document import is_document, table_of
 from flinders.readers.dialects.magcc import is_magcc, table_of_datagrams
 from flinders.readers.dialects.paparazzi import is_paparazzi, table_of_messages
 from flinders.readers.dialects.pattern import Pattern
@@ -451,7 +451,7 @@ def _table_of(file: Source, encoding: str, beginning: str, pattern: str | None) 
     plain = _Table(file, encoding)
     if pattern is not None:
         return _transcribed(file, encoding, Pattern.of(pattern))
-    if is_json(beginning):
+    if is_document(beginning):
         return _Table(*_made(table_of(file, encoding)), words="JSON").opened()
     if is_magcc(beginning):
         return _Table(*_made(table_of_datagrams(file, encoding)), words="magcc datagrams").opened()

@@ -97,14 +97,16 @@ class Transcription:
         return (Skipped(OTHER, self._others - before, numbers, "" if before else self._example),)
 
     def _rows(self, source: Source) -> Iterator[bytes]:
+        row = self.dialect.row
         for lines in source.lines(self._encoding):
-            yield "".join(f"{self._row(lines, place, text)}\n" for place, text in enumerate(lines.texts)).encode()
+            rows = [
+                self._other(lines, place, text) if (cells := row(text)) is None else ",".join(cells)
+                for place, text in enumerate(lines.texts)
+            ]
+            yield "\n".join([*rows, ""]).encode()
 
-    def _row(self, lines: Lines, place: int, text: str) -> str:
-        """Write one line as a row; nothing where it is no reading, so that rows keep the numbers of their lines."""
-        cells = self.dialect.row(text)
-        if cells is not None:
-            return ",".join(cells)
+    def _other(self, lines: Lines, place: int, text: str) -> str:
+        """Count a line that is no reading; a blank row takes its place, so that rows keep the numbers of their lines."""
         if text == ENDS_EARLY:
             return text
         if text.strip():

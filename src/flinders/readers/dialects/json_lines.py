@@ -12,9 +12,12 @@ import io
 import json
 from collections import Counter
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from flinders.readers._columns import names_magnetometer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 LEAST: Final = 3
 """Numbers in a record with a reading."""
@@ -27,9 +30,17 @@ class JsonLines:
     names: tuple[str, ...]
     words: str = "JSON lines"
 
+    @classmethod
+    def of(cls, records: Sequence[object]) -> JsonLines:
+        """Name the columns after the keys of the first object."""
+        return cls(next((tuple(flat(record)) for record in records if isinstance(record, dict)), ()))
+
     def row(self, line: str) -> list[str] | None:
-        """Bring one record into the order of the columns, numbers as they are written."""
-        record = parsed(line)
+        """Bring the record of a line into the order of the columns, numbers as they are written."""
+        return self.cells(parsed(line))
+
+    def cells(self, record: object) -> list[str] | None:
+        """Bring one record into the order of the columns; None for what is no such record."""
         if isinstance(record, dict) and self.names:
             values = flat(record)
             return [_cell(values.get(name)) for name in self.names] if values.keys() & set(self.names) else None

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
 from flinders.readers._several import instruments, vectors
 from flinders.readers._sniff import COMMENTS
-from flinders.readers._tokenizer import cut, is_labelled, names_of
+from flinders.readers._tokenizer import cut, is_labelled, like, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,6 +74,7 @@ class Labelled:
     names: tuple[str, ...]
     words: str = "labelled lines"
     _cells: list[str] = field(init=False)
+    _quick: re.Pattern[str] | None = field(default=None, init=False)
     _seen: dict[tuple[str, ...], Kind | None] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -81,11 +82,14 @@ class Labelled:
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take the numbers of a line by its kind; a reading where that ends one."""
+        if self._quick and (found := self._quick.fullmatch(line)):
+            return found.groups()
         numbers, gaps = cut(line)
         kind = self._kind(gaps)
         if kind is None:
             return None
         if len(self.kinds) == 1:
+            self._quick = self._quick or like(gaps)
             return numbers
         start = self.kinds[kind]
         self._cells[start : start + len(numbers)] = numbers

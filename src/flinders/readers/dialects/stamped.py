@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import FlindersError
-from flinders.readers._numbers import fits, number, split
+from flinders.readers._numbers import row_of, split
 from flinders.readers._sniff import SPOKEN, sniff
 from flinders.readers._tokenizer import STAMP, seconds_of
 
@@ -80,13 +80,10 @@ class Cells:
 
     def row(self, line: str) -> list[str] | None:
         """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
-        grid = self.grid
-        cells = [cell.strip() for cell in split(line, grid.delimiter)]
-        if not (fits(cells, grid.width) if grid.width else len(cells) > max(grid.needed)):
+        cells = split(line, self.grid.delimiter)
+        if row_of(cells, self.grid) is None:
             return None
-        if any(number(cells[cell], grid.decimal) is None for cell in grid.needed):
-            return None
-        return [cell.replace(",", ".") if grid.decimal == "," else cell for cell in cells[: grid.width or None]]
+        return [cell.strip().replace(self.grid.decimal, ".") for cell in cells[: self.grid.width or None]]
 
 
 def recognise(
