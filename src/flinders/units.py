@@ -27,6 +27,7 @@ PER_UNIT: Final = {"uT": 1.0, "mG": 0.1, "G": 100.0, "nT": 1e-3, "mT": 1e3, "T":
 
 SPELLINGS: Final = {
     "ut": "uT", "µt": "uT", "μt": "uT", "microtesla": "uT", "microteslas": "uT",
+    "utesla": "uT", "µtesla": "uT", "μtesla": "uT",
     "mg": "mG", "mgauss": "mG", "milligauss": "mG",
     "g": "G", "gs": "G", "ga": "G", "gauss": "G",
     "nt": "nT", "nanotesla": "nT", "gamma": "nT",

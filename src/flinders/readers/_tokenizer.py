@@ -50,14 +50,19 @@ _UNIT: Final = "|".join(
 )
 _UNIT_AHEAD: Final = re.compile(rf"[\[(]?((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
 """A unit right behind a number; ``T:`` is a label."""
-_UNIT_INSIDE: Final = re.compile(rf"[(\[]\s*((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))\s*[)\]]?\s*$", re.IGNORECASE)
-"""A unit in brackets at the end of a label."""
+_UNIT_INSIDE: Final = re.compile(rf"(?:[(\[]\s*|\bin\s+)((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))\s*[)\]]?(?=$|\s*[(\[])", re.IGNORECASE)
+"""A unit in brackets at the end of a label, or behind ``in``."""
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"
 _BETWEEN: Final = re.compile(r"[\s:=|>\"'{,;]+")
 _XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)
 """``Mag XYZ``, ``x, y, z``: a label of all three."""
-_AXIS: Final = re.compile(r"(?:^|[\s_.\-/])([xyz])(?:[\s_-]*(?:axis|component|value|field))?$", re.IGNORECASE)
+_AXIS: Final = re.compile(r"(?:^|[\s_.\-/])([xyz])(?:[\s_-]*(?:axis|component|value))?$", re.IGNORECASE)
 """An axis at the end of a label."""
+_AXIS_AHEAD: Final = re.compile(
+    r"([xyz])[\s_-]*(?:axis\b)?[\s_-]*(raw|norm|field|mag(?:net\w*)?|acc\w*|gyro?\w*|value)?\b(.*)", re.IGNORECASE
+)
+"""An axis at its beginning: ``X axis field``, ``Xraw``."""
+_FILLING: Final = re.compile(r"\b(value|reading|data|component|axis)s?\b", re.IGNORECASE)
 _WORDS: Final = 3
 """Words of a label that are tried when all of it says nothing: what stands before may be a sentence, or a value."""
 _LETTER_BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}
@@ -164,8 +169,8 @@ def _gap(text: str) -> Gap:
 def _label(text: str) -> str:
     """The words of a label, without the signs around them; brackets around a unit at its end stay."""
     inside = _UNIT_INSIDE.search(text.rstrip(" \t,;:=|[{<>\"'-#*/→~"))
-    bare = text[: inside.start()] if inside else text
-    words = _BETWEEN.sub(" ", bare.strip(_EDGE)).strip()
+    bare = f"{text[: inside.start()]} {text[inside.end() :]}" if inside else text
+    words = _BETWEEN.sub(" ", bare.strip(_EDGE)).strip(_EDGE)
     return f"{words} ({inside[1]})".lstrip() if inside else words
 
 
@@ -189,6 +194,10 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
         return [f"{named} {axis}".lstrip() for axis in "xyz"], named
     if count > 1:
         return [f"{label} {number}".lstrip() if label else "" for number in range(1, count + 1)], ""
+    if (ahead := _AXIS_AHEAD.fullmatch(label)) and (ahead[2] or not ahead[3]):
+        label = " ".join((*_FILLING.sub(" ", f"{ahead[2] or ''} {ahead[3]}").split(), ahead[1]))
+        if str(ahead[2]).casefold() == "norm":  # no reading of a sensor, whatever was named before it
+            return [label], sensor
     if axis := _AXIS.search(label):
         words = _known(label[: axis.start()].strip(_EDGE), f" {axis[1]}", otherwise="") or sensor
         return [f"{words} {axis[1]}".lstrip()], words

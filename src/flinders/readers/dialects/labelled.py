@@ -18,6 +18,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
+import numpy as np
+
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
 from flinders.readers._several import instruments, vectors
 from flinders.readers._sniff import COMMENTS
@@ -40,6 +42,10 @@ _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron"
 MOST_SEEN: Final = 1024
 """Texts between numbers that are remembered."""
 PLAIN: Final = ("x", "y", "z")
+LEAST_TURNS: Final = 8
+"""Lines from which on it shows whether they are of several sensors in turn."""
+ALIKE: Final = 0.3
+"""Step to a line of the same sensor, as a share of that to the next line, below which they are."""
 
 
 class _Printed(NamedTuple):
@@ -66,6 +72,10 @@ class Labelled:
         Places in the row without which there is no reading.
     names : tuple of str
         Of the columns.
+    words : str
+        For people.
+    has_headings : bool
+        Labels stand in lines of their own above the numbers.
     """
 
     kinds: dict[Kind, int]
@@ -73,6 +83,8 @@ class Labelled:
     needed: frozenset[int]
     names: tuple[str, ...]
     words: str = "labelled lines"
+    has_headings: bool = False
+    _heading: str = field(default="", init=False)
     _cells: list[str] = field(init=False)
     _quick: re.Pattern[str] | None = field(default=None, init=False)
     _seen: dict[tuple[str, ...], Kind | None] = field(default_factory=dict, init=False)
@@ -84,7 +96,11 @@ class Labelled:
         """Take the numbers of a line by its kind; a reading where that ends one."""
         if self._quick and (found := self._quick.fullmatch(line)):
             return found.groups()
-        numbers, gaps = cut(line)
+        if _is_heading(line):
+            self._heading = line
+            return () if self.has_headings else None
+        numbers, gaps = cut(f"{self._heading} {line}" if self._heading else line)
+        self._heading = ""
         kind = self._kind(gaps)
         if kind is None:
             return None
@@ -117,7 +133,8 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     marked : bool
         Labels have to be parted from their numbers by more than a comma, so that no table is taken for labelled lines.
     """
-    every = [_printed(line) for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    every = [_printed(line) for line in _with_headings(lines)]
     counts = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
     enough = OFTEN * max(counts.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
@@ -126,10 +143,29 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
     if closing is not None:
         others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
-        return _laid_out(closing, [kind for kind in others if _belongs(kind, closing)], printed)
+        found = _laid_out(closing, [kind for kind in others if _belongs(kind, closing)], printed)
+        found.has_headings = 2 * sum(map(_is_heading, lines)) > counts[closing]
+        return found
     if together := _axis_by_axis([kind for kind in labelled if counts[kind] >= OFTEN * max(counts.values())]):
         return together
     return None if marked else _by_place(printed, max(enough, OFTEN * len(every)))
+
+
+def _is_heading(line: str) -> bool:
+    """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``."""
+    return line.rstrip().endswith(":") and not cut(line)[0]
+
+
+def _with_headings(lines: list[str]) -> list[str]:
+    """Put each line that is a heading in front of the next one."""
+    joined, heading = list[str](), ""
+    for line in lines:
+        if _is_heading(line):
+            heading = line
+        else:
+            joined.append(f"{heading} {line}" if heading else line)
+            heading = ""
+    return joined
 
 
 def _printed(line: str) -> _Printed:
@@ -190,13 +226,23 @@ def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them."""
     counts = Counter(each.kind for each in printed if len(each.kind) in (len(PLAIN), len(PLAIN) + 1))
     kind = max(counts, key=lambda each: counts[each], default=None)
-    if kind is None or counts[kind] < enough:
+    rows = [[float(number.replace("−", "-")) for number in each.numbers] for each in printed if each.kind == kind]
+    if kind is None or counts[kind] < enough or _alternates(rows):
         return None
     names = _timed(kind, [each.numbers for each in printed if each.kind == kind])
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
         return None
     words = "lines of three numbers" if len(kind) == len(PLAIN) else "lines of time and three numbers"
     return Labelled({kind: 0}, kind, frozenset(range(len(kind))), (*names[: -len(PLAIN)], *PLAIN), words)
+
+
+def _alternates(rows: Sequence[Sequence[float]]) -> bool:
+    """Tell whether lines are of several sensors in turn: each is more like the second or third next than the next."""
+    values = np.array(rows, float)
+    if len(values) < LEAST_TURNS:
+        return False
+    steps = [np.nanmedian(np.abs(values[after:] - values[:-after]).sum(axis=1)) for after in (1, 2, 3)]
+    return bool(min(steps[1:]) < ALIKE * steps[0])
 
 
 def _timed(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:

@@ -13,6 +13,7 @@ Source: PaulStoffregen/MotionCal ``portlist.cpp`` and ``visualize.c``; Adafruit 
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -27,6 +28,8 @@ LINE: Final = re.compile(r"(?:.* -> )?\s*(Raw|Uni|Cal[12])\s*[: ]\s*(?=[-+.\d]+\
 UNITS: Final = {"raw": ("g", "dps", "uT"), "uni": ("mps2", "radps", "uT")}
 COUNTS: Final = (8192, 16, 10)
 """Counts of ``Raw:`` in one g, °/s and µT."""
+MOST_IN_UNITS: Final = 160.0
+"""Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +37,7 @@ class MotionCal:
     """Lines with one of the two signs."""
 
     sign: str
+    is_in_units: bool = False  # a ``Raw:`` whose numbers are those of ``Uni:``, as some sketches print it
 
     @property
     def words(self) -> str:
@@ -43,7 +47,7 @@ class MotionCal:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the nine columns."""
-        sensors = zip(("accel", "gyro", "mag"), UNITS[self.sign], strict=True)
+        sensors = zip(("accel", "gyro", "mag"), UNITS["uni" if self.is_in_units else self.sign], strict=True)
         return tuple(f"{sensor}_{axis}_{unit}" for sensor, unit in sensors for axis in "xyz")
 
     def row(self, line: str) -> Sequence[str] | None:
@@ -57,7 +61,7 @@ class MotionCal:
         values = [number(cell, ".") for cell in cells]
         if len(cells) != 9 or None in values:
             return None
-        if self.sign == "uni":
+        if self.sign == "uni" or self.is_in_units:
             return cells
         return [f"{value / COUNTS[place // 3]:.9g}" for place, value in enumerate(values) if value is not None]
 
@@ -65,4 +69,13 @@ class MotionCal:
 def recognise(lines: list[str]) -> MotionCal | None:
     """Find such lines among others; ``Raw:`` before ``Uni:``, which says the same in fewer digits."""
     signs = {mark[1].casefold() for line in lines if (mark := LINE.match(line))}
-    return next((MotionCal(sign) for sign in UNITS if sign in signs), None)
+    sign = next((sign for sign in UNITS if sign in signs), None)
+    return None if sign is None else MotionCal(sign, sign == "raw" and _are_units(lines))
+
+
+def _are_units(lines: list[str]) -> bool:
+    """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
+    raw = MotionCal("raw", is_in_units=True)
+    rows = [cells[:3] for line in lines if (cells := raw.row(line))]
+    gravity = [math.hypot(*map(float, cells)) for cells in rows]
+    return any("." in cell for cells in rows for cell in cells) and 0 < min(gravity) <= max(gravity) < MOST_IN_UNITS
