@@ -153,9 +153,7 @@ def test_columns_that_are_not_clear_are_all_recorded() -> None:
     np.testing.assert_allclose(read("out.csv", columns="c7,c8,c9", unit="uT").field[0], [21.7, 0.4, -58.6])
 
 
-@pytest.mark.parametrize(
-    "line", ["", "ready", "1,2", "12:30:05", "Raw:", "{}", '{"a": 1}', "|1,2*", "0x10 0x20"]
-)
+@pytest.mark.parametrize("line", ["", "ready", "1,2", "12:30:05", "Raw:", "{}", '{"a": 1}', "|1,2*", "0x10 0x20"])
 def test_what_holds_no_three_numbers_settles_nothing(line: str) -> None:
     assert settle([line] * 5) is None
 

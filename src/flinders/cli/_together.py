@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.cli._sources import Counted, provenance
-from flinders.cli._talk import say
 from flinders.errors import FlindersError, UsageError
 
 if TYPE_CHECKING:

@@ -62,10 +62,10 @@ def command(
 ) -> None:
     """Record what a sensor sends, as it arrives, as text that every command reads.
 
-    Understood are numbers with labels (X: -20.8 Y: -20.2 Z: 26.1 uT), in tuples, or in a table, time stamps in front of
-    them, JSON lines, MotionCal's Raw: lines, Adafruit's Uni: lines and magcc's datagrams; --pattern describes any other. A
-    line that is not understood is kept as a comment. A crash loses at most a second; a port that goes
-    away is waited for.
+    Understood are numbers with labels (X: -20.8 Y: -20.2 Z: 26.1 uT), in tuples, or in a table, time stamps in
+    front of them, JSON lines, MotionCal's Raw: lines, Adafruit's Uni: lines and magcc's datagrams; --pattern
+    describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
+    port that goes away is waited for.
     """
     from flinders.files import refuse_existing
     from flinders.live.recorder import Recorder

@@ -1,7 +1,7 @@
 r"""Lines of a running sensor as rows of a table that `flinders.read` reads.
 
-How the first lines are written decides how all are read; it is recognised as in a file, so that what a file can hold can
-be recorded. Time of arrival is put in front where the lines have no time of their own.
+How the first lines are written decides how all are read; it is recognised as in a file, so that what a file can hold
+can be recorded. Time of arrival is put in front where the lines have no time of their own.
 
 >>> form = settle(["starting up", "X: 21.7 Y: 0.4 Z: -58.6 uT", "X: 21.7 Y: 0.2 Z: -58.7 uT"])
 >>> print(form, "as", form.header)
@@ -77,7 +77,9 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     layout = None if dialect else _layout(lines)
     if dialect := dialect or (None if layout else guess(lines)):
         return _transcribed(lines, dialect)
-    if layout := layout or _layout(lines, "1,2,3"):  # all is recorded where it is not clear which the magnetometer's are
+    if layout := layout or _layout(
+        lines, "1,2,3"
+    ):  # all is recorded where it is not clear which the magnetometer's are
         return _form(layout, lines, partial(_as_it_is, layout.grid))
     return None
 
@@ -94,7 +96,7 @@ def _transcribed(lines: list[str], dialect: Dialect) -> Form | None:
     first = partial(_joined, deepcopy(dialect))  # a dialect remembers parts of a reading
     rows = [row for row in map(first, lines) if row]
     layout = _layout(rows, names=dialect.names) or _layout(rows, "1,2,3", names=dialect.names)
-    return layout and _form(layout, rows, partial(_joined, dialect), dialect.words, dialect.names)
+    return None if layout is None else _form(layout, rows, partial(_joined, dialect), dialect.words, dialect.names)
 
 
 def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] = ()) -> Layout | None:

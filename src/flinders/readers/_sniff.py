@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
-from flinders.readers._columns import Column, Columns, choose, names_magnetometer
+from flinders.readers._columns import Columns, choose, names_magnetometer
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._log import FIRST, Choice
-from flinders.readers._names import FIELD, is_unit, meaning
+from flinders.readers._names import is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
 from flinders.readers._tokenizer import cut, pattern_of
 
@@ -369,6 +369,6 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     place, text = numbers[0] if numbers else lines[0]
     example = f"; this line is --pattern '{pattern_of(text)}', if those are its x, y and z" if numbers else ""
     return UnreadableInput(
-        f"no readings are recognised in {name} (line {place + 1}: {shown(text)!r}): need three columns of numbers, labels "
-        f"such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or --pattern, which says how a line is printed{example}"
+        f"no readings are recognised in {name} (line {place + 1}: {shown(text)!r}): need three columns of numbers, "
+        f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or --pattern, which says how a line is printed{example}"
     )

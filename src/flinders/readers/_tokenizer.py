@@ -1,8 +1,8 @@
 r"""A printed line becomes numbers, each with its label and its unit, and the labels become names of columns.
 
-A board prints for people: ``Mag X: -20.8 Y: -20.2 Z: 26.1 uT``. The text between two numbers holds the unit of the first
-and the label of the second. A label that says an axis only belongs to the sensor that was named before it, and three
-numbers behind one label are its x, y and z, so that the names say what those of a table's header say.
+A board prints for people: ``Mag X: -20.8 Y: -20.2 Z: 26.1 uT``. The text between two numbers holds the unit of the
+first and the label of the second. A label that says an axis only belongs to the sensor that was named before it, and
+three numbers behind one label are its x, y and z, so that the names say what those of a table's header say.
 
 >>> numbers, gaps = cut("Mag X: -20.8 Y: -20.2 Z: 26.1 uT")
 >>> numbers
@@ -48,12 +48,15 @@ _UNIT: Final = "|".join(
     re.escape(unit)
     for unit in sorted({*_OTHER_UNITS, *(unit for units in FACTORS.values() for unit in units)}, key=len, reverse=True)
 )
-_UNIT_AHEAD: Final = re.compile(rf"[\[(]?((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
+_KNOWN_UNIT: Final = rf"((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))"
+_UNIT_AHEAD: Final = re.compile(rf"[\[(]?{_KNOWN_UNIT}[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
 """A unit right behind a number; ``T:`` is a label."""
-_UNIT_INSIDE: Final = re.compile(rf"(?:[(\[]\s*|\bin\s+)((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))\s*[)\]]?(?=$|\s*[(\[])", re.IGNORECASE)
+_UNIT_INSIDE: Final = re.compile(rf"(?:[(\[]\s*|\bin\s+){_KNOWN_UNIT}\s*[)\]]?(?=$|\s*[(\[])", re.IGNORECASE)
 """A unit in brackets at the end of a label, or behind ``in``."""
+_UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)
+"""``Gauss X``."""
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"
-_BETWEEN: Final = re.compile(r"[\s:=|>\"'{,;]+")
+_BETWEEN: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
 _XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)
 """``Mag XYZ``, ``x, y, z``: a label of all three."""
 _AXIS: Final = re.compile(r"(?:^|[\s_.\-/])([xyz])(?:[\s_-]*(?:axis|component|value))?$", re.IGNORECASE)
@@ -83,7 +86,7 @@ def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
 
 
 def like(gaps: Sequence[str]) -> re.Pattern[str]:
-    """Compile what finds the numbers of a line with just these gaps, in a third of the time that `cut` takes.
+    r"""Compile what finds the numbers of a line with just these gaps, in a third of the time that `cut` takes.
 
     >>> like(cut("X: 1 Y: -2 uT")[1]).fullmatch("X:  10.5 \tY: 3 uT").groups()
     ('10.5', '3')
@@ -122,6 +125,7 @@ def names_of(gaps: Sequence[str]) -> tuple[str, ...]:
     sensor = ""
     for first, count in _runs(labels):
         label, unit = _without_unit(labels[first])
+        sensor = sensor if label == labels[first] else ""
         axes, sensor = _axes(label, count, sensor)
         stated = unit or next((each for each in units[first : first + count][::-1] if each), "")
         for place in range(count):
@@ -175,6 +179,8 @@ def _label(text: str) -> str:
 
 
 def _without_unit(label: str) -> tuple[str, str]:
+    if ahead := _UNIT_AND_AXIS.fullmatch(label):
+        return ahead[2], ahead[1]
     inside = _UNIT_INSIDE.search(label)
     return (label[: inside.start()].rstrip(), inside[1]) if inside else (label, "")
 
@@ -215,10 +221,11 @@ def _known(label: str, ending: str = "", otherwise: str | None = None) -> str:
 
 
 def _shared(names: Sequence[str], units: Sequence[str]) -> list[str]:
-    """Give the unit behind z to x and y before it, where they have none of their own."""
+    """Give the one unit of three axes in a row to all of them."""
     known = list(units)
     axes = [name[-1:].casefold() for name in names]
-    for place in range(2, len(names)):
-        if axes[place - 2 : place + 1] == ["x", "y", "z"] and known[place] and not any(known[place - 2 : place]):
-            known[place - 2 : place] = [known[place]] * 2
+    for place in range(len(names) - 2):
+        stated = set(known[place : place + 3]) - {""}
+        if axes[place : place + 3] == ["x", "y", "z"] and len(stated) == 1:
+            known[place : place + 3] = [*stated] * 3
     return known

@@ -422,9 +422,7 @@ class _Table(NamedTuple):
         return self._replace(opening=opening, is_all=is_all)
 
 
-def _laid_out(
-    file: Source, head: bytes, chosen: Callable[..., Layout], pattern: str | None
-) -> tuple[_Table, Layout]:
+def _laid_out(file: Source, head: bytes, chosen: Callable[..., Layout], pattern: str | None) -> tuple[_Table, Layout]:
     """Find how the lines of a file are written; what is no table becomes one.
 
     Raises

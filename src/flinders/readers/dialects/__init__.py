@@ -106,7 +106,7 @@ class Transcription:
             yield "\n".join([*rows, ""]).encode()
 
     def _other(self, lines: Lines, place: int, text: str) -> str:
-        """Count a line that is no reading; a blank row takes its place, so that rows keep the numbers of their lines."""
+        """Count a line that is no reading; a blank row takes its place, and rows keep the numbers of their lines."""
         if text == ENDS_EARLY:
             return text
         if text.strip():

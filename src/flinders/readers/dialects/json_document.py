@@ -1,6 +1,7 @@
-"""A JSON document with a list of records, turned into a table: ``[[1, 2, 3], …]``, ``[{"x": 1, "y": 2, "z": 3}, …]``.
+r"""A JSON document with a list of records, turned into a table: ``[[1, 2, 3], …]``, ``[{"x": 1, "y": 2, "z": 3}, …]``.
 
->>> is_document("[[1, 2, 3],"), is_document('{"t": 1, "mag": [2, 3, 4]}\\n{"t": 2, "mag": [5, 6, 7]}'), is_document("[1] uT")
+>>> lines = '{"t": 1, "mag": [2, 3, 4]}\n{"t": 2, "mag": [5, 6, 7]}'
+>>> is_document("[[1, 2, 3],"), is_document(lines), is_document("[1, 2, 3] uT")
 (True, False, False)
 """
 

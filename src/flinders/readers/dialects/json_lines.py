@@ -49,8 +49,8 @@ class JsonLines:
 
 def recognise(lines: list[str]) -> JsonLines | None:
     """Find records with three numbers; of those with different keys, the most frequent that have a magnetometer's."""
-    records = [record for record in map(parsed, lines) if record is not None]
-    keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records if _numbers(record) >= LEAST)
+    records = [record for record in map(parsed, lines) if record is not None and _numbers(record) >= LEAST]
+    keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records)
     if not keys:
         return None
     return JsonLines(max(keys, key=lambda names: (names_magnetometer(names), keys[names])))

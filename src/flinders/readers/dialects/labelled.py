@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -139,7 +140,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     enough = OFTEN * max(counts.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
     counts = Counter(each.kind for each in printed)
-    labelled = [kind for kind in dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked)]
+    labelled = list(dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked))
     closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
     if closing is not None:
         others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
@@ -148,7 +149,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
         return found
     if together := _axis_by_axis([kind for kind in labelled if counts[kind] >= OFTEN * max(counts.values())]):
         return together
-    return None if marked else _by_place(printed, max(enough, OFTEN * len(every)))
+    return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
 
 
 def _is_heading(line: str) -> bool:
@@ -250,6 +251,6 @@ def _timed(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
     if kind[0] and meaning(kind[0]).kind != "":
         return kind
     first = [float(row[0].replace("−", "-")) for row in rows]
-    steps = {after - before for before, after in zip(first, first[1:], strict=False)}
+    steps = {after - before for before, after in pairwise(first)}
     is_time = len(steps) > 0 and min(steps) > 0 and steps != {1.0}
     return ("time", *kind[1:]) if is_time and not kind[0] else kind

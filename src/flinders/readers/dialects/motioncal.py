@@ -1,12 +1,13 @@
 """Lines of MotionCal and of Adafruit's sketches for it: ``Raw:`` with nine counts, ``Uni:`` with nine numbers in units.
 
-They are acceleration, rate and field. A count of ``Raw:`` is g/8192, °/s/16 and µT/10; ``Uni:`` is in m/s², rad/s and µT.
+They are acceleration, rate and field. A count of ``Raw:`` is g/8192, °/s/16 and µT/10; ``Uni:`` is in m/s², rad/s and
+µT.
 
 Source: PaulStoffregen/MotionCal ``portlist.cpp`` and ``visualize.c``; Adafruit AHRS ``calibration.ino``.
 
 >>> raw = recognise(["ready", "Raw:0,0,8192,0,0,16,217,4,-586"])
->>> raw.words, raw.names[:4], raw.row("Raw:0,0,8192,0,0,16,217,4,-586")
-('Raw: lines', ('accel_x_g', 'accel_y_g', 'accel_z_g', 'gyro_x_dps'), ['0', '0', '1', '0', '0', '1', '21.7', '0.4', '-58.6'])
+>>> raw.words, raw.names[6:], raw.row("Raw:0,0,8192,0,0,16,217,4,-586")
+('Raw: lines', ('mag_x_uT', 'mag_y_uT', 'mag_z_uT'), ['0', '0', '1', '0', '0', '1', '21.7', '0.4', '-58.6'])
 >>> raw.row("Cal1:0,0,0,0,0,0,0,0,0,50"), raw.row("hello")
 ((), None)
 """
