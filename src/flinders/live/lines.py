@@ -47,13 +47,7 @@ class Form:
     is_timed: bool  # the lines have a time of their own
 
     def row(self, line: str, arrived: float) -> str | None:
-        """Make a row of a line that arrived so many seconds after the start.
-
-        Returns
-        -------
-        str or None
-            Nothing for a part of a reading, None where the line is not understood.
-        """
+        """Make a row of a line that arrived so many seconds after the start; None where it is not understood."""
         text = self.take(line)
         return f"{self._time(arrived)}{self.delimiter}{text}" if text and not self.is_timed else text
 

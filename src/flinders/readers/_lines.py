@@ -42,24 +42,12 @@ class EndsEarly(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """A stretch of lines.
+    """A stretch of lines."""
 
-    Attributes
-    ----------
-    first : int
-        The number of the first.
-    text : str
-        All of them, with LF between them.
-    count : int
-        How many they are.
-    done : int
-        Bytes of the file read so far.
-    """
-
-    first: int
-    text: str
+    first: int  # the number of the first
+    text: str  # all of them, with LF between them
     count: int
-    done: int
+    done: int  # bytes of the file read so far
 
     @property
     def numbers(self) -> range:

@@ -33,46 +33,22 @@ PIECE: Final = 128
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """How a line is cut into cells, and which of them are read.
+    """How a line is cut into cells, and which of them are read."""
 
-    Attributes
-    ----------
-    delimiter : str
-        One character; `SPACES` for any run of spaces and tabs.
-    decimal : str
-        ``"."`` or ``","``.
-    width : int
-        Cells in a line; 0 where that differs from line to line.
-    cells : tuple of int
-        The ones that are read, counted from 0.
-    needed : frozenset of int
-        The ones of them without which a line cannot be used; in others, text reads as NaN.
-    """
-
-    delimiter: str
+    delimiter: str  # one character; `SPACES` for any run of spaces and tabs
     decimal: str
-    width: int
-    cells: tuple[int, ...]
-    needed: frozenset[int]
+    width: int  # cells in a line; 0 where that differs from line to line
+    cells: tuple[int, ...]  # the ones that are read, counted from 0
+    needed: frozenset[int]  # the ones of them without which a line cannot be used; in others, text reads as NaN
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """What was read from some lines.
+    """What was read from some lines."""
 
-    Attributes
-    ----------
-    values : (N, len(cells)) float
-        As written, NaN where a cell is empty.
-    lines : sequence of N int
-        The line each row came from.
-    unreadable : list of (int, str)
-        Number and text of lines that are not rows.
-    """
-
-    values: Floats
-    lines: Sequence[int]
-    unreadable: list[tuple[int, str]]
+    values: Floats  # (N, len(cells)) as written, NaN where a cell is empty
+    lines: Sequence[int]  # the line each row came from
+    unreadable: list[tuple[int, str]]  # number and text of lines that are not rows
 
     @property
     def numbers(self) -> Floats:

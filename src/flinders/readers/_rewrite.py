@@ -21,15 +21,7 @@ SUFFIX: Final = "_cal"
 
 
 class Rewriter:
-    """Puts numbers into lines and leaves the rest of them alone.
-
-    Parameters
-    ----------
-    layout : Layout
-        How the lines are written.
-    add : bool
-        Write the numbers after each line; else in place of those there.
-    """
+    """Puts numbers into lines, or with `add` after them, and leaves the rest of them alone."""
 
     def __init__(self, layout: Layout, *, add: bool) -> None:
         self._layout, self._add = layout, add
@@ -45,17 +37,7 @@ class Rewriter:
             yield self._named(",".join(f'"{name}"' if "," in name else name for name in header)) + self._layout.newline
 
     def lines(self, lines: Lines, rows: Rows, field: Floats) -> Iterator[str]:
-        """Yield these lines with their ends.
-
-        Parameters
-        ----------
-        lines : Lines
-            As they are in the file.
-        rows : Rows
-            What was read from them.
-        field : (len(rows.lines), 3) float
-            What to write, in the unit of the recording.
-        """
+        """Yield these lines with their ends; `field` is (len(rows.lines), 3), in the unit of the recording."""
         layout = self._layout
         recorded = lines.texts
         texts: list[str | None] = [text or None for text in recorded] if layout.words else list(recorded)

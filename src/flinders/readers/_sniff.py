@@ -58,51 +58,21 @@ NO_GAIN: Final = 1024
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a recording is written.
-
-    Attributes
-    ----------
-    grid : Grid
-        Delimiter, decimal sign, cells of a line.
-    columns : Columns
-        Which column is what.
-    start : int
-        Number of the first line with readings.
-    header : tuple of str
-        Names of the columns; empty where there are none.
-    header_line : int
-        Where they stand; 0 where nowhere.
-    header_text : str
-        That line, as it is.
-    words : str
-        The dialect that was made a table of, for people; empty where the file is one.
-    in_force : str
-        The calibration of the board that readings are after, where the headers of a blackbox tell one.
-    encoding, newline : str
-        As Python calls them.
-    """
+    """How a recording is written."""
 
     grid: Grid
     columns: Columns
-    start: int = 1
-    header: tuple[str, ...] = ()
-    header_line: int = 0
-    header_text: str = ""
-    words: str = ""
-    in_force: str = ""
+    start: int = 1  # number of the first line with readings
+    header: tuple[str, ...] = ()  # names of the columns
+    header_line: int = 0  # where they stand; 0 where nowhere
+    header_text: str = ""  # that line, as it is
+    words: str = ""  # the dialect that was made a table of, for people
+    in_force: str = ""  # the calibration of the board that readings are after, where headers of a blackbox tell one
     encoding: str = "utf-8"
     newline: str = "\n"
 
     def select(self, first: int, texts: list[str]) -> tuple[list[str], Sequence[int]]:
-        """Pick the lines that should be readings, with their numbers.
-
-        Parameters
-        ----------
-        first : int
-            Number of the first line.
-        texts : list of str
-            It and those after it.
-        """
+        """Pick the lines that should be readings, with their numbers; `first` is that of the first line."""
         skip = max(self.start - first, 0)
         first, texts = first + skip, texts[skip:]
         kept = [text for text in texts if (bare := text.lstrip()) and not bare.startswith(COMMENTS)]
@@ -130,7 +100,7 @@ class Layout:
 def is_flown(columns: Columns) -> bool:
     """Tell the magnetometer of a blackbox, which is in the axes of the board.
 
-    >>> is_flown(Columns(Column(FIELD, (0, 1, 2), ("magADC[0]", "magADC[1]", "magADC[2]")), "counts"))
+    >>> is_flown(Columns(Column("field", (0, 1, 2), ("magADC[0]", "magADC[1]", "magADC[2]")), "counts"))
     True
     """
     return columns.field.names[0].casefold().startswith("magadc")
@@ -161,22 +131,7 @@ def sniff(
     flat: str | None = None,
     choice: Choice = FIRST,
 ) -> Layout:
-    """Recognise how a recording is laid out.
-
-    Parameters
-    ----------
-    name : str
-        Of the recording, for messages.
-    texts : list of str
-        Its first lines.
-    columns : str, optional
-        Names or numbers of the magnetometer's columns, if the user said which.
-    header : sequence of str, optional
-        Names of the columns, if they are known from elsewhere.
-    flat : str, optional
-        The plane whose two columns will do where there are no three: ``"xy"``.
-    choice : Choice, optional
-        Which of several magnetometers.
+    """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere.
 
     Raises
     ------

@@ -51,7 +51,7 @@ _UNIT: Final = "|".join(
 _KNOWN_UNIT: Final = rf"((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))"
 _UNIT_AHEAD: Final = re.compile(rf"[\[(]?{_KNOWN_UNIT}[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
 """A unit right behind a number; ``T:`` is a label."""
-_UNIT_INSIDE: Final = re.compile(rf"(?:[(\[]\s*|\bin\s+){_KNOWN_UNIT}\s*[)\]]?(?=$|\s*[(\[])", re.IGNORECASE)
+_UNIT_INSIDE: Final = re.compile(rf"(?:[(\[]\s*|\bin\s+){_KNOWN_UNIT}\s*[)\]]?(?=$|\s*[(\[]|\s+[xyz]\b)", re.IGNORECASE)
 """A unit in brackets at the end of a label, or behind ``in``."""
 _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)
 """``Gauss X``."""

@@ -330,28 +330,7 @@ def open_text(
     pattern: str | None = None,
     progress: Progress | None = None,
 ) -> TextRecording:
-    """Recognise a text recording from its first lines.
-
-    Parameters
-    ----------
-    file : Source
-        As `find` gives it.
-    columns : str, optional
-        Three names, or numbers from 1, of the magnetometer's columns: ``"mx,my,mz"``, ``"4,5,6"``.
-    unit : str, optional
-        What they are in, where the file does not say.
-    scale : float, optional
-        Microtesla in one count.
-    axes : str or Axes
-        Where each new axis comes from, such as ``"x,-y,-z"``.
-    flat : str, optional
-        Two columns will do, those of this plane: ``"xy"``; the third axis reads 0.
-    choice : Choice, optional
-        Which of several magnetometers.
-    pattern : str, optional
-        How a line with a reading is written, such as ``"N {x} / {y} / {z}"``, where it is not recognised.
-    progress : callable, optional
-        Called once a block with the bytes read so far and those there are.
+    """Recognise a text recording from its first lines; parameters as `flinders.open_recording`.
 
     Raises
     ------
@@ -388,33 +367,16 @@ def open_text(
 
 
 class _Table(NamedTuple):
-    """A file as a table, or what was made one of it.
-
-    Attributes
-    ----------
-    file : Source
-    encoding : str
-    names : tuple of str
-        Of the columns, where no line of the table says them.
-    frame : str
-        ``sensor`` or ``vehicle``.
-    words : str
-        What the file is, where it is no table.
-    transcription : Transcription, optional
-    opening : list of str
-        The first lines of the table.
-    is_all : bool
-        They are all.
-    """
+    """A file as a table, or what was made one of it."""
 
     file: Source
     encoding: str
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()  # of the columns, where no line of the table says them
     frame: str = "sensor"
-    words: str = ""
+    words: str = ""  # what the file is, where it is no table
     transcription: Transcription | None = None
-    opening: list[str] = []  # noqa: RUF012 - never changed
-    is_all: bool = False
+    opening: list[str] = []  # noqa: RUF012 - its first lines, never changed
+    is_all: bool = False  # they are all
 
     def opened(self) -> _Table:
         """The same, with its first lines."""
@@ -423,13 +385,7 @@ class _Table(NamedTuple):
 
 
 def _laid_out(file: Source, head: bytes, chosen: Callable[..., Layout], pattern: str | None) -> tuple[_Table, Layout]:
-    """Find how the lines of a file are written; what is no table becomes one.
-
-    Raises
-    ------
-    InputError, UsageError
-        As `open_text`.
-    """
+    """Find how the lines of a file are written; what is no table becomes one."""
     encoding = encoding_of(head)
     table = _table_of(file, encoding, head.decode(encoding, "replace").removeprefix("\ufeff"), pattern)
     newline = "\n" if table.words else newline_of(head)

@@ -1,0 +1,186 @@
+"""What boards print, by fifty public example sketches: a file, a recording and the live page read the same numbers.
+
+The shapes are the rows of docs/line-shapes.toml. Each is printed for a simulated tumble, with lines between that are no
+readings, and read back from a file, from the file that the recorder writes, and as the live page takes it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import string
+import threading
+import time
+import tomllib
+import tty
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.live.recorder import Recorder
+from flinders.live.sinks import ToFile
+from flinders.live.sources import Serial
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+
+DOCS: Final = Path(__file__).parents[2] / "docs"
+SHAPES: Final[list[dict[str, Any]]] = tomllib.loads((DOCS / "line-shapes.toml").read_text(encoding="utf-8"))["shape"]
+IDS: Final = [shape["name"] for shape in SHAPES]
+TUMBLE: Final = simulate.tumble(seed=5).samples[:600:10]
+IN_UNIT: Final = {"uT": 1.0, "mG": 10.0, "G": 0.01, "nT": 1000.0, "mT": 1e-3, "T": 1e-6, "": 11.0}
+"""What 1 µT is in each unit; counts are of a sensor with 11 in one µT."""
+IN_WORDS: Final = {"uT": "µT", "": "counts"}
+NOISE: Final = ("low battery", "wifi: retry 3", "\ufffd\ufffd~")
+"""Lines of a board that are no readings."""
+WORDS: Final = ("N", "NNE", "SW")
+PATIENCE_S: Final = 30.0
+
+
+class Printf(string.Formatter):
+    """Formats as a sketch prints: whole numbers rounded, negative hexadecimal ones in sixteen bits."""
+
+    def format_field(self, value: Any, spec: str) -> str:  # noqa: ANN401 - as string.Formatter
+        if spec[-1:] in tuple("dxX") and not isinstance(value, str):
+            value = round(value)
+        if spec[-1:] in tuple("xX"):
+            value %= 1 << 16
+        return str(super().format_field(value, spec))
+
+
+def printed(shape: dict[str, Any]) -> tuple[list[list[str]], Floats]:
+    """The lines of each reading, and the numbers of the magnetometer in them."""
+    samples, formatter = TUMBLE, Printf()
+    acceleration, rate = np.asarray(samples.acceleration), np.asarray(samples.rate)
+    scale = IN_UNIT[shape["unit"]] / shape.get("count", 1.0)
+    readings, numbers = [], []
+    for row, (field, a, g) in enumerate(zip(samples.field, acceleration, rate, strict=True)):
+        values: dict[str, Any] = {f"v{number}": 7.5 * number + 0.25 * row for number in range(1, 30)}
+        values |= dict(zip(("mx", "my", "mz"), field * scale, strict=True))
+        values |= dict(zip(("cx", "cy", "cz"), field * 13, strict=True))
+        values |= dict(zip(("ax", "ay", "az"), a, strict=True)) | dict(zip(("gx", "gy", "gz"), g, strict=True))
+        values |= {"qw": 0.9, "qx": 0.1, "qy": 0.3, "qz": -0.3, "heading": 5.0 * row, "pitch": -3.5, "roll": 2.25}
+        values |= {"t": 1000 + 20 * row, "n": row, "temp": 23.4}
+        values |= {"word": WORDS[row % 3], "word2": WORDS[row % 2]}
+        readings.append([formatter.format(line, **values) for line in shape["lines"]])
+        numbers.append([_number(shape, formatter, name, values) for name in ("mx", "my", "mz")])
+    return readings, np.array(numbers)
+
+
+def _number(shape: dict[str, Any], formatter: Printf, name: str, values: dict[str, Any]) -> float:
+    """A number of the magnetometer as it was printed."""
+    fields = (field for line in shape["lines"] for _, *field in string.Formatter().parse(line))
+    spec = next(str(spec) for field, spec, _ in fields if field == name)
+    return float(formatter.format_field(values[name], "d" if spec[-1:] in tuple("xX") else spec)) * shape.get("count", 1)
+
+
+def with_noise(shape: dict[str, Any], readings: list[list[str]]) -> list[str]:
+    """What comes out of the port: the boot messages, the readings, and between them lines that are none."""
+    lines = list(shape["boot"]) or ["starting"]
+    for row, reading in enumerate(readings):
+        lines += reading
+        if row in (20, 31, 44):
+            longest = max(reading, key=len)
+            lines += [NOISE[row % 3], longest[: len(longest) // 3]]
+    return lines
+
+
+def options_of(shape: dict[str, Any]) -> dict[str, str]:
+    """What the user has to say of this shape; nothing of most."""
+    return {name: shape[name] for name in ("pattern", "columns") if name in shape}
+
+
+def test_there_are_fifty_shapes_with_their_origin() -> None:
+    assert len(SHAPES) >= 50
+    assert len(set(IDS)) == len({tuple(shape["lines"]) for shape in SHAPES}) == len(SHAPES)
+    assert all(shape["project"].count("/") == 1 and shape["file"] and shape["licence"] for shape in SHAPES)
+
+
+def test_the_page_of_shapes_is_made_from_the_table(request: pytest.FixtureRequest) -> None:
+    path = DOCS / "line-shapes.md"
+    text = path.read_text(encoding="utf-8")
+    pattern = re.compile(r"(?<=<!-- table of shapes -->\n).*?(?=<!-- end of the table -->)", re.DOTALL)
+    rows = ["| a reading, as printed | read as | origin | licence |", "|---|---|---|---|"]
+    for shape in SHAPES:
+        lines = "<br>".join(f"`{_shown(line)}`" for line in printed(shape)[0][4] if line.strip())
+        said = "".join(f", `--{name} '{_escaped(value)}'`" for name, value in options_of(shape).items())
+        unit = IN_WORDS.get(shape["unit"], shape["unit"]) if shape["stated"] else "counts"
+        rows.append(f"| {lines} | {unit}{said} | {shape['project']}: {shape['file']} | {shape['licence']} |")
+    made = pattern.sub(lambda _: "\n".join([*rows, ""]), text)
+    if request.config.getoption("--regenerate", default=False):
+        path.write_text(made, encoding="utf-8")
+    assert path.read_text(encoding="utf-8") == made, "docs/line-shapes.md has another table: pytest --regenerate this test"
+
+
+def _shown(line: str) -> str:
+    """A printed line in a cell of a table."""
+    return _escaped(re.sub(r"\s+", " ", line.strip()))
+
+
+def _escaped(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=IDS)
+def test_a_file_of_what_a_sketch_prints_gives_its_numbers(shape: dict[str, Any], tmp_path: Path) -> None:
+    """Also with lines between that are none, which lose nothing but themselves."""
+    readings, numbers = printed(shape)
+    path = tmp_path / "print.txt"
+    path.write_text("\r\n".join([*with_noise(shape, readings), ""]), encoding="utf-8", newline="")
+    samples = flinders.read(path, **options_of(shape))
+    np.testing.assert_allclose(samples.field / samples.unit.scale, numbers, rtol=1e-9, atol=1e-9)
+    assert samples.unit.name == ((shape["unit"] or "counts") if shape["stated"] else "counts")
+
+
+@pytest.fixture
+def port() -> Iterator[tuple[int, str]]:
+    """A pseudo-terminal: the end of the board, and the name of the port."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield master, os.ttyname(slave)
+    os.close(slave)
+    os.close(master)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=IDS)
+def test_a_recording_and_the_live_page_give_the_same_numbers(
+    shape: dict[str, Any], port: tuple[int, str], tmp_path: Path
+) -> None:
+    readings, numbers = printed(shape)
+    content = "\r\n".join([*with_noise(shape, readings), ""]).encode()
+    options, path = options_of(shape), tmp_path / "recorded.csv"
+    source = Serial(port[1])
+    sender = threading.Thread(target=_send, args=(port[0], content))
+    with ToFile(path, force=False) as sink:
+        recorder = Recorder(source, sink, **options)
+        sender.start()
+        live = []
+        until = time.monotonic() + PATIENCE_S
+        while recorder.told.readings < len(numbers) and time.monotonic() < until:
+            found = recorder.next(0.1)
+            live += found if isinstance(found, list) else []
+        recorder.close()
+        while found := recorder.next(0.0):
+            live += found if isinstance(found, list) else []
+    sender.join()
+    recorded = flinders.read(path, columns=options.get("columns") and _after_time(options["columns"]))
+    np.testing.assert_allclose(recorded.field / recorded.unit.scale, numbers, rtol=1e-9, atol=1e-9)
+    assert recorded.unit.name == ((shape["unit"] or "counts") if shape["stated"] else "counts")
+    if "columns" not in shape:
+        np.testing.assert_allclose([reading.field for reading in live], recorded.field, rtol=1e-12)
+
+
+def _send(master: int, content: bytes) -> None:
+    while content:
+        content = content[os.write(master, content[:1024]) :]
+
+
+def _after_time(columns: str) -> str:
+    """The same columns behind the time that the recorder puts first."""
+    return ",".join(str(int(column) + 1) for column in columns.split(","))
