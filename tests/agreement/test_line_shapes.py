@@ -77,7 +77,9 @@ def _number(shape: dict[str, Any], formatter: Printf, name: str, values: dict[st
     """A number of the magnetometer as it was printed."""
     fields = (field for line in shape["lines"] for _, *field in string.Formatter().parse(line))
     spec = next(str(spec) for field, spec, _ in fields if field == name)
-    return float(formatter.format_field(values[name], "d" if spec[-1:] in tuple("xX") else spec)) * shape.get("count", 1)
+    return float(formatter.format_field(values[name], "d" if spec[-1:] in tuple("xX") else spec)) * shape.get(
+        "count", 1
+    )
 
 
 def with_noise(shape: dict[str, Any], readings: list[list[str]]) -> list[str]:
@@ -115,7 +117,9 @@ def test_the_page_of_shapes_is_made_from_the_table(request: pytest.FixtureReques
     made = pattern.sub(lambda _: "\n".join([*rows, ""]), text)
     if request.config.getoption("--regenerate", default=False):
         path.write_text(made, encoding="utf-8")
-    assert path.read_text(encoding="utf-8") == made, "docs/line-shapes.md has another table: pytest --regenerate this test"
+    assert path.read_text(encoding="utf-8") == made, (
+        "docs/line-shapes.md has another table: pytest --regenerate this test"
+    )
 
 
 def _shown(line: str) -> str:

@@ -51,7 +51,9 @@ _UNIT: Final = "|".join(
 _KNOWN_UNIT: Final = rf"((?:{_UNIT}|[^\x00-\x7f]{{1,3}}T))"
 _UNIT_AHEAD: Final = re.compile(rf"[\[(]?{_KNOWN_UNIT}[\])]?(?=$|[\s,;|)\]}}/])(?!\s*[:=])", re.IGNORECASE)
 """A unit right behind a number; ``T:`` is a label."""
-_UNIT_INSIDE: Final = re.compile(rf"(?:[(\[]\s*|\bin\s+){_KNOWN_UNIT}\s*[)\]]?(?=$|\s*[(\[]|\s+[xyz]\b)", re.IGNORECASE)
+_UNIT_INSIDE: Final = re.compile(
+    rf"(?:[(\[]\s*|\bin\s+){_KNOWN_UNIT}\s*[)\]]?(?=[\s:=]*(?:$|[(\[]|[xyz]\b))", re.IGNORECASE
+)
 """A unit in brackets at the end of a label, or behind ``in``."""
 _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)
 """``Gauss X``."""
@@ -65,6 +67,10 @@ _AXIS_AHEAD: Final = re.compile(
     r"([xyz])[\s_-]*(?:axis\b)?[\s_-]*(raw|norm|field|mag(?:net\w*)?|acc\w*|gyro?\w*|value)?\b(.*)", re.IGNORECASE
 )
 """An axis at its beginning: ``X axis field``, ``Xraw``."""
+_QUANTITY: Final = re.compile(
+    r"orient|euler|linear|gravity|rotat|posit|veloc|quat|angle|attitude|tilt|speed|displace|force", re.IGNORECASE
+)
+"""Other quantities with three axes: their words stay with the axis, where those that mean nothing are dropped."""
 _FILLING: Final = re.compile(r"\b(value|reading|data|component|axis)s?\b", re.IGNORECASE)
 _WORDS: Final = 3
 """Words of a label that are tried when all of it says nothing: what stands before may be a sentence, or a value."""
@@ -166,15 +172,16 @@ def seconds_of(stamp: re.Match[str] | None) -> float | None:
 
 
 def _gap(text: str) -> Gap:
+    text = text.lstrip(" )]}")
     unit = _UNIT_AHEAD.match(text)
     return Gap(unit[1] if unit else "", _label(text[unit.end() :] if unit else text))
 
 
 def _label(text: str) -> str:
     """The words of a label, without the signs around them; brackets around a unit at its end stay."""
-    inside = _UNIT_INSIDE.search(text.rstrip(" \t,;:=|[{<>\"'-#*/→~"))
-    bare = f"{text[: inside.start()]} {text[inside.end() :]}" if inside else text
-    words = _BETWEEN.sub(" ", bare.strip(_EDGE)).strip(_EDGE)
+    text = text.rstrip(" \t,;:=|[{<>\"'-#*/→~")
+    inside = _UNIT_INSIDE.search(text)
+    words = _BETWEEN.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)
     return f"{words} ({inside[1]})".lstrip() if inside else words
 
 
@@ -205,7 +212,8 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
         if str(ahead[2]).casefold() == "norm":  # no reading of a sensor, whatever was named before it
             return [label], sensor
     if axis := _AXIS.search(label):
-        words = _known(label[: axis.start()].strip(_EDGE), f" {axis[1]}", otherwise="") or sensor
+        own = label[: axis.start()].strip(_EDGE)
+        words = own if _QUANTITY.search(own) else _known(own, f" {axis[1]}", otherwise="") or sensor
         return [f"{words} {axis[1]}".lstrip()], words
     return [_known(label) if label else ""], ""
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from flinders.readers._lines import ENDS_EARLY, shown
 from flinders.readers._source import derived
-from flinders.readers.dialects import json_lines, labelled, magcc, motioncal, stamped
+from flinders.readers.dialects import hexadecimal, json_lines, labelled, magcc, motioncal, stamped
 from flinders.samples import Skipped
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ def recognise(lines: list[str]) -> Dialect | None:
         or magcc.recognise(lines)
         or json_lines.recognise(lines)
         or stamped.recognise(lines, recognise)
+        or hexadecimal.recognise(lines, _labelled)
         or labelled.recognise(lines)
     )
 
@@ -65,6 +66,10 @@ def recognise(lines: list[str]) -> Dialect | None:
 def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
     return stamped.recognise(lines, recognise, marked=False) or labelled.recognise(lines, marked=False)
+
+
+def _labelled(lines: list[str]) -> Dialect | None:
+    return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
 
 
 class Transcription:

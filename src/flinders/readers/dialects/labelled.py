@@ -25,6 +25,7 @@ from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME
 from flinders.readers._several import instruments, vectors
 from flinders.readers._sniff import COMMENTS
 from flinders.readers._tokenizer import cut, is_labelled, like, names_of
+from flinders.units import COUNTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -184,7 +185,7 @@ def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
 
     def quality(kind: Kind) -> tuple[int, bool, int]:
         best = found[kind][0]
-        return best.rank, not meaning(kind[best.cells[0]]).unit, -counts[kind]
+        return best.rank, meaning(kind[best.cells[0]]).unit in ("", COUNTS), -counts[kind]
 
     return min(often, key=quality, default=None)
 
