@@ -77,9 +77,8 @@ def _number(shape: dict[str, Any], formatter: Printf, name: str, values: dict[st
     """A number of the magnetometer as it was printed."""
     fields = (field for line in shape["lines"] for _, *field in string.Formatter().parse(line))
     spec = next(str(spec) for field, spec, _ in fields if field == name)
-    return float(formatter.format_field(values[name], "d" if spec[-1:] in tuple("xX") else spec)) * shape.get(
-        "count", 1
-    )
+    number = float(formatter.format_field(values[name], "d" if spec[-1:] in tuple("xX") else spec))
+    return number * float(shape.get("count", 1.0))
 
 
 def with_noise(shape: dict[str, Any], readings: list[list[str]]) -> list[str]:
@@ -93,7 +92,7 @@ def with_noise(shape: dict[str, Any], readings: list[list[str]]) -> list[str]:
     return lines
 
 
-def options_of(shape: dict[str, Any]) -> dict[str, str]:
+def options_of(shape: dict[str, Any]) -> dict[str, Any]:
     """What the user has to say of this shape; nothing of most."""
     return {name: shape[name] for name in ("pattern", "columns") if name in shape}
 
@@ -162,7 +161,7 @@ def test_a_recording_and_the_live_page_give_the_same_numbers(
     source = Serial(port[1])
     sender = threading.Thread(target=_send, args=(port[0], content))
     with ToFile(path, force=False) as sink:
-        recorder = Recorder(source, sink, **options)
+        recorder = Recorder(source, sink, columns=options.get("columns"), pattern=options.get("pattern"))
         sender.start()
         live = []
         until = time.monotonic() + PATIENCE_S

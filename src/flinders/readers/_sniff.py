@@ -100,6 +100,7 @@ class Layout:
 def is_flown(columns: Columns) -> bool:
     """Tell the magnetometer of a blackbox, which is in the axes of the board.
 
+    >>> from flinders.readers._columns import Column
     >>> is_flown(Columns(Column("field", (0, 1, 2), ("magADC[0]", "magADC[1]", "magADC[2]")), "counts"))
     True
     """
