@@ -294,3 +294,18 @@ def test_a_file_may_be_moved_away_while_it_is_read(path: Path, field: Floats) ->
     path.rename(path.with_name("moved.h5"))
     for _ in range(2):
         assert sum(len(block) for block in recording.blocks()) == ROWS
+
+
+def test_a_heap_of_texts_that_goes_in_circles_is_refused(path: Path, field: Floats) -> None:
+    """HDF5 2.0 never comes back from an object of no size in a global heap, which holds texts of any length."""
+    with h5py.File(path, "w") as file:
+        file["mag"] = field
+        file["mag"].attrs["units"] = "mG"
+    content = bytearray(path.read_bytes())
+    heap = content.index(b"GCOL")
+    free = heap + 16 + 16 + 8  # behind the header and the object of the unit
+    assert content[free : free + 2] == b"\0\0"
+    content[free + 8 : free + 16] = bytes(8)
+    path.write_bytes(content)
+    with pytest.raises(UnreadableInput, match=r"tumble\.h5 has a broken heap of texts"):
+        flinders.read(path)
