@@ -65,6 +65,17 @@ def write_mat(path: Path, table: Floats) -> None:
     savemat(path, {"log": log, "operator": "bench"}, do_compression=True)
 
 
+def write_hdf5(path: Path, table: Floats) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file["log/t"] = table[:, 0]
+        file.create_dataset("log/mag", data=table[:, 1:4], chunks=(64, 3), compression="gzip", shuffle=True)
+        file["log/mag"].attrs["units"] = "mG"
+        file["log/acc"] = table[:, 4:].T
+        file["operator"] = "bench"
+
+
 def write_parquet(path: Path, table: Floats) -> None:
     import pyarrow
     import pyarrow.parquet
@@ -142,6 +153,7 @@ WRITERS: dict[str, Callable[[Path, Floats], None]] = {
     "npy": write_npy,
     "npz": write_npz,
     "mat": write_mat,
+    "hdf5": write_hdf5,
     "parquet": write_parquet,
     "arrow": write_arrow,
     "zip": write_zip,
@@ -210,7 +222,7 @@ def test_a_missing_package_ends_with_the_command_that_installs_it(
     name: str, tmp_path: Path, tumble: Floats, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(name, tmp_path, tumble)
-    for package in ("scipy.io", "pyarrow", "pyarrow.parquet", "pyarrow.ipc"):
+    for package in ("h5py", "scipy.io", "pyarrow", "pyarrow.parquet", "pyarrow.ipc"):
         monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(MissingExtra, match=re.escape(f"pip install 'flinders[{BY_NAME[name].extra}]'")):
         flinders.read(path)
@@ -219,7 +231,7 @@ def test_a_missing_package_ends_with_the_command_that_installs_it(
 def test_reading_text_needs_no_extra() -> None:
     """Optional packages are imported when such a file is opened, and not before."""
     code = "import flinders.readers, sys; print([n for n in sys.modules if n.split('.')[0] in set(sys.argv[1:])])"
-    extras = ("pyarrow", "scipy", "pyulog", "rosbags", "pymavlink")
+    extras = ("h5py", "pyarrow", "scipy", "pyulog", "rosbags", "pymavlink")
     ended = subprocess.run([sys.executable, "-c", code, *extras], capture_output=True, text=True, check=True)
     assert ended.stdout.strip() == "[]"
 
@@ -491,8 +503,8 @@ def test_a_header_that_lies_about_its_size_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("head", "says"),
     [
-        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(600), r"save\('log.mat', '-v7'\)"),
-        (b"\x89HDF\r\n\x1a\n" + bytes(90), "an HDF5 file"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + bytes(600), "cannot be read as a MATLAB 7.3 file"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(90), "cannot be read as an HDF5 file"),
         (b"FEA1" + bytes(90), "Feather file of version 1"),
     ],
 )

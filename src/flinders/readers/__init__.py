@@ -36,6 +36,7 @@ from flinders.readers._span import Span
 from flinders.readers._table import TableRecording
 from flinders.readers.arrays import open_mat, open_npy, open_npz, sniff_mat, sniff_npy, sniff_npz
 from flinders.readers.dataflash import open_dataflash, sniff_dataflash
+from flinders.readers.hdf5 import open_hdf5, sniff_hdf5
 from flinders.readers.parquet import open_arrow, open_parquet, sniff_arrow, sniff_parquet
 from flinders.readers.ros import METADATA, is_bag_folder, open_ros, sniff_ros
 from flinders.readers.text import Progress, TextRecording, open_text, sniff_text
@@ -142,6 +143,7 @@ READERS: Final = (
     Reader("npy", "NumPy array", (".npy",), sniff_npy, open_npy),
     Reader("npz", "NumPy archive", (".npz",), sniff_npz, open_npz),
     Reader("mat", "MATLAB 5 to 7", (".mat",), sniff_mat, open_mat, extra="scipy"),
+    Reader("hdf5", "HDF5, MATLAB 7.3", (".h5", ".hdf5", ".mat"), sniff_hdf5, open_hdf5, extra="hdf5"),
     Reader("parquet", "Parquet", (".parquet",), sniff_parquet, open_parquet, extra="parquet"),
     Reader("arrow", "Arrow, Feather 2", (".arrow", ".feather"), sniff_arrow, open_arrow, extra="parquet"),
     Reader("dataflash", "ArduPilot DataFlash", (".bin", ".log"), sniff_dataflash, log=open_dataflash),

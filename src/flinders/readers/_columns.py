@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from functools import partial
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Final
@@ -55,6 +56,10 @@ PULSES_US: Final = (800.0, 2200.0)
 """Widths that such pulses have."""
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
 """From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096."""
+COARSE: Final = 10
+"""Readings to one time from which on the digits of the time are too few: buffers of sensors give a few at once."""
+COARSE_S: Final = 1.0
+"""Resolution from which on a time that does not change in the first readings is cut, and its clock not at rest."""
 LONG: Final = 1e8
 """Seconds after which a time is taken to count from 1970 and not from the start of the recording."""
 
@@ -523,12 +528,9 @@ def _beside(
         found.append(Column(ATTITUDE, cells, tuple(names[cell].strip() for cell in cells)))
     left_out: list[str] = []
     for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE):
-        places = [place for place, known in enumerate(meanings) if known.kind == kind and not known.axis]
-        for place in sorted(places, key=lambda place: meanings[place].rank):
-            if _numeric(values[:, place]):
-                found.append(Column(kind, (place,), (names[place].strip(),)))
-                break
-            left_out.append(f"{names[place].strip()} (not numbers)")
+        column, reasons = _scalar(names, meanings, values, kind)
+        found += [column] if column else []
+        left_out += reasons
     for kind in OF_MOTORS:
         column, reason = _of_motors(names, meanings, values, kind)
         found += [column] if column else []
@@ -551,6 +553,22 @@ def _beside(
         else:
             scaled.append(replace(column, factor=FACTORS.get(column.kind, {}).get(unit, 1.0)))
     return tuple(scaled), tuple(left_out)
+
+
+def _scalar(
+    names: Sequence[str], meanings: Sequence[Meaning], values: Floats, kind: str
+) -> tuple[Column | None, list[str]]:
+    """The best usable column of a kind that has no axes, and those before it with the reason against each."""
+    places = [place for place, known in enumerate(meanings) if known.kind == kind and not known.axis]
+    left_out: list[str] = []
+    for place in sorted(places, key=lambda place: meanings[place].rank):
+        name, reason = names[place].strip(), "" if _numeric(values[:, place]) else "not numbers"
+        if kind == TIME and not reason:
+            reason = _cut_digits(values[:, place], meanings[place].unit)
+        if not reason:
+            return Column(kind, (place,), (name,)), left_out
+        left_out.append(f"{name} ({reason})")
+    return None, left_out
 
 
 def _of_motors(
@@ -595,10 +613,57 @@ def _time(column: Column, unit: str, values: Floats) -> Column:
     """Find the factor to seconds, and where a clock that counts from 1970 starts."""
     values = values[np.isfinite(values)]
     first = float(values[0]) if len(values) else 0.0
+    factor = _factor_to_seconds(values, unit)
+    return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
+
+
+def _factor_to_seconds(values: Floats, unit: str) -> float:
+    """Take the factor of the unit that a time states, else that which its size and steps tell."""
+    if unit:
+        return FACTORS[TIME][unit]
     with np.errstate(over="ignore"):  # of numbers that are no times
         step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
-    factor = FACTORS[TIME][unit] if unit else _seconds(first, step)
-    return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
+    return _seconds(float(values[0]) if len(values) else 0.0, step)
+
+
+@np.errstate(over="ignore")
+def _cut_digits(values: Floats, unit: str) -> str:
+    """Say that a time was stored or written with too few digits for its readings; nothing where it was not.
+
+    Many readings share each time then, and the next time is one unit in the last digit later. Readings that a sensor
+    hands over together share a time as well, but their times lie further apart than their digits.
+
+    >>> times = np.repeat([1732190000.0, 1732190128.0, 1732190256.0], 60)
+    >>> _cut_digits(times.astype(np.float32).astype(float), "s")
+    'its digits were cut to steps of 128 s, 60 readings to each: write more of them, as float64'
+    >>> _cut_digits(np.repeat([0.000, 0.320, 0.641, 0.960], 32), "s")  # a buffer of 32
+    ''
+    """
+    values = values[np.isfinite(values)]
+    changes = np.flatnonzero(np.diff(values)) + 1
+    runs = np.diff([0, *changes, len(values)])
+    inside = runs[1:-1] if len(runs) > 2 else runs  # the first and the last may go on
+    if len(values) < 2 * COARSE or np.median(inside) < COARSE:
+        return ""
+    distinct, factor = values[[0, *changes]], _factor_to_seconds(values, unit)
+    steps = _resolutions(distinct)
+    if len(distinct) > 1:
+        jump = float(np.min(np.abs(np.diff(distinct))))
+        steps = [jump] if any(step / 2 < jump < 2 * step for step in steps) else []
+    else:
+        steps = [step for step in steps if step * factor >= COARSE_S]
+    many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
+    told = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
+    return told.format(max(steps) * factor, many) if steps else ""
+
+
+def _resolutions(values: Floats) -> list[float]:
+    """Tell which units in the last digit these numbers may have: the last that is written, and that of float32."""
+    digits = [Decimal(repr(value)).normalize().as_tuple().exponent for value in values.tolist() if value]
+    single = np.abs(values.astype(np.float32))
+    is_single = bool(digits) and bool(np.all(single == np.abs(values)))
+    written = [10.0 ** min(map(int, digits))] if digits else []
+    return [*written, float(np.spacing(single.max()))] if is_single else written
 
 
 def _seconds(first: float, step: float) -> float:

@@ -50,8 +50,6 @@ MAGIC: Final[dict[bytes, Kind]] = {
     b"\x1f\x8b": Kind("gzip-compressed twice", "unpack it with gunzip"),
     b"\x7fELF": Kind("a program", _ITSELF),
     b"MZ": Kind("a program", _ITSELF),
-    b"\x89HDF": Kind("an HDF5 file", _EXPORT),
-    b"MATLAB 7.3": Kind("a MATLAB 7.3 file, which is HDF5", "save it again with save('log.mat', '-v7'), or export it"),
     b"FEA1": Kind("a Feather file of version 1", "save it again with a pandas or pyarrow of this decade"),
     b"SQLite format 3": Kind("an SQLite database", _EXPORT),
 }
@@ -62,6 +60,10 @@ LOGS: Final = (
     b"SQLite format 3",
 )  # fmt: skip
 """First bytes of what is binary and has a reader of its own; the readers look closer."""
+HDF5: Final = b"\x89HDF\r\n\x1a\n"
+MATLAB_7_3: Final = b"MATLAB 7.3 MAT-file"
+"""HDF5 behind 512 bytes of its own; others may have put a block of 512, 1024, ... bytes there too."""
+USER_BLOCKS: Final = (0, *(512 << power for power in range(7)))
 MAVLINK: Final = (0xFE, 0xFD)
 """A telemetry log has eight bytes of time before the first of these."""
 
@@ -85,7 +87,12 @@ def foreign_kind(head: bytes) -> Kind | None:
 
 def may_be_log(head: bytes) -> bool:
     """Tell whether a binary file that starts with these bytes may be one that a reader knows."""
-    return head.startswith(LOGS) or (len(head) > 8 and head[8] in MAVLINK)
+    return head.startswith(LOGS) or is_hdf5(head) or (len(head) > 8 and head[8] in MAVLINK)
+
+
+def is_hdf5(head: bytes) -> bool:
+    """Tell whether these are the first bytes of an HDF5 file, behind a user block or without one."""
+    return head.startswith(MATLAB_7_3) or any(head.startswith(HDF5, place) for place in USER_BLOCKS)
 
 
 def is_binary(head: bytes) -> bool:

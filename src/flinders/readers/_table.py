@@ -278,10 +278,10 @@ def _columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[A
             rows = rows.T  # a column a reading, as MATLAB has it
         width = rows.shape[1]
         if width <= WIDEST:
-            yield from ((_named(name, place, width), rows[:, place]) for place in range(width))
+            yield from ((named_part(name, place, width), rows[:, place]) for place in range(width))
 
 
-def _named(name: str, place: int, width: int) -> str:
+def named_part(name: str, place: int, width: int) -> str:
     """Name a column of an array, with its unit at the end: ``mag (mG)`` has ``mag.x (mG)``."""
     if width == 1 or not name:
         return name

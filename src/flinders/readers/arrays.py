@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 
 NPY: Final = b"\x93NUMPY"
 MAT: Final = b"MATLAB 5.0 MAT-file"
-MAT_7_3: Final = b"MATLAB 7.3 MAT-file"
 MOST_VALUES: Final = 1 << 27
 """Values in the variables of a MATLAB file, 1 GB of them, that are held in memory: SciPy cannot read a part of one."""
 MOST_BYTES: Final = 1 << 30
@@ -70,7 +69,7 @@ def sniff_npz(head: bytes) -> bool:
 
 
 def sniff_mat(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is one of MATLAB 5 to 7; version 7.3 is HDF5."""
+    """Tell whether a file with these first bytes is one of MATLAB 5 to 7; that of version 7.3 is `hdf5`."""
     return head.startswith(MAT)
 
 

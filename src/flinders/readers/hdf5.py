@@ -1,0 +1,500 @@
+r"""HDF5 files, MATLAB's ``.mat`` of version 7.3 among them: datasets are columns, and groups are parts of their names.
+
+A file of HDF5 can point to other files, and hold a terabyte of zeros in a kilobyte. Only what lies in the file itself,
+is reached without soft links, and unpacks to a plausible size is read; the rest is left out, and named with the reason.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> import h5py
+>>> import numpy as np
+>>> from flinders.readers._source import find
+>>> path = Path(tempfile.mkdtemp()) / "tumble.h5"
+>>> with h5py.File(path, "w") as writing:
+...     writing["imu0/t"] = np.arange(3) / 10
+...     writing["imu0/mag"] = np.eye(3)
+...     writing["imu0/mag"].attrs["units"] = "mG"
+...     writing["gps/lat"] = np.zeros(2)
+>>> recording = open_hdf5(find(path))
+>>> print(recording)
+tumble.h5: columns mag.x (mG), mag.y (mG), mag.z (mG) in mG, time in t; HDF5
+>>> next(recording.blocks()).field[2]
+array([0. , 0. , 0.1])
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import re
+import zlib
+from collections import Counter
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.readers._columns import names_magnetometer
+from flinders.readers._extras import needs, reading
+from flinders.readers._kinds import MATLAB_7_3, is_hdf5
+from flinders.readers._lines import shown
+from flinders.readers._table import MOST_NAMED, WIDEST, Table, TableRecording, named_part, open_table
+from flinders.readers._unpacking import is_bomb, too_large
+from flinders.samples import BLOCK
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.readers._columns import Columns
+    from flinders.readers._source import File
+
+MOST_OBJECTS: Final = 10_000
+"""Links in a file; one with more is refused."""
+DEEPEST: Final = 8
+"""Groups within groups that are looked into."""
+MOST_CHUNK: Final = 32 << 20
+"""Bytes of a chunk, unpacked: all of it is in memory while a part of it is read."""
+MOST_CHUNK_LZF: Final = 1 << 20
+"""The same for LZF, which unpacks to up to 88 times of what is stored, whatever the size of the chunk."""
+MOST_CACHED: Final = 256 << 20
+"""Bytes of the chunks of all columns that are held from one block to the next."""
+MOST_REASONS: Final = 4
+"""Datasets left out that are named with the reason."""
+SHUFFLE, FLETCHER, DEFLATE, LZF = 2, 3, 1, 32000
+FILTERS: Final = frozenset((SHUFFLE, FLETCHER, DEFLATE, LZF))
+"""Filters that are undone; HDF5 loads others from the disk by the number that the file names, which is not trusted."""
+LARGEST_RATIO: Final = 1032
+"""Bytes that a packed one makes at most with deflate."""
+SAFE_UNPACKED: Final = 256 << 20
+"""Bytes up to which a chunk may unpack without having been weighed before."""
+MATLAB_CLASSES: Final = frozenset((
+    "double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical",
+))  # fmt: skip
+"""Classes of the variables of MATLAB that are numbers; the codes of characters are none."""
+UNITS: Final = (b"units", b"unit", b"Units", b"Unit")
+"""Attributes that state a unit."""
+LONGEST_UNIT: Final = 64
+HEAP: Final = b"GCOL\x01"
+"""First bytes of a global heap, which holds texts of any length."""
+
+
+def sniff_hdf5(head: bytes) -> bool:
+    """Tell whether a file with these first bytes is HDF5, also behind a block of MATLAB's or of its user's."""
+    return is_hdf5(head)
+
+
+def open_hdf5(file: File, **options: Any) -> TableRecording:
+    """Open the datasets of an HDF5 file; those of the length that the magnetometer has make the table.
+
+    Parameters
+    ----------
+    file : File
+    **options
+        As `open_table`.
+
+    Raises
+    ------
+    MissingExtra
+        Where h5py is not installed.
+    UnreadableInput
+        For a file that is broken, cut short, or holds more than `MOST_OBJECTS`.
+    NoMagnetometer
+        Where it is not clear which columns are the magnetometer.
+    """
+    with file.path.open("rb") as stream:
+        is_matlab = stream.read(len(MATLAB_7_3)) == MATLAB_7_3
+    kind = "a MATLAB 7.3 file" if is_matlab else "an HDF5 file"
+    h5py = needs("h5py", "hdf5", kind)
+    with ExitStack() as closing:
+        with reading(file.name, kind):
+            opened = closing.enter_context(h5py.File(file.path, "r", driver="sec2", locking=False))
+            catalogue = _Catalogue(h5py, opened, file, is_matlab)
+            catalogue.collect(opened.id, ())
+        table, left_out = _table_of(catalogue, kind)
+        recording = open_table(file, table, **options)
+        recording.columns = _with_left_out(recording.columns, left_out)
+        closing.pop_all()  # open for as long as the recording is there
+    return recording
+
+
+class _Array(NamedTuple):
+    """Numbers of one dataset, or of one field of it: (N,), (N, K) or (K, N) as they are stored."""
+
+    path: bytes
+    name: str
+    fields: tuple[str, ...]
+    length: int
+    width: int
+    axis: int  # of the dataset along which readings follow one another
+
+
+@dataclass(slots=True, eq=False)
+class _Catalogue:
+    """What an open file holds.
+
+    Attributes
+    ----------
+    h5py : module
+    opened : h5py.File
+        Open for as long as the recording is there.
+    file : File
+    is_matlab : bool
+        Arrays are stored with their axes in reverse.
+    arrays : list of _Array
+    left_out : list of str
+        Datasets that are not read, each with the reason.
+    """
+
+    h5py: Any
+    opened: Any
+    file: File
+    is_matlab: bool
+    arrays: list[_Array] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    _addresses: set[int] = field(default_factory=set)
+    _links: int = 0
+    _has_sound_heaps: bool = False
+
+    def collect(self, group: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
+        """List the arrays of a group and of those in it, each object once.
+
+        Raises
+        ------
+        UnreadableInput
+            For more than `MOST_OBJECTS`.
+        """
+        self._links += group.get_num_objs()
+        if self._links > MOST_OBJECTS:
+            raise UnreadableInput(
+                f"{self.file.name} holds more than {MOST_OBJECTS:,} objects: copy the group of the magnetometer to a "
+                "file of its own, with h5copy"
+            )
+        for name in sorted(group):
+            link = group.links.get_info(name)
+            inside = (*path, name)
+            if link.type == self.h5py.h5l.TYPE_EXTERNAL:
+                self._leave_out(inside, "in another file")
+            elif link.type == self.h5py.h5l.TYPE_HARD and link.u not in self._addresses:
+                self._addresses.add(link.u)
+                self._collect_object(group, name, inside)
+
+    def _collect_object(self, group: Any, name: bytes, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
+        """List what a hard link leads to; what MATLAB keeps for itself is passed over."""
+        if self.is_matlab and name.startswith(b"#"):
+            return
+        member = self.h5py.h5o.open(group, name)
+        if isinstance(member, self.h5py.h5g.GroupID):
+            if len(path) < DEEPEST and not self.h5py.h5a.exists(member, b"MATLAB_sparse"):
+                self.collect(member, path)
+        elif isinstance(member, self.h5py.h5d.DatasetID):
+            self._collect_dataset(member, path)
+
+    def _collect_dataset(self, dataset: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
+        """List the numbers of a dataset, unless it lies elsewhere, or unpacks to what no recording does."""
+        storage = dataset.get_create_plist()
+        if storage.get_layout() == self.h5py.h5d.VIRTUAL or storage.get_external_count():
+            self._leave_out(path, "in another file")
+            return
+        kind = dataset.get_type().get_class()
+        h5t = self.h5py.h5t
+        if kind not in {h5t.INTEGER, h5t.FLOAT, h5t.ENUM, h5t.COMPOUND} or not self._is_numbers_of_matlab(dataset):
+            return
+        try:
+            dtype = dataset.dtype
+        except (TypeError, ValueError):  # a number that NumPy has no type for
+            return
+        arrays = list(self._arrays_of(dataset, dtype, path))
+        if arrays and (reason := self._reason_against(dataset, storage, dtype)):
+            self._leave_out(path, reason)
+        else:
+            self.arrays += arrays
+
+    def _is_numbers_of_matlab(self, dataset: Any) -> bool:  # noqa: ANN401
+        """Tell whether a dataset is an array of numbers to MATLAB too, and no text, cell or empty one."""
+        if not self.is_matlab:
+            return True
+        return self._text(dataset, b"MATLAB_class") in MATLAB_CLASSES and not self.h5py.h5a.exists(
+            dataset, b"MATLAB_empty"
+        )
+
+    def _reason_against(self, dataset: Any, storage: Any, dtype: np.dtype[Any]) -> str:  # noqa: ANN401
+        """Say why a dataset cannot be read in bounded memory; nothing where it can."""
+        filters = [storage.get_filter(place) for place in range(storage.get_nfilters())]
+        numbers = [number for number, *_ in filters]
+        if foreign := [number for number in numbers if number not in FILTERS]:
+            return f"packed with filter {foreign[0]}: write it with gzip"
+        if len(set(numbers)) < len(numbers) or {DEFLATE, LZF} <= set(numbers):
+            return "packed twice"
+        if storage.get_layout() == self.h5py.h5d.CHUNKED:
+            chunk = max(math.prod(storage.get_chunk()) * dtype.itemsize, *_sizes_of_lzf(filters))
+            most = MOST_CHUNK_LZF if LZF in numbers else MOST_CHUNK
+            if chunk > most:
+                return f"in chunks of more than {most >> 20} MB: write smaller ones"
+        stored = min(dataset.get_storage_size(), self.file.size)
+        if is_bomb(math.prod(dataset.shape) * dtype.itemsize, stored):
+            return f"said to be {math.prod(dataset.shape) * dtype.itemsize >> 20:,} MB in {stored:,} bytes"
+        return ""
+
+    def _arrays_of(self, dataset: Any, dtype: np.dtype[Any], path: tuple[bytes, ...]) -> Iterator[_Array]:  # noqa: ANN401
+        """Cut a dataset into arrays of numbers; nothing where it is no list of readings."""
+        shape = dataset.shape or ()
+        if len(shape) not in {1, 2} or math.prod(shape) <= 1:
+            return
+        own, where = _name_of(path), b"/" + b"/".join(path)
+        if not dtype.names:
+            unit = self._unit(dataset)
+            length, width, axis = _layout_of(shape, is_reversed=self.is_matlab)
+            if dtype.kind in "iufb" and width <= WIDEST:
+                yield _Array(where, f"{own} ({unit})" if unit else own, (), length, width, axis)
+        elif 1 in shape or len(shape) == 1:
+            for fields, width in _numbers_in(dtype):
+                yield _Array(where, ".".join((own, *fields)), fields, max(shape), width, int(np.argmax(shape)))
+
+    def _unit(self, dataset: Any) -> str:  # noqa: ANN401
+        """Read which unit an attribute states; nothing where it is none that can stand in a name."""
+        texts = (self._text(dataset, name).partition(" since ")[0].strip() for name in UNITS)
+        return next((text for text in texts if re.fullmatch(r"[^()\[\]\s,]{1,24}", text) and text.isprintable()), "")
+
+    def _text(self, dataset: Any, attribute: bytes) -> str:  # noqa: ANN401
+        """Read a short text of an attribute; nothing where there is none."""
+        h5a = self.h5py.h5a
+        if not h5a.exists(dataset, attribute):
+            return ""
+        opened = h5a.open(dataset, attribute)
+        kind = opened.get_type()
+        if kind.get_class() != self.h5py.h5t.STRING or opened.get_space().get_simple_extent_npoints() != 1:
+            return ""
+        if kind.is_variable_str():
+            self._check_heaps()
+        elif kind.get_size() > LONGEST_UNIT:
+            return ""
+        value = np.asarray(self.h5py.Dataset(dataset).attrs[attribute.decode()]).ravel()[0]
+        text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+        return text.strip("\x00 ") if len(text) <= LONGEST_UNIT else ""
+
+    def _check_heaps(self) -> None:
+        """Look once whether the heaps that texts lie in are whole: on a broken one HDF5 2.0 goes in circles.
+
+        Raises
+        ------
+        UnreadableInput
+        """
+        if self._has_sound_heaps:
+            return
+        with self.file.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            is_wide = self.opened.id.get_create_plist().get_sizes() == (8, 8)
+            if not is_wide or not all(_is_sound_heap(content, place) for place in _places_of(HEAP, content)):
+                raise UnreadableInput(f"{self.file.name} has a broken heap of texts: copy it again")
+        self._has_sound_heaps = True
+
+    def _leave_out(self, path: tuple[bytes, ...], reason: str) -> None:
+        self.left_out.append(f"{shown(_name_of(path))} ({reason})")
+
+    def dataset(self, path: bytes, cached: int) -> Any:  # noqa: ANN401
+        """Open a dataset with room for so many bytes of its chunks."""
+        access = self.h5py.h5p.create(self.h5py.h5p.DATASET_ACCESS)
+        access.set_chunk_cache(521, cached, 1.0)
+        return self.h5py.Dataset(self.h5py.h5d.open(self.opened.id, path, access))
+
+    def chunk_bytes(self, path: bytes) -> int:
+        """Count the bytes of a chunk, unpacked; none where the dataset lies in one piece.
+
+        Raises
+        ------
+        UnreadableInput
+            For a chunk that unpacks to more than it should.
+        """
+        dataset = self.h5py.h5d.open(self.opened.id, path)
+        storage = dataset.get_create_plist()
+        if storage.get_layout() != self.h5py.h5d.CHUNKED:
+            return 0
+        unpacked = int(math.prod(storage.get_chunk()) * dataset.dtype.itemsize)
+        numbers = [storage.get_filter(place)[0] for place in range(storage.get_nfilters())]
+        large: list[Any] = []
+
+        def note(chunk: Any) -> None:  # noqa: ANN401 - called for each chunk; anything but None would end it
+            if chunk.size > 2 * unpacked + BLOCK or (DEFLATE in numbers and chunk.size * LARGEST_RATIO > SAFE_UNPACKED):
+                large.append(chunk)
+
+        dataset.chunk_iter(note)
+        for chunk in large:
+            is_deflated = DEFLATE in numbers and not chunk.filter_mask >> numbers.index(DEFLATE) & 1
+            _, packed = dataset.read_direct_chunk(chunk.chunk_offset) if is_deflated else (0, b"")
+            made = len(zlib.decompressobj().decompress(packed, unpacked + BLOCK)) if is_deflated else chunk.size
+            if made >= unpacked + BLOCK:
+                raise too_large(f"{shown(path.decode('utf-8', 'replace'))} in {self.file.name}", made, chunk.size)
+        return unpacked
+
+
+def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
+    """Lay the columns of one length side by side, and say which magnetometers and datasets are left out.
+
+    Raises
+    ------
+    NoMagnetometer
+        Where there are no columns of numbers.
+    """
+    arrays = catalogue.arrays
+    if not arrays:
+        reasons = f": {', '.join(catalogue.left_out[:MOST_NAMED])}" if catalogue.left_out else ""
+        raise NoMagnetometer(
+            f"{catalogue.file.name} holds no columns of numbers that can be read{reasons}; need a dataset of N "
+            "readings by 3, or datasets of equal length by name"
+        )
+    length = _length_of(arrays)
+    chosen = _without_common_group(_magnetometer_first([array for array in arrays if array.length == length]))
+    columns = [(array, place) for array in chosen for place in range(array.width)][:WIDEST]
+    names = tuple(named_part(array.name, place, array.width) for array, place in columns)
+    weighed: dict[bytes, int] = {}
+
+    def rows(cells: Sequence[int]) -> Iterator[Floats]:
+        wanted = [columns[cell] for cell in cells]
+        with reading(catalogue.file.name, kind):
+            for path in {array.path for array, _ in wanted} - weighed.keys():
+                weighed[path] = catalogue.chunk_bytes(path)
+            room = {array.path: weighed[array.path] for array, _ in wanted}
+            if sum(room.values()) > MOST_CACHED:
+                room = dict.fromkeys(room, 0)
+            datasets = {path: catalogue.dataset(path, cached) for path, cached in room.items()}
+            for start in range(0, length, BLOCK):
+                blocks = {
+                    array: _block(datasets[array.path], array, start) for array in dict.fromkeys(a for a, _ in wanted)
+                }
+                yield np.stack([blocks[array][:, place] for array, place in wanted], axis=1)
+
+    others = [
+        f"{shown(array.name)} ({array.length:,} readings, of {length:,} here: give it alone)"
+        for array in arrays
+        if array.length != length and names_magnetometer(_names_of(array))
+    ]
+    title = "MATLAB 7.3" if catalogue.is_matlab else "HDF5"
+    return Table(title, names, len(columns), length, rows), [*others, *catalogue.left_out]
+
+
+def _block(dataset: Any, array: _Array, start: int) -> Floats:  # noqa: ANN401
+    """Read the next rows of an array as (N, width) float."""
+    selected = dataset.fields(array.fields[0]) if array.fields else dataset
+    span = slice(start, min(start + BLOCK, array.length))
+    rank = len(dataset.shape)
+    block: NDArray[Any] = np.asarray(
+        selected[tuple(span if axis == array.axis else slice(None) for axis in range(rank))]
+    )
+    for name in array.fields[1:]:
+        block = block[name]
+    if array.axis:
+        block = np.moveaxis(block, array.axis, 0)
+    return block.reshape(len(block), array.width).astype(float)
+
+
+def _places_of(start: bytes, content: mmap.mmap) -> Iterator[int]:
+    """Yield where these bytes are."""
+    place = content.find(start)
+    while place >= 0:
+        yield place
+        place = content.find(start, place + 1)
+
+
+def _is_sound_heap(content: mmap.mmap, place: int) -> bool:
+    """Tell whether the objects of a global heap follow one another up to its end.
+
+    Source: HDF5 File Format Specification 3.0, III.E: signature, version, size; objects of index, count, size, content,
+    in multiples of 8 bytes; index 0 is the free space, whose size counts its own header.
+    """
+    end = place + int.from_bytes(content[place + 8 : place + 16], "little")
+    place += 16
+    if end > len(content) or end < place:
+        return False
+    while place + 16 <= end:
+        size = int.from_bytes(content[place + 8 : place + 16], "little")
+        is_free = content[place : place + 2] == b"\x00\x00"
+        step = size if is_free else 16 + 8 * -(-size // 8)
+        if step < 16:
+            return False
+        place += step
+    return place <= end
+
+
+def _sizes_of_lzf(filters: Sequence[tuple[int, int, tuple[int, ...], bytes]]) -> tuple[int, ...]:
+    """Sizes of the memory that LZF is told to take for a chunk; 0 first."""
+    return (0, *(size for number, _, sizes, _ in filters if number == LZF for size in sizes))
+
+
+def _layout_of(shape: tuple[int, ...], *, is_reversed: bool) -> tuple[int, int, int]:
+    """Tell how many readings an array has, of how many numbers, and along which stored axis they follow one another.
+
+    >>> _layout_of((3, 100), is_reversed=False), _layout_of((2, 3), is_reversed=True)
+    ((100, 3, 1), (3, 2, 1))
+    """
+    if len(shape) == 1 or 1 in shape:
+        return max(shape), 1, int(np.argmax(shape))
+    rows, width = shape[::-1] if is_reversed else shape
+    axis = 1 if is_reversed else 0
+    if rows <= 4 < width:
+        rows, width, axis = width, rows, 1 - axis  # a column a reading
+    return rows, width, axis
+
+
+def _numbers_in(dtype: np.dtype[Any], fields: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], int]]:
+    """Yield the fields of records that are numbers, with those of records in them, and how many numbers each has."""
+    for name in dtype.names or ():
+        inner = dtype[name]
+        base, shape = inner.subdtype or (inner, ())
+        if inner.names:
+            if not inner.hasobject and len(fields) < DEEPEST:
+                yield from _numbers_in(inner, (*fields, name))
+        elif base.kind in "iufb" and len(shape) <= 1 and math.prod(shape) <= WIDEST:
+            yield (*fields, name), math.prod(shape)
+
+
+def _length_of(arrays: Sequence[_Array]) -> int:
+    """Choose how many readings the table has: as many as the magnetometer with most columns, else as most columns."""
+    columns: Counter[int] = Counter()
+    for array in arrays:
+        columns[array.length] += array.width
+    names: dict[int, list[str]] = {}
+    for array in arrays:
+        names.setdefault(array.length, []).extend(_names_of(array))
+    named = [length for length in columns if names_magnetometer(names[length])]
+    return max(named or columns, key=lambda length: columns[length])
+
+
+def _magnetometer_first(arrays: Sequence[_Array]) -> list[_Array]:
+    """Put the group of the first magnetometer first, so that of several equal times its own is read."""
+    groups: dict[str, list[str]] = {}
+    for array in arrays:
+        groups.setdefault(_group_of(array), []).extend(_names_of(array))
+    own = next((group for group, names in groups.items() if names_magnetometer(names)), "")
+    return sorted(arrays, key=lambda array: _group_of(array) != own)
+
+
+def _group_of(array: _Array) -> str:
+    return array.name.partition(" (")[0].rpartition(".")[0]
+
+
+def _names_of(array: _Array) -> list[str]:
+    return [named_part(array.name, place, array.width) for place in range(array.width)]
+
+
+def _without_common_group(arrays: list[_Array]) -> list[_Array]:
+    """Take off the name of a group that has everything in it."""
+    while arrays and all("." in array.name.partition(" (")[0] for array in arrays):
+        heads = {array.name.partition(".")[0] for array in arrays}
+        if len(heads) > 1:
+            break
+        arrays = [array._replace(name=array.name.partition(".")[2]) for array in arrays]
+    return arrays
+
+
+def _with_left_out(columns: Columns, reasons: Sequence[str]) -> Columns:
+    """Have the first line name what is left out, of each of several magnetometers."""
+    more = [f"{len(reasons) - MOST_REASONS} more"] * (len(reasons) > MOST_REASONS)
+    each = tuple(_with_left_out(own, reasons) for own in columns.magnetometers)
+    return replace(columns, left_out=(*columns.left_out, *reasons[:MOST_REASONS], *more), magnetometers=each)
+
+
+def _name_of(path: Sequence[bytes]) -> str:
+    return ".".join(part.decode("utf-8", "replace") for part in path)
