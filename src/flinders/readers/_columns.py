@@ -17,6 +17,7 @@ import numpy as np
 from flinders import quaternions
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.readers._beside import shares
+from flinders.readers._lengths import advice, ascends, groups
 from flinders.readers._log import FIRST, Choice, numbered
 from flinders.readers._names import (
     ACCELERATION,
@@ -225,6 +226,31 @@ def names_magnetometer(names: Sequence[str]) -> bool:
     return bool(vectors(names, [meaning(name) for name in names], FIELD))
 
 
+def with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
+    """Put the sensors that a line names before the axes in the line below it; nothing where it names none.
+
+    A sensor stands above each of its columns, or above the first.
+
+    >>> with_sensors(["t", "x", "y", "z", "x", "y", "z"], ["", "Acc [g]", "", "", "Mag [uT]", "", ""])[3:]
+    ['Acc z [g]', 'Mag x [uT]', 'Mag y [uT]', 'Mag z [uT]']
+    >>> with_sensors(["t", "x", "y", "z"], ["recorded with a magnetometer", "2026-11-22"])
+    []
+    """
+    below = [meaning(name) for name in names]
+    axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
+    if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, map(str.strip, titles))) < 2:
+        return []
+    joined, title = [], ""
+    for name, above in zip_longest(names, titles[: len(names)], fillvalue=""):
+        title = above.strip() or title
+        bracket = min((place for sign in "[(" if (place := title.find(sign)) > 0), default=len(title))
+        parts = (title[:bracket].strip(), name, title[bracket:])
+        joined.append(" ".join(filter(None, parts)) if name else above.strip())
+    known = [meaning(name) if place in axes else Meaning("") for place, name in enumerate(joined)]
+    is_told = any(vectors(joined, known, kind) for kind in (FIELD, ACCELERATION, RATE))
+    return joined if is_told and len({joined[place] for place in axes}) == len(axes) else []
+
+
 def by_name(
     names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
 ) -> Columns | None:
@@ -309,7 +335,7 @@ def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
         Places of the magnetometer's columns, where the user said which.
     """
     width = values.shape[1]
-    timed = width == 4 and not wanted and _ascends(values[:, 0])
+    timed = width == 4 and not wanted and ascends(values[:, 0])
     field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
     if not field:
         return None
@@ -349,7 +375,8 @@ def choose(
     Raises
     ------
     NoMagnetometer
-        Where all that is named like one is not a magnetometer's readings.
+        Where all that is named like one is not a magnetometer's readings; where names do not tell, with what the
+        values say of which columns may be one.
     UsageError
         For columns that there are not, or a magnetometer; for columns of another magnetometer than `choice` names.
     """
@@ -358,8 +385,10 @@ def choose(
         asked = "1,2"
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
-    if chosen is None:
+    if asked is None and (chosen is None or _is_unclear(chosen)):
         _refuse_no_readings(names, source)
+        _refuse_unclear(names, values, source)
+    if chosen is None:
         return None
     if asked is None:
         chosen = _chosen(chosen, choice, source)
@@ -386,6 +415,28 @@ def _refuse_no_readings(names: Sequence[str], source: str) -> None:
             f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {told}; "
             f"say which three columns are what the sensor read, such as --columns '{columns}' if those are it after all"
         )
+
+
+def _is_unclear(columns: Columns) -> bool:
+    """Tell whether columns are one of several triples that are named x, y, z and nothing else."""
+    return len(columns.magnetometers) > 1 and not columns.stated and meaning(columns.field.names[0]).is_bare
+
+
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
+    """Refuse a table whose names do not tell, where values say something of its columns.
+
+    Raises
+    ------
+    NoMagnetometer
+    """
+    known = [meaning(name) for name in names] or [Meaning("")] * values.shape[1]
+    found = groups(values, [place for place, each in enumerate(known) if not each.kind or each.is_bare], names)
+    if any(len(group.names) > 1 for group in found):
+        if names:
+            what = f"names do not tell which columns of {source} are the magnetometer"
+        else:
+            what = f"{source} has {len(known)} columns and no header: need three, x y z, or four with the time first"
+        raise NoMagnetometer(f"{what}; {advice(found)}")
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
@@ -584,11 +635,6 @@ def _are_pulses(values: Floats) -> bool:
 def _numeric(values: Floats) -> bool:
     """Tell whether at least half of the first values are numbers."""
     return len(values) == 0 or bool(np.isfinite(values).mean() >= 0.5)
-
-
-def _ascends(values: Floats) -> bool:
-    values = values[np.isfinite(values)]
-    return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
 def _time(column: Column, unit: str, values: Floats) -> Column:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
-from flinders.readers._columns import Column, Columns, choose, names_magnetometer, wanted_places
+from flinders.readers._columns import Column, Columns, choose, names_magnetometer, wanted_places, with_sensors
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import ACCELERATION, FACTORS, FIELD, RATE, is_unit, meaning
@@ -303,13 +303,19 @@ def _score(lines: list[tuple[int, str]], least: int, dialect: tuple[str, str]) -
 
 
 def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
+    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all.
+
+    Names of sensors in a line of their own, above the axes, are put before the axes.
+    """
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
         names = [cell.strip() for cell in split(_uncommented(above[place]), delimiter)]
         if not (fits(names, width) or (closed and len(names) == width - 1)):
             continue
         names = names[:width]
+        titles = split(_uncommented(above[place - 1]), delimiter) if place else []
+        if grouped := with_sensors(names, titles):
+            return place, grouped
         if names_magnetometer(names):
             return place, names
         if all(is_unit(name) for name in names if name):

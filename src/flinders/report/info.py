@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import FitError, counted, figures
 from flinders.report.text import COLOURS, degrees
-from flinders.units import COUNTS, PER_UNIT, label
+from flinders.units import COUNTS, EARTH, label, unit_of_the_earth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from flinders.geomag import SiteField
     from flinders.result import Fit
 
-EARTH: Final = (20.0, 70.0)
-"""Strengths of the earth's field at its surface, in µT, from the South Atlantic to the poles, with a little room."""
 GAP: Final = 5.0
 """Usual steps from one reading to the next that make a gap."""
 STALE: Final = 0.02
@@ -195,11 +193,7 @@ def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -
 
 def likely_unit(strength: float | None, inside: str) -> str:
     """The unit in which a strength would be that of the earth, where none is known; nothing where none would do."""
-    if strength is None or inside != COUNTS:
-        return ""
-    low, high = EARTH
-    fitting = [name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high]
-    return fitting[0] if fitting else ""
+    return "" if strength is None or inside != COUNTS else unit_of_the_earth(strength)
 
 
 def unit_remark(strength: float | None, inside: str) -> str:
