@@ -247,7 +247,8 @@ def with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
         parts = (title[:bracket].strip(), name, title[bracket:])
         joined.append(" ".join(filter(None, parts)) if name else above.strip())
     known = [meaning(name) if place in axes else Meaning("") for place, name in enumerate(joined)]
-    is_told = any(vectors(joined, known, kind) for kind in (FIELD, ACCELERATION, RATE))
+    plain = [Meaning("") if each.is_bare else each for each in known]
+    is_told = any(vectors(joined, plain, kind) for kind in (FIELD, ACCELERATION, RATE))
     return joined if is_told and len({joined[place] for place in axes}) == len(axes) else []
 
 
@@ -289,7 +290,9 @@ def by_name(
         own = next((each for each in found if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
         return replace(around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
-    others = passed_over(found, fields)
+    unread = [place for place in _open(meanings) if not any(place in field.cells for field in fields)]
+    alike = [str(group) for group in groups(values, unread, names) if group.is_known] if fields else ()
+    others = (*passed_over(found, fields), *alike)
     made = [replace(around(field), passed_over=others) for field in fields]
     if len(made) < 2:
         return made[0] if made else None
@@ -430,13 +433,16 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
     NoMagnetometer
     """
     known = [meaning(name) for name in names] or [Meaning("")] * values.shape[1]
-    found = groups(values, [place for place, each in enumerate(known) if not each.kind or each.is_bare], names)
+    found = groups(values, _open(known), names)
     if any(len(group.names) > 1 for group in found):
-        if names:
-            what = f"names do not tell which columns of {source} are the magnetometer"
-        else:
-            what = f"{source} has {len(known)} columns and no header: need three, x y z, or four with the time first"
+        nameless = f"{source} has {len(known)} columns and no header: need three, x y z, or four with the time first"
+        what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
         raise NoMagnetometer(f"{what}; {advice(found)}")
+
+
+def _open(known: Sequence[Meaning]) -> list[int]:
+    """Places of columns whose names do not tell what they are."""
+    return [place for place, each in enumerate(known) if not each.kind or each.is_bare]
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:

@@ -10,17 +10,17 @@ user, and never taken: a strength is no proof.
 >>> found = groups(np.column_stack([clock, 9.81 * directions, turned, 48 * directions + [30, 0, -20]]), range(10))
 >>> for group in found:
 ...     print(group)
-1 ascends
-2, 3, 4 have the length of gravity in m/s²
-5, 6, 7 are near no sphere, as rates or angles
-8, 9, 10 may be a magnetometer: lengths 27.9 to 82.3, strength 48.0, as uT the earth's
+1 (a clock or a counter)
+2, 3, 4 (gravity in m/s²)
+5, 6, 7 (rates or angles: near no sphere)
+8, 9, 10 (lengths 27.9 to 82.3, strength 48.0, as uT the earth's)
 """
 
 from __future__ import annotations
 
 import shlex
 from itertools import combinations, groupby
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -56,8 +56,14 @@ LARGEST: Final = 1e100
 """What a reading may be, so that its square is a number."""
 FEWEST: Final = 10
 """Rows from which on lengths are judged."""
+MANY: Final = 400
+"""Rows that are enough."""
 WIDEST: Final = 24
 """Columns that are judged; a wider table would fill the screen."""
+
+
+Judgement: TypeAlias = "tuple[str, bool, bool]"
+"""All of a `Group` but the names."""
 
 
 class Group(NamedTuple):
@@ -68,17 +74,20 @@ class Group(NamedTuple):
     names : tuple of str
         As ``--columns`` takes them.
     what : str
-        What their values say, as the end of a sentence.
+        What their values look like.
     is_candidate : bool
         They may be a magnetometer.
+    is_known : bool
+        They are plainly something else: a quaternion, a direction, gravity.
     """
 
     names: tuple[str, ...]
     what: str
     is_candidate: bool = False
+    is_known: bool = False
 
     def __str__(self) -> str:
-        return f"{', '.join(self.names)} {self.what}"
+        return f"{', '.join(self.names)} ({self.what})"
 
     @property
     def option(self) -> str:
@@ -110,30 +119,43 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
     own = [names[place].strip() for place in places] if names else []
     is_named = all(own) and len(set(own)) == len(places) and not any("," in name for name in own)
     called = {place: own[at] if is_named else str(place + 1) for at, place in enumerate(places)}
-    judged: list[tuple[tuple[int, ...], str, bool]] = []
+    judged: list[tuple[tuple[int, ...], Judgement]] = []
     for cells in _quaternions(values, places):
-        judged.append((cells, "are a quaternion: their length is 1", False))
+        judged.append((cells, ("a quaternion", False, True)))
         places = [place for place in places if place not in cells]
     for place in list(places):
         if ascends(values[:, place]) or np.nanmin(values[:, place]) == np.nanmax(values[:, place]):
-            judged.append(((place,), "ascends" if ascends(values[:, place]) else "never changes", False))
+            judged.append(
+                ((place,), ("a clock or a counter" if ascends(values[:, place]) else "constant", False, False))
+            )
             places.remove(place)
-    judged += [(cells, *_judged(values[:, cells])) for run in _runs(places) for cells in _triples(values, run)]
-    return [Group(tuple(called[cell] for cell in cells), what, able) for cells, what, able in sorted(judged)]
+    judged += [(cells, _judged(values[:, cells])) for run in _runs(places) for cells in _triples(values, run)]
+    return [Group(tuple(called[cell] for cell in cells), *judgement) for cells, judgement in sorted(judged)]
+
+
+def likeness(vectors: Floats) -> str:
+    """Say what three columns plainly are if not a magnetometer: a direction, or gravity; else nothing.
+
+    >>> likeness(np.tile([[0.1, -0.2, 9.8]], (20, 1))), likeness(np.tile([[10.0, -20.0, 40.0]], (20, 1)))
+    ('gravity in m/s²', '')
+    """
+    what, _, is_known = _judged(vectors[:: max(len(vectors) // MANY, 1)])
+    return what if is_known else ""
 
 
 def advice(found: Sequence[Group]) -> str:
-    """Say what columns look like and, of those that may be a magnetometer, what to type.
+    """Say which columns may be the magnetometer, what to type then, and what the others look like.
 
-    >>> advice([Group(("1", "2", "3"), "are near no sphere"), Group(("4", "5", "6"), "may be a magnetometer", True)])
-    'by their values 1, 2, 3 are near no sphere; 4, 5, 6 may be a magnetometer: if so, add --columns 4,5,6'
+    >>> advice([Group(("1", "2", "3"), "a direction"), Group(("4", "5", "6"), "strength 48.0", is_candidate=True)])
+    'by their values 4, 5, 6 (strength 48.0) may be it: if so, add --columns 4,5,6; others are 1, 2, 3 (a direction)'
     """
-    options = [group.option for group in found if group.is_candidate]
-    if len(options) == 1:
-        do = f": if so, add {options[0]}"
-    else:
-        do = f"; say which with {' or '.join(options)}" if options else "; if three are one after all, add --columns"
-    return f"by their values {'; '.join(map(str, found))}{do}"
+    able = [group for group in found if group.is_candidate]
+    others = ", ".join(str(group) for group in found if not group.is_candidate)
+    if not able:
+        return f"by their values none may be it, they are {others}; if three are it after all, add --columns X,Y,Z"
+    options = " or ".join(group.option for group in able)
+    do = f"if so, add {options}" if len(able) == 1 else f"say which with {options}"
+    return f"by their values {' or '.join(map(str, able))} may be it: {do}" + f"; others are {others}" * bool(others)
 
 
 def ascends(values: Floats) -> bool:
@@ -180,29 +202,29 @@ def _lengths(vectors: Floats) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def _judged(vectors: Floats) -> tuple[str, bool]:
-    """Say what three columns may be, and whether that is a magnetometer."""
+def _judged(vectors: Floats) -> Judgement:
+    """Say what three columns may be, as `Group` has it."""
     vectors = vectors[np.isfinite(vectors).all(axis=1)]
     if len(vectors) < FEWEST:
-        return "are seldom all there", False
+        return "seldom all there", False, False
     low, middle, high = _lengths(vectors)
     scatter, radius = _sphere(vectors)
     is_turned = radius < np.inf
     if low > 1 - EXACT and high < 1 + EXACT:
-        return "are of length 1: a direction, or gravity in g", False
+        return "a direction, or gravity in g", False, True
     for name, length in GRAVITY.items():
         is_near = abs(middle / length - 1) < NEARLY and high - low < STEADY * middle
         if is_near and (is_turned or length < SMALL):
-            return f"have the length of gravity in {name}", False
+            return f"gravity in {name}", False, True
     if scatter > ROUND * radius or low < NEAR_ZERO * high:
-        return "are near no sphere, as rates or angles", False
+        return "rates or angles: near no sphere", False, False
     strength = radius if is_turned else middle
     if min(strength, middle) > IN_NO_UNIT[0] and max(strength, middle) < IN_NO_UNIT[1]:
-        return f"have lengths about {figures(middle, 3)}, which the earth's field has in no unit", False
+        return f"lengths of {figures(middle, 3)}, which the earth's field has in no unit", False, False
     unit = unit_of_the_earth(strength)
     known = [f"lengths {figures(low, 3)} to {figures(high, 3)}"]
     known += [f"strength {figures(strength, 3)}"] * is_turned + [f"as {unit} the earth's"] * bool(unit)
-    return f"may be a magnetometer: {', '.join(known)}", True
+    return ", ".join(known), True, False
 
 
 def _sphere(vectors: Floats) -> tuple[float, float]:

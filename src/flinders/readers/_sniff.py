@@ -313,13 +313,13 @@ def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tu
         if not (fits(names, width) or (closed and len(names) == width - 1)):
             continue
         names = names[:width]
+        if all(is_unit(name) for name in names if name):
+            continue
         titles = split(_uncommented(above[place - 1]), delimiter) if place else []
         if grouped := with_sensors(names, titles):
             return place, grouped
         if names_magnetometer(names):
             return place, names
-        if all(is_unit(name) for name in names if name):
-            continue
         if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
             fallback = place, names
     return fallback

@@ -68,6 +68,8 @@ class Sensor:
         Of all directions, seen; None where no ellipsoid fits.
     strength : float or None
         Of the field, by that ellipsoid; None where too little is seen.
+    likeness : str
+        What its values look like, such as gravity, where no name says that it is a magnetometer.
     notes : tuple of str
         What else to know, a sentence each.
     """
@@ -90,6 +92,7 @@ class Sensor:
     beside: tuple[str, ...] = ()
     coverage: float | None = None
     strength: float | None = None
+    likeness: str = ""
     notes: tuple[str, ...] = ()
 
 
@@ -171,6 +174,8 @@ def fits(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> R
 def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -> tuple[str, ...]:
     """The commands to type next: for the magnetometer that has seen most and, where there are several, for all.
 
+    None for what looks like another sensor.
+
     Parameters
     ----------
     path : str
@@ -179,7 +184,7 @@ def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -
     options : sequence of str
         Those with which it was read here.
     """
-    usable = [sensor for sensor in sensors if sensor.readings]
+    usable = [sensor for sensor in sensors if sensor.readings and not sensor.likeness]
     if not usable:
         return ()
     best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
@@ -271,6 +276,10 @@ def _pace(sensor: Sensor) -> str:
 def _doubts(sensor: Sensor, site: SiteField | None) -> list[str]:
     """What is odd about the readings."""
     found = []
+    if sensor.likeness:
+        names = sensor.name.removeprefix("columns ").replace(", ", ",")
+        option = f"--columns {shlex.quote(names)}"
+        found.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
     if sensor.repeats > STALE * sensor.readings:
         found.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.backward_steps:
