@@ -34,7 +34,10 @@ from flinders.readers._names import (
     THROTTLES,
     TIME,
     Meaning,
+    kind_of_chip,
+    label,
     meaning,
+    tells_nothing,
 )
 from flinders.readers._several import Vector, beside, instruments, passed_over, vectors
 from flinders.samples import Samples
@@ -48,6 +51,10 @@ if TYPE_CHECKING:
 
 OF_MOTORS: Final = (CURRENTS, THROTTLES)
 """Kinds of which there may be a column for each motor."""
+IN_SAMPLES: Final = (
+    TIME, ACCELERATION, RATE, TEMPERATURE, CURRENT, STRENGTH, THROTTLE, ATTITUDE, CURRENTS, THROTTLES,
+)  # fmt: skip
+"""Kinds that stand beside the field, as `Samples` calls them."""
 SHARES: Final = ("share", "percent", "pct", "%")
 """Units of a throttle that count from none; pulses count from `REST_US`."""
 REST_US: Final = 1000.0
@@ -173,7 +180,9 @@ class Columns:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
         which = f"{self.name}, " if self.name else ""
         time = f", time in {self.time.names[0]}" if self.time else ""
-        return f"{which}columns {', '.join(self.field.names)} in {unit}{time}"
+        chip = next((word for word in label(self.field.names[0]) if kind_of_chip(word) == FIELD), "")
+        known = f" ({chip.upper()} is a magnetometer)" if chip else ""
+        return f"{which}columns {', '.join(self.field.names)}{known} in {unit}{time}"
 
     def told_besides(self) -> list[str]:
         """Say what is left out, which other magnetometers there are, and what is named like one."""
@@ -188,24 +197,11 @@ class Columns:
             level = np.zeros((len(field), 3))
             level[:, self.field.axes] = field
             field = level
-        throttle, attitude = self._beside(values, THROTTLE), self._beside(values, ATTITUDE)
-        throttles = self._beside(values, THROTTLES)
-        found = Samples.of(
-            field,
-            unit=unit,
-            axes=axes,
-            time=self._beside(values, TIME),
-            acceleration=self._beside(values, ACCELERATION),
-            rate=self._beside(values, RATE),
-            temperature=self._beside(values, TEMPERATURE),
-            current=self._beside(values, CURRENT),
-            strength=self._beside(values, STRENGTH),
-            throttle=None if throttle is None else shares(throttle),
-            attitude=None if attitude is None else quaternions.known(attitude),
-            currents=self._beside(values, CURRENTS),
-            throttles=None if throttles is None else shares(throttles),
-            source=source,
-        )
+        others = {kind: self._beside(values, kind) for kind in IN_SAMPLES}
+        for kind, known in ((THROTTLE, shares), (THROTTLES, shares), (ATTITUDE, quaternions.known)):
+            column = others[kind]
+            others[kind] = None if column is None else known(column)
+        found = Samples.of(field, unit=unit, scale=None, axes=axes, source=source, **others)
         return found if frame == found.frame else replace(found, frame=frame)
 
     def _beside(self, values: Floats, kind: str) -> Floats | None:
@@ -224,32 +220,6 @@ class Columns:
 def names_magnetometer(names: Sequence[str]) -> bool:
     """Tell whether three of these names are those of a magnetometer."""
     return bool(vectors(names, [meaning(name) for name in names], FIELD))
-
-
-def with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
-    """Put the sensors that a line names before the axes in the line below it; nothing where it names none.
-
-    A sensor stands above each of its columns, or above the first.
-
-    >>> with_sensors(["t", "x", "y", "z", "x", "y", "z"], ["", "Acc [g]", "", "", "Mag [uT]", "", ""])[3:]
-    ['Acc z [g]', 'Mag x [uT]', 'Mag y [uT]', 'Mag z [uT]']
-    >>> with_sensors(["t", "x", "y", "z"], ["recorded with a magnetometer", "2026-11-22"])
-    []
-    """
-    below = [meaning(name) for name in names]
-    axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
-    if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, map(str.strip, titles))) < 2:
-        return []
-    joined, title = [], ""
-    for name, above in zip_longest(names, titles[: len(names)], fillvalue=""):
-        title = above.strip() or title
-        bracket = min((place for sign in "[(" if (place := title.find(sign)) > 0), default=len(title))
-        parts = (title[:bracket].strip(), name, title[bracket:])
-        joined.append(" ".join(filter(None, parts)) if name else above.strip())
-    known = [meaning(name) if place in axes else Meaning("") for place, name in enumerate(joined)]
-    plain = [Meaning("") if each.is_bare else each for each in known]
-    is_told = any(vectors(joined, plain, kind) for kind in (FIELD, ACCELERATION, RATE))
-    return joined if is_told and len({joined[place] for place in axes}) == len(axes) else []
 
 
 def by_name(
@@ -290,8 +260,9 @@ def by_name(
         own = next((each for each in found if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
         return replace(around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
-    unread = [place for place in _open(meanings) if not any(place in field.cells for field in fields)]
-    alike = [str(group) for group in groups(values, unread, names) if group.is_known] if fields else ()
+    read = {place for field in fields for place in field.cells}
+    unread = [place for place, name in enumerate(names) if fields and place not in read and tells_nothing(name)]
+    alike = [str(group) for group in groups(values, unread, names) if group.is_known]
     others = (*passed_over(found, fields), *alike)
     made = [replace(around(field), passed_over=others) for field in fields]
     if len(made) < 2:
@@ -432,17 +403,12 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
     ------
     NoMagnetometer
     """
-    known = [meaning(name) for name in names] or [Meaning("")] * values.shape[1]
-    found = groups(values, _open(known), names)
-    if any(len(group.names) > 1 for group in found):
-        nameless = f"{source} has {len(known)} columns and no header: need three, x y z, or four with the time first"
+    width = values.shape[1]
+    found = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
+    if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in found):
+        nameless = f"{source} has {width} columns and no header: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
         raise NoMagnetometer(f"{what}; {advice(found)}")
-
-
-def _open(known: Sequence[Meaning]) -> list[int]:
-    """Places of columns whose names do not tell what they are."""
-    return [place for place, each in enumerate(known) if not each.kind or each.is_bare]
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
@@ -595,18 +561,12 @@ def _beside(
         unit = meanings[column.cells[0]].unit
         if column.kind == TIME:
             scaled.append(_time(column, unit, values[:, column.cells[0]]))
-        elif column.kind == STRENGTH:
-            scaled.append(replace(column, unit=unit))
-        elif column.kind == THROTTLES:
-            scaled.append(
-                replace(column, factor=FACTORS_OF_MOTORS[THROTTLES][unit], start=0.0 if unit in SHARES else REST_US)
-            )
-        elif column.kind == CURRENTS:
-            scaled.append(replace(column, factor=FACTORS_OF_MOTORS[CURRENTS][unit]))
         elif column.kind == RATE and not unit:
             left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
         else:
-            scaled.append(replace(column, factor=FACTORS.get(column.kind, {}).get(unit, 1.0)))
+            factor = {**FACTORS, **FACTORS_OF_MOTORS}.get(column.kind, {}).get(unit, 1.0)
+            start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
+            scaled.append(replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else ""))
     return tuple(scaled), tuple(left_out)
 
 

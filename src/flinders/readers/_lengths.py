@@ -152,7 +152,7 @@ def advice(found: Sequence[Group]) -> str:
     able = [group for group in found if group.is_candidate]
     others = ", ".join(str(group) for group in found if not group.is_candidate)
     if not able:
-        return f"by their values none may be it, they are {others}; if three are it after all, add --columns X,Y,Z"
+        return f"by their values none may be it, they are {others}; if three are after all, say so with --columns X,Y,Z"
     options = " or ".join(group.option for group in able)
     do = f"if so, add {options}" if len(able) == 1 else f"say which with {options}"
     return f"by their values {' or '.join(map(str, able))} may be it: {do}" + f"; others are {others}" * bool(others)

@@ -88,6 +88,11 @@ _OTHERS: Final = re.compile(
     r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
 )
 """Words of columns that stand beside readings and are none."""
+_ELSEWHERE: Final = re.compile(
+    r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
+    r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|mode)"
+)
+"""Words of columns that are no sensor's with three axes, whatever their values are."""
 _REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
 """Where a strength comes from that is no length of the readings themselves."""
 _STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
@@ -221,6 +226,17 @@ def meaning(name: str) -> Meaning:
     if kind == FIELD and axis and any(_DERIVED.match(word.casefold()) for word in (*sensor, *units)):
         rank += CALIBRATED
     return Meaning(kind, axis, _unit(kind, units), rank)
+
+
+def tells_nothing(name: str) -> bool:
+    """Tell whether a name leaves open what a column is, so that it may be an axis of a magnetometer.
+
+    >>> tells_nothing("ch4"), tells_nothing("x"), tells_nothing("acc_x"), tells_nothing("gps_lat")
+    (True, True, False, False)
+    """
+    found, words = meaning(name), [word.casefold() for word in _words(name)[0]]
+    is_other = any(_ELSEWHERE.match(word) or _OTHERS.match(word) for word in words)
+    return found.is_bare or not (found.kind or is_other)
 
 
 def is_unit(text: str) -> bool:

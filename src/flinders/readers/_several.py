@@ -146,28 +146,20 @@ def passed_over(found: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str,
 
 
 def beside(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
-    """Pick the accelerometer or gyro that stands beside a magnetometer: of several its `companion`, else the best.
+    """Pick the accelerometer or gyro that goes with a magnetometer: the best of its number, or with no other's number.
 
-    What is no readings, such as ``acc_ned_x``, is not taken.
-    """
-    readings = [each for each in found if not each.instead]
-    return companion(readings, field, fields) if len(fields) > 1 else min(readings, key=_quality, default=None)
-
-
-def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
-    """Pick the accelerometer or gyro that goes with one of several magnetometers.
-
-    It has the magnetometer's number, or none that another one of them has.
+    Where there is one magnetometer all go with it. What is no readings, such as ``acc_ned_x``, is not taken.
 
     >>> first, second = Vector((0, 1, 2), 1, ("1",), "mag1"), Vector((3, 4, 5), 1, ("2",), "mag2")
     >>> own, all_ones = Vector((6, 7, 8), 1, ("2",), "acc2"), Vector((9, 10, 11), 1, (), "acc")
-    >>> companion([own, all_ones], first, [first, second]).name
-    'acc'
-    >>> companion([own, all_ones], second, [first, second]).name
-    'acc2'
+    >>> beside([own, all_ones], first, [first, second]).name, beside([own, all_ones], second, [first, second]).name
+    ('acc', 'acc2')
     """
+    readings = [each for each in found if not each.instead]
+    if len(fields) < 2:
+        return min(readings, key=_quality, default=None)
     numbers = {other.number for other in fields}
-    fitting = [each for each in found if each.number == field.number or each.number not in numbers]
+    fitting = [each for each in readings if each.number == field.number or each.number not in numbers]
     return min(fitting, key=lambda each: (each.number != field.number, *_quality(each)), default=None)
 
 
