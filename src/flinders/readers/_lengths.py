@@ -37,7 +37,7 @@ GRAVITY: Final = {
 }  # fmt: skip
 """Its length in units that accelerometers have; fewer counts than these could be milligauss."""
 SMALL: Final = 20.0
-"""Below it magnetometers read in gauss or tesla only; longer vectors are gravity's only where they were turned."""
+"""Below it magnetometers read in gauss or tesla only; longer vectors are gravity's where their sphere is as large."""
 EXACT: Final = 0.02
 """What the length of a unit vector may differ by."""
 NEARLY: Final = 0.06
@@ -47,11 +47,13 @@ STEADY: Final = 0.3
 UNMOVED: Final = 0.1
 """Share of their length by which readings scatter that were not turned; a sphere through them tells nothing."""
 ROUND: Final = 0.2
-"""Scatter around the nearest sphere, of its radius: 0.16 is the most of 31 real magnetometers, with soft iron."""
+"""Scatter of a magnetometer's readings around the sphere nearest to them, of its radius, with soft iron."""
+ROUND_INDEED: Final = 0.05
+"""So little scatter that readings near zero are no sign of rates."""
 IN_NO_UNIT: Final = (2.0, 15.0)
 """More than the earth's field is in gauss, hard iron and all, and less than it is in µT."""
 NEAR_ZERO: Final = 0.15
-"""Of the longest reading, what is near zero, where rates often are; of a sphere through zero one in 40 readings is."""
+"""Of the longest readings: what is near zero, where rates often are."""
 LARGEST: Final = 1e100
 """What a reading may be, so that its square is a number."""
 FEWEST: Final = 10
@@ -204,7 +206,7 @@ def _lengths(vectors: Floats) -> tuple[float, float, float]:
 
 def _judged(vectors: Floats) -> Judgement:
     """Say what three columns may be, as `Group` has it."""
-    vectors = vectors[np.isfinite(vectors).all(axis=1)]
+    vectors = vectors[(np.abs(vectors) < LARGEST).all(axis=1)]
     if len(vectors) < FEWEST:
         return "seldom all there", False, False
     low, middle, high = _lengths(vectors)
@@ -214,9 +216,10 @@ def _judged(vectors: Floats) -> Judgement:
         return "a direction, or gravity in g", False, True
     for name, length in GRAVITY.items():
         is_near = abs(middle / length - 1) < NEARLY and high - low < STEADY * middle
-        if is_near and (is_turned or length < SMALL):
+        if is_near and (length < SMALL or abs(radius / length - 1) < NEARLY):
             return f"gravity in {name}", False, True
-    if scatter > ROUND * radius or low < NEAR_ZERO * high:
+    is_often_short = low < NEAR_ZERO * high and scatter > ROUND_INDEED * radius
+    if scatter > ROUND * radius or is_often_short:
         return "rates or angles: near no sphere", False, False
     strength = radius if is_turned else middle
     if min(strength, middle) > IN_NO_UNIT[0] and max(strength, middle) < IN_NO_UNIT[1]:
@@ -231,7 +234,7 @@ def _sphere(vectors: Floats) -> tuple[float, float]:
     """Scatter around the sphere that is nearest to them, and its radius; infinite where they were not turned."""
     middle = vectors.mean(axis=0)
     size = float(np.linalg.norm(vectors.std(axis=0)))
-    if size < UNMOVED * np.linalg.norm(middle):
+    if size <= UNMOVED * np.linalg.norm(middle):
         return 0.0, np.inf
     scaled = (vectors - middle) / size
     squares = (scaled**2).sum(axis=1)
