@@ -211,15 +211,16 @@ def _judged(vectors: Floats) -> Judgement:
         return "seldom all there", False, False
     low, middle, high = _lengths(vectors)
     scatter, radius = _sphere(vectors)
-    is_turned = radius < np.inf
+    is_turned = radius < high  # a larger sphere is a guess from a small arc
+    size = min(radius, high)
     if low > 1 - EXACT and high < 1 + EXACT:
         return "a direction, or gravity in g", False, True
     for name, length in GRAVITY.items():
         is_near = abs(middle / length - 1) < NEARLY and high - low < STEADY * middle
         if is_near and (length < SMALL or abs(radius / length - 1) < NEARLY):
             return f"gravity in {name}", False, True
-    is_often_short = low < NEAR_ZERO * high and scatter > ROUND_INDEED * radius
-    if scatter > ROUND * radius or is_often_short:
+    is_often_short = low < NEAR_ZERO * high and scatter > ROUND_INDEED * size
+    if scatter > ROUND * size or is_often_short:
         return "rates or angles: near no sphere", False, False
     strength = radius if is_turned else middle
     if min(strength, middle) > IN_NO_UNIT[0] and max(strength, middle) < IN_NO_UNIT[1]:
