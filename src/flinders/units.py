@@ -25,6 +25,8 @@ COUNTS: Final = "counts"
 PER_UNIT: Final = {"uT": 1.0, "mG": 0.1, "G": 100.0, "nT": 1e-3, "mT": 1e3, "T": 1e6}
 """Microtesla in one of each unit."""
 
+EARTH: Final = (20.0, 70.0)
+"""Strengths of the earth's field at its surface, in µT, from the South Atlantic to the poles, with a little room."""
 SPELLINGS: Final = {
     "ut": "uT", "µt": "uT", "μt": "uT", "microtesla": "uT", "microteslas": "uT",
     "utesla": "uT", "µtesla": "uT", "μtesla": "uT",
@@ -86,3 +88,13 @@ class Unit:
 def label(inside: str) -> str:
     """Write a unit the way a person reads it: ``µT`` or ``counts``."""
     return "µT" if inside == MICROTESLA else inside
+
+
+def unit_of_the_earth(strength: float) -> str:
+    """Find the unit in which a strength would be that of the earth's field; nothing where none would do.
+
+    >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(3.0)
+    ('uT', 'mG', '')
+    """
+    low, high = EARTH
+    return next((name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high), "")

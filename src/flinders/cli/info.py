@@ -86,7 +86,7 @@ def _contents(held: Log, path: str, place: str | None, date: str | None, reading
         if instrument not in wanted:
             continue
         try:
-            sensors.append(_seen(number, instrument, is_unit_open=reading["unit"] is None))
+            sensors.append(_seen(number, instrument, is_unit_open=reading["unit"] is None, columns=reading["columns"]))
         except InputError as error:
             refusals.append(error)
             sensors.append(_silent(number, instrument, error))
@@ -146,8 +146,8 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
     return site_field(where.latitude_deg, where.longitude_deg, where.altitude_m, year=year_of(held.begun))
 
 
-def _seen(number: int, instrument: Instrument, *, is_unit_open: bool) -> Sensor:
-    """Go through one magnetometer; where nobody has said its unit, its strength may tell."""
+def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: str | None) -> Sensor:
+    """Go through one magnetometer; where nobody has said its unit or columns, its strength may tell."""
     from flinders.report.info import ENOUGH_SEEN, GAP, Sensor, unit_remark
     from flinders.summary import Summary
 
@@ -180,8 +180,20 @@ def _seen(number: int, instrument: Instrument, *, is_unit_open: bool) -> Sensor:
         beside=watched.beside,
         coverage=coverage,
         strength=strength,
+        likeness=_likeness(instrument, watched.first) if is_unit_open and columns is None else "",
         notes=(*filter(None, (remark,)), *instrument.notes, *map(str, health.skipped)),
     )
+
+
+def _likeness(instrument: Instrument, first: Samples | None) -> str:
+    """What columns without telling names look like, if not like a magnetometer's."""
+    from flinders.readers._lengths import likeness
+    from flinders.readers._names import meaning
+    from flinders.units import COUNTS
+
+    columns, names = instrument.name.partition("columns ")[1:]
+    is_told = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))
+    return "" if first is None or not columns or is_told or instrument.unit.inside != COUNTS else likeness(first.field)
 
 
 def _silent(number: int, instrument: Instrument, error: InputError) -> Sensor:
@@ -211,10 +223,12 @@ class _Watched:
         self._instrument = instrument
         self.source, self.unit, self.axes = instrument.source, instrument.unit, instrument.axes
         self.beside: tuple[str, ...] = ()
+        self.first: Samples | None = None
 
     def blocks(self) -> Any:  # noqa: ANN401 - an iterator of blocks
         """Go through the readings."""
         for block in self._instrument.blocks():
+            self.first = self.first or block
             names = dict.fromkeys((*BESIDE, *block.drivers))
             self.beside = tuple(name for name in names if name in self.beside or _has(block, name))
             yield block

@@ -18,6 +18,7 @@ import numpy as np
 from flinders import quaternions
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.readers._beside import shares
+from flinders.readers._lengths import advice, ascends, groups
 from flinders.readers._log import FIRST, Choice, numbered
 from flinders.readers._names import (
     ACCELERATION,
@@ -34,7 +35,10 @@ from flinders.readers._names import (
     THROTTLES,
     TIME,
     Meaning,
+    kind_of_chip,
+    label,
     meaning,
+    tells_nothing,
 )
 from flinders.readers._several import Vector, beside, instruments, passed_over, vectors
 from flinders.samples import Samples
@@ -48,6 +52,10 @@ if TYPE_CHECKING:
 
 OF_MOTORS: Final = (CURRENTS, THROTTLES)
 """Kinds of which there may be a column for each motor."""
+IN_SAMPLES: Final = (
+    TIME, ACCELERATION, RATE, TEMPERATURE, CURRENT, STRENGTH, THROTTLE, ATTITUDE, CURRENTS, THROTTLES,
+)  # fmt: skip
+"""Kinds that stand beside the field, as `Samples` calls them."""
 SHARES: Final = ("share", "percent", "pct", "%")
 """Units of a throttle that count from none; pulses count from `REST_US`."""
 REST_US: Final = 1000.0
@@ -177,7 +185,9 @@ class Columns:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
         which = f"{self.name}, " if self.name else ""
         time = f", time in {self.time.names[0]}" if self.time else ""
-        return f"{which}columns {', '.join(self.field.names)} in {unit}{time}"
+        chip = next((word for word in label(self.field.names[0]) if kind_of_chip(word) == FIELD), "")
+        known = f" ({chip.upper()} is a magnetometer)" if chip else ""
+        return f"{which}columns {', '.join(self.field.names)}{known} in {unit}{time}"
 
     def told_besides(self) -> list[str]:
         """Say what is left out, which other magnetometers there are, and what is named like one."""
@@ -192,24 +202,11 @@ class Columns:
             level = np.zeros((len(field), 3))
             level[:, self.field.axes] = field
             field = level
-        throttle, attitude = self._beside(values, THROTTLE), self._beside(values, ATTITUDE)
-        throttles = self._beside(values, THROTTLES)
-        found = Samples.of(
-            field,
-            unit=unit,
-            axes=axes,
-            time=self._beside(values, TIME),
-            acceleration=self._beside(values, ACCELERATION),
-            rate=self._beside(values, RATE),
-            temperature=self._beside(values, TEMPERATURE),
-            current=self._beside(values, CURRENT),
-            strength=self._beside(values, STRENGTH),
-            throttle=None if throttle is None else shares(throttle),
-            attitude=None if attitude is None else quaternions.known(attitude),
-            currents=self._beside(values, CURRENTS),
-            throttles=None if throttles is None else shares(throttles),
-            source=source,
-        )
+        others = {kind: self._beside(values, kind) for kind in IN_SAMPLES}
+        for kind, known in ((THROTTLE, shares), (THROTTLES, shares), (ATTITUDE, quaternions.known)):
+            column = others[kind]
+            others[kind] = None if column is None else known(column)
+        found = Samples.of(field, unit=unit, scale=None, axes=axes, source=source, **others)
         return found if frame == found.frame else replace(found, frame=frame)
 
     def _beside(self, values: Floats, kind: str) -> Floats | None:
@@ -268,7 +265,10 @@ def by_name(
         own = next((each for each in found if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
         return replace(around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
-    others = passed_over(found, fields)
+    read = {place for field in fields for place in field.cells}
+    unread = [place for place, name in enumerate(names) if fields and place not in read and tells_nothing(name)]
+    alike = [str(group) for group in groups(values, unread, names) if group.is_known]
+    others = (*passed_over(found, fields), *alike)
     made = [replace(around(field), passed_over=others) for field in fields]
     if len(made) < 2:
         return made[0] if made else None
@@ -314,7 +314,7 @@ def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
         Places of the magnetometer's columns, where the user said which.
     """
     width = values.shape[1]
-    timed = width == 4 and not wanted and _ascends(values[:, 0])
+    timed = width == 4 and not wanted and ascends(values[:, 0])
     field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
     if not field:
         return None
@@ -354,7 +354,8 @@ def choose(
     Raises
     ------
     NoMagnetometer
-        Where all that is named like one is not a magnetometer's readings.
+        Where all that is named like one is not a magnetometer's readings; where names do not tell, with what the
+        values say of which columns may be one.
     UsageError
         For columns that there are not, or a magnetometer; for columns of another magnetometer than `choice` names.
     """
@@ -363,8 +364,10 @@ def choose(
         asked = "1,2"
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
-    if chosen is None:
+    if asked is None and (chosen is None or _is_unclear(chosen)):
         _refuse_no_readings(names, source)
+        _refuse_unclear(names, values, source)
+    if chosen is None:
         return None
     if asked is None:
         chosen = _chosen(chosen, choice, source)
@@ -391,6 +394,26 @@ def _refuse_no_readings(names: Sequence[str], source: str) -> None:
             f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {told}; "
             f"say which three columns are what the sensor read, such as --columns '{columns}' if those are it after all"
         )
+
+
+def _is_unclear(columns: Columns) -> bool:
+    """Tell whether columns are one of several triples that are named x, y, z and nothing else."""
+    return len(columns.magnetometers) > 1 and not columns.stated and meaning(columns.field.names[0]).is_bare
+
+
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
+    """Refuse a table whose names do not tell, where values say something of its columns.
+
+    Raises
+    ------
+    NoMagnetometer
+    """
+    width = values.shape[1]
+    found = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
+    if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in found):
+        nameless = f"{source} has {width} columns and no header: need three, x y z, or four with the time first"
+        what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
+        raise NoMagnetometer(f"{what}; {advice(found)}")
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
@@ -540,18 +563,12 @@ def _beside(
         unit = meanings[column.cells[0]].unit
         if column.kind == TIME:
             scaled.append(_time(column, unit, values[:, column.cells[0]]))
-        elif column.kind == STRENGTH:
-            scaled.append(replace(column, unit=unit))
-        elif column.kind == THROTTLES:
-            scaled.append(
-                replace(column, factor=FACTORS_OF_MOTORS[THROTTLES][unit], start=0.0 if unit in SHARES else REST_US)
-            )
-        elif column.kind == CURRENTS:
-            scaled.append(replace(column, factor=FACTORS_OF_MOTORS[CURRENTS][unit]))
         elif column.kind == RATE and not unit:
             left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
         else:
-            scaled.append(replace(column, factor=FACTORS.get(column.kind, {}).get(unit, 1.0)))
+            factor = {**FACTORS, **FACTORS_OF_MOTORS}.get(column.kind, {}).get(unit, 1.0)
+            start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
+            scaled.append(replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else ""))
     return tuple(scaled), tuple(left_out)
 
 
@@ -602,11 +619,6 @@ def _are_pulses(values: Floats) -> bool:
 def _numeric(values: Floats) -> bool:
     """Tell whether at least half of the first values are numbers."""
     return len(values) == 0 or bool(np.isfinite(values).mean() >= 0.5)
-
-
-def _ascends(values: Floats) -> bool:
-    values = values[np.isfinite(values)]
-    return len(values) > 1 and bool((np.diff(values) > 0).all())
 
 
 def _time(column: Column, unit: str, values: Floats) -> Column:

@@ -57,10 +57,42 @@ _UNITS = frozenset(unit for units in FACTORS.values() for unit in units)
 _UNITS_OF_AXES = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
 _LETTERS: Final = {"m": FIELD, "h": FIELD, "b": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE}
 """Sensors that go by one letter, as in ``mx`` or ``B_x``."""
+_LETTERS_OF_A_DEVICE: Final = "magw"
+"""Those of them that may follow the name of a device, as in ``imu_mx``; a ``b`` there is a bias or the second one."""
+_CHIPS: Final = {
+    FIELD: (
+        r"lis[23]mdl|[hq]mc5[89]83[lp]?|mmc(?:34160|5603|5633|5983)(?:pj|njl?|ma)?|rm[23]100|ist83\d\d[a-z]?"
+        r"|ak(?:89[67][35]|099\d\d)c?|bmm[13]50|mag3110|tl[ve]493d|mlx90393|fxms3110"
+    ),
+    ACCELERATION: r"adxl\d{3}|lis3dh|lis2dh12|lis331dlh|mma845\d|bma\d{3}",
+    RATE: r"l3gd20h?|l3g4200d|itg3\d{3}|fxas21002c?|bmg\d{3}",
+    "": (
+        r"mpu[69]\d{3}|icm[24]\d{4}|lsm6ds(?:3|3tr|33|l|m|o|ox|r|v|v16x)|lsm9ds[01]|lsm303(?:agr|c|d|dlh|dlhc|dlm)?"
+        r"|bmi\d{3}|[ai]sm330(?:dhcx|dlc|lhhx?|is)?|iim4\d{4}|qmi8658c?|fxos8700|bno0[58]\d|bmx(?:055|160)|adis16\d{3}"
+    ),
+}
+"""Chips by what they measure; the last have several sensors, magnetometers or not: their name alone does not tell."""
+_CHIP: Final = re.compile(rf"({'|'.join(_CHIPS.values())})(\d?)([{_LETTERS_OF_A_DEVICE}]?)([xyz]?)")
+"""The name of a chip, with a number, letter and axis that nothing parts from it: ``rm3100x``."""
+_DEVICES: Final = frozenset(("imu", "ahrs", "ins"))
+"""Devices of several sensors, which tell a magnetometer from others where no number or place does."""
+PLACES: Final = frozenset(
+    (
+        "left", "right", "front", "rear", "back", "fore", "aft", "bow", "stern", "port", "starboard", "top", "bottom",
+        "upper", "lower", "inner", "outer", "int", "ext", "internal", "external", "main", "aux", "primary", "secondary",
+        "backup", "master", "slave", "first", "second", "third",
+    )
+)  # fmt: skip
+"""Words that say which of several sensors it is."""
 _OTHERS: Final = re.compile(
     r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
 )
 """Words of columns that stand beside readings and are none."""
+_ELSEWHERE: Final = re.compile(
+    r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
+    r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|mode)"
+)
+"""Words of columns that are no sensor's with three axes, whatever their values are."""
 _REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
 """Where a strength comes from that is no length of the readings themselves."""
 _STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
@@ -99,12 +131,16 @@ _ATTACHED: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
     r"|compass|[mhbagw])([xyz])"
 )
+_PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
+"""Words and numbers that nothing parts: ``magX1`` has three."""
 _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")
 """How µT reads where its bytes were decoded as something else."""
 
 
 CALIBRATED: Final = 10
 """Rank from which on readings were corrected already."""
+BARE: Final = 2
+"""Clearness of ``x``, ``y`` and ``z``, which may be a position where something else is called a magnetometer."""
 _WRITTEN_HERE: Final = {
     "throttle_share": (THROTTLE, ""),
     **{f"{ATTITUDE}_{axis}": (ATTITUDE, axis) for axis in "wxyz"},
@@ -154,6 +190,16 @@ class Meaning(NamedTuple):
     unit: str = ""
     rank: int = 0
 
+    @property
+    def is_bare(self) -> bool:
+        """It is an axis and nothing else: a field's, or that of something else."""
+        return self.kind == FIELD and not self.unit and clearness(self.rank) >= BARE
+
+
+def clearness(rank: int) -> int:
+    """Tell how plainly a name says that it is a magnetometer's: ``mag_x``, then ``mx``, then ``x``."""
+    return rank % CALIBRATED // 2
+
 
 def meaning(name: str) -> Meaning:
     """Tell what a column name says; the kind is empty where nothing is recognised.
@@ -172,13 +218,25 @@ def meaning(name: str) -> Meaning:
         return Meaning("")
     if _is_strength(folded, units):
         return Meaning(STRENGTH, "", _unit(STRENGTH, units))
-    folded, axis = _without_axis(folded)
-    if any(_OTHERS.match(word) for word in folded):
+    sensor, axis = _without_axis(folded)
+    if any(_OTHERS.match(word) for word in sensor):
         return Meaning("")
-    kind, rank = _vector(folded, units) if axis else _scalar(folded, units)
-    if kind == FIELD and axis and any(_DERIVED.match(word.casefold()) for word in (*folded, *units)):
+    is_joined = len(sensor) == len(folded)  # the axis was no word of its own
+    kind, rank = _vector(sensor, units, is_joined=is_joined) if axis else _scalar(sensor, units)
+    if kind == FIELD and axis and any(_DERIVED.match(word.casefold()) for word in (*sensor, *units)):
         rank += CALIBRATED
     return Meaning(kind, axis, _unit(kind, units), rank)
+
+
+def tells_nothing(name: str) -> bool:
+    """Tell whether a name leaves open what a column is, so that it may be an axis of a magnetometer.
+
+    >>> tells_nothing("ch4"), tells_nothing("x"), tells_nothing("acc_x"), tells_nothing("gps_lat")
+    (True, True, False, False)
+    """
+    found, words = meaning(name), [word.casefold() for word in _words(name)[0]]
+    is_other = any(_ELSEWHERE.match(word) or _OTHERS.match(word) for word in words)
+    return found.is_bare or not (found.kind or is_other)
 
 
 def is_unit(text: str) -> bool:
@@ -197,16 +255,38 @@ def label(name: str) -> tuple[str, ...]:
     """Take the words of a three-axis sensor's column that tell it from others of its kind.
 
     >>> label("mag_x"), label("imu1.mag.x (uT)"), label("magX_left_raw"), label("mag_rm3100_x"), label("my2")
-    ((), ('1',), ('left',), ('rm', '3100'), ('2',))
+    ((), ('1',), ('left',), ('rm3100',), ('2',))
+    >>> label("imu_mx"), label("lis3mdl_b_x")
+    (('imu',), ('lis3mdl', 'b'))
     >>> label("mag_a_x"), label("mag_x_t0"), label("mag_2_x_avg10")  # no ampere, no sensor 0, no sensor 10
     (('a',), ('t0',), ('2',))
     """
     words = _words_of_sensor(name)
-    kinds = [word for word in words if word.startswith(("mag", "compass", "acc", "gyr", "angular"))]
+    has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
     plain = (_COMMON, _RAW, _DERIVED)
     measured = _MEASURES.sub(lambda found: found[0].replace(" ", ""), " ".join(words)).split()
-    kept = [word for word in measured if not any(pattern.match(word) for pattern in plain)]
-    return tuple(word for word in kept if kinds or word not in _LETTERS)
+    apart = [word for word in measured if is_chip(word) or not any(pattern.match(word) for pattern in plain)]
+    own = tuple(word for word in apart if has_kind or word not in _LETTERS)
+    return own or tuple(word for word in words if word in _DEVICES)
+
+
+def is_chip(word: str) -> bool:
+    """Tell whether a word in lower case is the name of a known chip."""
+    return bool((chip := _CHIP.fullmatch(word)) and chip[1] == word)
+
+
+def kind_of_chip(word: str) -> str:
+    """Tell what a chip measures, where that is one thing.
+
+    >>> kind_of_chip("lis3mdl"), kind_of_chip("adxl345"), kind_of_chip("lsm303"), kind_of_chip("mag")
+    ('field', 'acceleration', '', '')
+    """
+    return next((kind for kind, pattern in _CHIPS.items() if re.fullmatch(pattern, word)), "")
+
+
+def tells_apart(word: str) -> bool:
+    """Tell whether a word other than a number names one of several sensors: a place, a chip, a device."""
+    return word in PLACES or word in _DEVICES or is_chip(word)
 
 
 def no_readings(name: str) -> str:
@@ -281,12 +361,13 @@ def _words(name: str) -> tuple[list[str], list[str]]:
         if piece.casefold() in _UNITS and (words or piece.casefold() in FACTORS[TIME]):
             units.append(piece)
         else:
-            parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+", piece)
+            chip = _CHIP.fullmatch(piece.casefold())
+            parts = [chip[1], chip[2], chip[3] + chip[4]] if chip else _PARTS.findall(piece)
             if len(parts) > 1 and parts[0].casefold() == "time" and parts[-1].casefold() in FACTORS[TIME]:
                 units.append(parts.pop())
             for part in parts:
                 glued = _GLUED.fullmatch(part.casefold())
-                words += filter(None, glued.groups()) if glued else [part]
+                words += filter(None, glued.groups() if glued else [part])
     return words, units
 
 
@@ -306,23 +387,31 @@ def _without_axis(words: list[str]) -> tuple[list[str], str]:
     return words, ""
 
 
-def _vector(words: list[str], units: list[str]) -> tuple[str, int]:
-    """Tell which three-axis sensor the words name, and how good a source of its raw readings this is."""
+def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str, int]:
+    """Tell which three-axis sensor the words name, and how good a source of its raw readings this is.
+
+    A letter that the axis is joined to may follow the name of a device: ``imu_mx``.
+    """
     raw = 0 if any(_RAW.match(word) for word in words) else 1
     names = [word for word in words if not word.isdigit()]
-    for word in names:
-        if word.startswith("mag") or word == "compass":
-            return FIELD, raw
-        if word.startswith("acc"):
-            return ACCELERATION, raw + 5 * ("linear" in words)
-        if word.startswith(("gyr", "angular")):
-            return RATE, raw
+    kinds = [found for word in names if (found := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
+    if kinds:
+        return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
     bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word))]
-    if len(bare) == 1 and bare[0] in _LETTERS:
-        return _LETTERS[bare[0]], raw + 2
+    own = [word for word in bare if not (tells_apart(word) or _COMMON.match(word))]
+    is_of_device = len(own) == 1 and own[0] in _LETTERS_OF_A_DEVICE and (is_joined or any(map(is_chip, bare)))
+    if is_of_device or (len(bare) == 1 and bare[0] in _LETTERS):
+        return _LETTERS[own[0]], raw + 2
     if bare in (["field"], ["field", "strength"]):
         return FIELD, raw + 2
     return (_plain(units), raw + 4) if not bare else ("", 0)
+
+
+def _kind_of_word(word: str) -> str:
+    """Tell which three-axis sensor a word names."""
+    if word.startswith("mag") or word == "compass":
+        return FIELD
+    return ACCELERATION if word.startswith("acc") else RATE if word.startswith(("gyr", "angular")) else ""
 
 
 def _plain(units: list[str]) -> str:

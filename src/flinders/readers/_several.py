@@ -2,9 +2,9 @@
 
 A table may hold ``mag1_x`` and ``mag2_x``, two instruments, or ``mag_raw_x`` and ``mag_cal_x``, one before and after
 its calibration. What is left of a name without axis, unit and the words that every magnetometer has tells them apart:
-numbers (``imu2.mag.x``), places (``mag_left_x``), letters in a row (``mag_a_x``, ``mag_b_x``) and type numbers
-(``mag_rm3100_x``) are instruments. Any other word, such as ``filtered``, is the same instrument again: of that the
-rawest is taken, and of equals the one with the plainest name. A reference, ``mag_ref_x``, is no instrument at all.
+numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), a device (``imu_mx``) and letters in a row
+(``mag_a_x``, ``mag_b_x``) are instruments. Any other word, such as ``filtered``, is the same instrument again: of that
+the rawest is taken, and of equals the one with the plainest name. A reference, ``mag_ref_x``, is no instrument at all.
 
 >>> from flinders.readers._names import FIELD, meaning
 >>> def told(*sensors):
@@ -12,6 +12,8 @@ rawest is taken, and of equals the one with the plainest name. A reference, ``ma
 ...     return [found.name for found in instruments(vectors(names, [meaning(name) for name in names], FIELD))]
 >>> told("mag1", "mag2", "mag2_cal"), told("mag", "mag_raw", "mag_ned"), told("mag_left", "mag_right")
 (['mag1', 'mag2'], ['mag'], ['mag_left', 'mag_right'])
+>>> told("mag", "imu_mag"), told("lis3mdl", "mpu6050", "rm3100_raw"), told("mag", "mag_lis3mdl_cal")
+(['mag', 'imu_mag'], ['lis3mdl', 'rm3100'], ['mag'])
 >>> told("mag_ref", "mag"), told("mag_filtered", "mag_main"), told("mag_t0", "mag_t1"), told("mag_ref")
 (['mag'], ['mag_main'], ['mag_t0'], [])
 """
@@ -21,25 +23,24 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from flinders.readers._names import CALIBRATED, field_stem, label, no_readings, sensor_name
+from flinders.readers._names import (
+    BARE,
+    CALIBRATED,
+    clearness,
+    field_stem,
+    label,
+    no_readings,
+    sensor_name,
+    tells_apart,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from flinders.readers._names import Meaning
 
-PLACES: Final = frozenset(
-    (
-        "left", "right", "front", "rear", "back", "fore", "aft", "bow", "stern", "port", "starboard", "top", "bottom",
-        "upper", "lower", "inner", "outer", "int", "ext", "internal", "external", "main", "aux", "primary", "secondary",
-        "backup", "master", "slave", "first", "second", "third",
-    )
-)  # fmt: skip
-"""Words that say which of several sensors it is."""
 SMALL: Final = 10
 """Sensors are numbered from 0 or 1 on; a bare number from here on is one of theirs where its neighbour is there."""
-BARE: Final = 2
-"""Clearness of ``x``, ``y`` and ``z``, which may be a position where something else is called a magnetometer."""
 LONGEST: Final = 9
 """Digits of a number; what is longer is a word."""
 
@@ -119,14 +120,12 @@ def instruments(found: Sequence[Vector]) -> tuple[Vector, ...]:
         that there are several: the rawest, of those the plainest name, then the first. None without readings.
     """
     readings = [vector for vector in found if not vector.instead]
-    readings = [vector for vector in readings if _clearness(vector) < BARE] or readings
+    readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
     if not readings:
         return ()
-    clearest = min(map(_clearness, readings))
     kinds: dict[tuple[str, ...], Vector] = {}
     for vector in sorted(readings, key=_quality):
-        if _clearness(vector) == clearest:
-            kinds.setdefault(vector.label, vector)
+        kinds.setdefault(vector.label, vector)
     rawer = [kind for kind in kinds.values() if kind.rank < CALIBRATED]
     several = _told_apart([kind for kind in kinds.values() if not _is_copy(kind, rawer)])
     ordered = sorted(several, key=lambda vector: (vector.rank >= CALIBRATED, min(vector.cells)))
@@ -140,35 +139,27 @@ def passed_over(found: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str,
     >>> passed_over([mag, copy, Vector((6, 7, 8), 1, ("ref",), "mag_ref", "mag_ref", "a reference")], [mag])
     ('mag_cal (corrected or filtered)', 'mag_ref (a reference)')
     """
-    least = max(map(_clearness, fields), default=0)
-    others = [each for each in found if each not in fields and _clearness(each) <= least]
+    least = max(BARE - 1, max((clearness(each.rank) for each in fields), default=0))
+    others = [each for each in found if each not in fields and clearness(each.rank) <= least]
     told = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
     return tuple(f"{whole} ({what})" if what else whole for whole, what in told)
 
 
 def beside(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
-    """Pick the accelerometer or gyro that stands beside a magnetometer: of several its `companion`, else the best.
+    """Pick the accelerometer or gyro that goes with a magnetometer: the best of its number, or with no other's number.
 
-    What is no readings, such as ``acc_ned_x``, is not taken.
-    """
-    readings = [each for each in found if not each.instead]
-    return companion(readings, field, fields) if len(fields) > 1 else min(readings, key=_quality, default=None)
-
-
-def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
-    """Pick the accelerometer or gyro that goes with one of several magnetometers.
-
-    It has the magnetometer's number, or none that another one of them has.
+    Where there is one magnetometer all go with it. What is no readings, such as ``acc_ned_x``, is not taken.
 
     >>> first, second = Vector((0, 1, 2), 1, ("1",), "mag1"), Vector((3, 4, 5), 1, ("2",), "mag2")
     >>> own, all_ones = Vector((6, 7, 8), 1, ("2",), "acc2"), Vector((9, 10, 11), 1, (), "acc")
-    >>> companion([own, all_ones], first, [first, second]).name
-    'acc'
-    >>> companion([own, all_ones], second, [first, second]).name
-    'acc2'
+    >>> beside([own, all_ones], first, [first, second]).name, beside([own, all_ones], second, [first, second]).name
+    ('acc', 'acc2')
     """
+    readings = [each for each in found if not each.instead]
+    if len(fields) < 2:
+        return min(readings, key=_quality, default=None)
     numbers = {other.number for other in fields}
-    fitting = [each for each in found if each.number == field.number or each.number not in numbers]
+    fitting = [each for each in readings if each.number == field.number or each.number not in numbers]
     return min(fitting, key=lambda each: (each.number != field.number, *_quality(each)), default=None)
 
 
@@ -179,7 +170,7 @@ def _told_apart(found: Sequence[Vector]) -> list[Vector]:
     numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
 
     def counts(word: str) -> bool:
-        return word in PLACES or (_is_number(word) and (bool(shared) or _is_one_of(numbers, int(word))))
+        return tells_apart(word) or (_is_number(word) and (bool(shared) or _is_one_of(numbers, int(word))))
 
     counted = [each for each, words in rest if all(map(counts, words))]
     if len(counted) > 1:
@@ -201,7 +192,7 @@ def _in_a_row(letters: Iterable[str]) -> bool:
 
 
 def _counts(word: str) -> bool:
-    return _is_number(word) or word in PLACES
+    return _is_number(word) or tells_apart(word)
 
 
 def _is_number(word: str) -> bool:
@@ -231,11 +222,6 @@ def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
 def _manner(vector: Vector) -> set[bool]:
     """How it is told from others: by numbers, by words, by both or not at all."""
     return set(map(_is_number, vector.label))
-
-
-def _clearness(vector: Vector) -> int:
-    """How plainly its names say that it is a magnetometer: ``mag_x``, then ``mx``, then ``x``."""
-    return vector.rank % CALIBRATED // 2
 
 
 def _quality(vector: Vector) -> tuple[int, int, int, int]:

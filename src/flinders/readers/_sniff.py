@@ -11,6 +11,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -19,8 +20,9 @@ from flinders.errors import NoMagnetometer, UnreadableInput, figures
 from flinders.readers._columns import Columns, choose, names_magnetometer
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._log import FIRST, Choice
-from flinders.readers._names import is_unit, meaning
+from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
+from flinders.readers._several import vectors
 from flinders.readers._tokenizer import cut, pattern_of
 
 if TYPE_CHECKING:
@@ -224,20 +226,52 @@ def _score(lines: list[tuple[int, str]], least: int, dialect: tuple[str, str]) -
 
 
 def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
+    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all.
+
+    Names of sensors in a line of their own, above the axes, are put before the axes.
+    """
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
         names = [cell.strip() for cell in split(_uncommented(above[place]), delimiter)]
         if not (fits(names, width) or (closed and len(names) == width - 1)):
             continue
         names = names[:width]
-        if names_magnetometer(names):
-            return place, names
         if all(is_unit(name) for name in names if name):
             continue
+        titles = split(_uncommented(above[place - 1]), delimiter) if place else []
+        if grouped := _with_sensors(names, titles):
+            return place, grouped
+        if names_magnetometer(names):
+            return place, names
         if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
             fallback = place, names
     return fallback
+
+
+def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
+    """Put the sensors that a line names before the axes in the line below it; nothing where it names none.
+
+    A sensor stands above each of its columns, or above the first.
+
+    >>> _with_sensors(["t", "x", "y", "z", "x", "y", "z"], ["", "Acc [g]", "", "", "Mag [uT]", "", ""])[3:]
+    ['Acc z [g]', 'Mag x [uT]', 'Mag y [uT]', 'Mag z [uT]']
+    >>> _with_sensors(["t", "x", "y", "z"], ["recorded with a magnetometer", "2026-11-22"])
+    []
+    """
+    below = [meaning(name) for name in names]
+    axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
+    if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, map(str.strip, titles))) < 2:
+        return []
+    joined, title = [], ""
+    for name, above in zip_longest(names, titles[: len(names)], fillvalue=""):
+        title = above.strip() or title
+        bracket = min((place for sign in "[(" if (place := title.find(sign)) > 0), default=len(title))
+        parts = (title[:bracket].strip(), name, title[bracket:])
+        joined.append(" ".join(filter(None, parts)) if name else above.strip())
+    known = [meaning(name) if place in axes else Meaning("") for place, name in enumerate(joined)]
+    plain = [Meaning("") if each.is_bare else each for each in known]
+    is_told = any(vectors(joined, plain, kind) for kind in (FIELD, ACCELERATION, RATE))
+    return joined if is_told and len({joined[place] for place in axes}) == len(axes) else []
 
 
 def _units(below: list[str], delimiter: str, width: int) -> list[str]:

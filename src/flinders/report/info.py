@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import FitError, counted, figures
 from flinders.report.text import COLOURS, degrees
-from flinders.units import COUNTS, PER_UNIT, label
+from flinders.units import COUNTS, EARTH, label, unit_of_the_earth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from flinders.geomag import SiteField
     from flinders.result import Fit
 
-EARTH: Final = (20.0, 70.0)
-"""Strengths of the earth's field at its surface, in µT, from the South Atlantic to the poles, with a little room."""
 GAP: Final = 5.0
 """Usual steps from one reading to the next that make a gap."""
 STALE: Final = 0.02
@@ -70,6 +68,8 @@ class Sensor:
         Of all directions, seen; None where no ellipsoid fits.
     strength : float or None
         Of the field, by that ellipsoid; None where too little is seen.
+    likeness : str
+        What its values look like, such as gravity, where no name says that it is a magnetometer.
     notes : tuple of str
         What else to know, a sentence each.
     """
@@ -92,6 +92,7 @@ class Sensor:
     beside: tuple[str, ...] = ()
     coverage: float | None = None
     strength: float | None = None
+    likeness: str = ""
     notes: tuple[str, ...] = ()
 
 
@@ -173,6 +174,8 @@ def fits(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> R
 def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -> tuple[str, ...]:
     """The commands to type next: for the magnetometer that has seen most and, where there are several, for all.
 
+    None for what looks like another sensor.
+
     Parameters
     ----------
     path : str
@@ -181,7 +184,7 @@ def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -
     options : sequence of str
         Those with which it was read here.
     """
-    usable = [sensor for sensor in sensors if sensor.readings]
+    usable = [sensor for sensor in sensors if sensor.readings and not sensor.likeness]
     if not usable:
         return ()
     best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
@@ -195,11 +198,7 @@ def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -
 
 def likely_unit(strength: float | None, inside: str) -> str:
     """The unit in which a strength would be that of the earth, where none is known; nothing where none would do."""
-    if strength is None or inside != COUNTS:
-        return ""
-    low, high = EARTH
-    fitting = [name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high]
-    return fitting[0] if fitting else ""
+    return "" if strength is None or inside != COUNTS else unit_of_the_earth(strength)
 
 
 def unit_remark(strength: float | None, inside: str) -> str:
@@ -277,6 +276,10 @@ def _pace(sensor: Sensor) -> str:
 def _doubts(sensor: Sensor, site: SiteField | None) -> list[str]:
     """What is odd about the readings."""
     found = []
+    if sensor.likeness:
+        names = sensor.name.removeprefix("columns ").replace(", ", ",")
+        option = f"--columns {shlex.quote(names)}"
+        found.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
     if sensor.repeats > STALE * sensor.readings:
         found.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.backward_steps:

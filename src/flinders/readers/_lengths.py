@@ -1,0 +1,244 @@
+"""What columns may measure whose names do not tell, judged by the lengths of their vectors.
+
+A quaternion has length 1, and gravity 9.8 m/s² or 1 g whichever way a sensor is turned; readings of a magnetometer lie
+near a sphere, off its middle by the hard iron; rates and angles lie near none. What is judged so is proposed to the
+user, and never taken: a strength is no proof.
+
+>>> turned = np.random.default_rng(1).normal(size=(200, 3))
+>>> directions = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+>>> clock = np.arange(200.0)
+>>> found = groups(np.column_stack([clock, 9.81 * directions, turned, 48 * directions + [30, 0, -20]]), range(10))
+>>> for group in found:
+...     print(group)
+1 (a clock or a counter)
+2, 3, 4 (gravity in m/s²)
+5, 6, 7 (rates or angles: near no sphere)
+8, 9, 10 (lengths 27.9 to 82.3, strength 48.0, as uT the earth's)
+"""
+
+from __future__ import annotations
+
+import shlex
+from itertools import combinations, groupby
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from flinders.errors import figures
+from flinders.units import unit_of_the_earth
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from flinders.arrays import Floats
+
+GRAVITY: Final = {
+    "m/s²": 9.80665, "g": 1.0, "mg": 1000.0, **{f"counts of 1/{2**n} g": float(2**n) for n in range(10, 15)}
+}  # fmt: skip
+"""Its length in units that accelerometers have; fewer counts than these could be milligauss."""
+SMALL: Final = 20.0
+"""Below it magnetometers read in gauss or tesla only; longer vectors are gravity's where their sphere is as large."""
+EXACT: Final = 0.02
+"""What the length of a unit vector may differ by."""
+NEARLY: Final = 0.06
+"""What the middle length of gravity may differ by, with an accelerometer that is not calibrated."""
+STEADY: Final = 0.3
+"""How far apart lengths of gravity may lie for the most part, of their middle, while a hand turns the sensor."""
+UNMOVED: Final = 0.1
+"""Share of their length by which readings scatter that were not turned; a sphere through them tells nothing."""
+ROUND: Final = 0.2
+"""Scatter of a magnetometer's readings around the sphere nearest to them, of its radius, with soft iron."""
+ROUND_INDEED: Final = 0.05
+"""So little scatter that readings near zero are no sign of rates."""
+IN_NO_UNIT: Final = (2.0, 15.0)
+"""More than the earth's field is in gauss, hard iron and all, and less than it is in µT."""
+NEAR_ZERO: Final = 0.15
+"""Of the longest readings: what is near zero, where rates often are."""
+LARGEST: Final = 1e100
+"""What a reading may be, so that its square is a number."""
+FEWEST: Final = 10
+"""Rows from which on lengths are judged."""
+MANY: Final = 400
+"""Rows that are enough."""
+WIDEST: Final = 24
+"""Columns that are judged; a wider table would fill the screen."""
+
+
+Judgement: TypeAlias = "tuple[str, bool, bool]"
+"""All of a `Group` but the names."""
+
+
+class Group(NamedTuple):
+    """Columns that belong together, and what they may be.
+
+    Attributes
+    ----------
+    names : tuple of str
+        As ``--columns`` takes them.
+    what : str
+        What their values look like.
+    is_candidate : bool
+        They may be a magnetometer.
+    is_known : bool
+        They are plainly something else: a quaternion, a direction, gravity.
+    """
+
+    names: tuple[str, ...]
+    what: str
+    is_candidate: bool = False
+    is_known: bool = False
+
+    def __str__(self) -> str:
+        return f"{', '.join(self.names)} ({self.what})"
+
+    @property
+    def option(self) -> str:
+        """What says that these are the magnetometer."""
+        return f"--columns {shlex.quote(','.join(self.names))}"
+
+
+def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> list[Group]:
+    """Judge columns by their values, three or four that stand next to each other at a time.
+
+    Parameters
+    ----------
+    values : (N, width) float
+        The first rows, NaN where a cell is not a number.
+    free : iterable of int
+        Places of columns whose names do not tell.
+    names : sequence of str, optional
+        The header; columns go by numbers where it is not there, or does not name each of these once.
+
+    Returns
+    -------
+    list of Group
+        In the order of the columns; nothing where there are few rows or many columns.
+    """
+    values = np.where(np.abs(values) < LARGEST, values, np.nan)
+    places = [place for place in free if np.isfinite(values[:, place]).mean() >= 0.5] if len(values) >= FEWEST else []
+    if not 3 <= len(places) <= WIDEST:
+        return []
+    own = [names[place].strip() for place in places] if names else []
+    is_named = all(own) and len(set(own)) == len(places) and not any("," in name for name in own)
+    called = {place: own[at] if is_named else str(place + 1) for at, place in enumerate(places)}
+    judged: list[tuple[tuple[int, ...], Judgement]] = []
+    for cells in _quaternions(values, places):
+        judged.append((cells, ("a quaternion", False, True)))
+        places = [place for place in places if place not in cells]
+    for place in list(places):
+        if ascends(values[:, place]) or np.nanmin(values[:, place]) == np.nanmax(values[:, place]):
+            judged.append(
+                ((place,), ("a clock or a counter" if ascends(values[:, place]) else "constant", False, False))
+            )
+            places.remove(place)
+    judged += [(cells, _judged(values[:, cells])) for run in _runs(places) for cells in _triples(values, run)]
+    return [Group(tuple(called[cell] for cell in cells), *judgement) for cells, judgement in sorted(judged)]
+
+
+def likeness(vectors: Floats) -> str:
+    """Say what three columns plainly are if not a magnetometer: a direction, or gravity; else nothing.
+
+    >>> likeness(np.tile([[0.1, -0.2, 9.8]], (20, 1))), likeness(np.tile([[10.0, -20.0, 40.0]], (20, 1)))
+    ('gravity in m/s²', '')
+    """
+    what, _, is_known = _judged(vectors[:: max(len(vectors) // MANY, 1)])
+    return what if is_known else ""
+
+
+def advice(found: Sequence[Group]) -> str:
+    """Say which columns may be the magnetometer, what to type then, and what the others look like.
+
+    >>> advice([Group(("1", "2", "3"), "a direction"), Group(("4", "5", "6"), "strength 48.0", is_candidate=True)])
+    'by their values 4, 5, 6 (strength 48.0) may be it: if so, add --columns 4,5,6; others are 1, 2, 3 (a direction)'
+    """
+    able = [group for group in found if group.is_candidate]
+    others = ", ".join(str(group) for group in found if not group.is_candidate)
+    if not able:
+        return f"by their values none may be it, they are {others}; if three are after all, say so with --columns X,Y,Z"
+    options = " or ".join(group.option for group in able)
+    do = f"if so, add {options}" if len(able) == 1 else f"say which with {options}"
+    return f"by their values {' or '.join(map(str, able))} may be it: {do}" + f"; others are {others}" * bool(others)
+
+
+def ascends(values: Floats) -> bool:
+    """Tell whether a column only ever grows, as a clock or a counter does."""
+    values = values[np.isfinite(values)]
+    return len(values) > 1 and bool((np.diff(values) > 0).all())
+
+
+def _quaternions(values: Floats, places: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Find four columns in a row whose length is 1, and that change."""
+    after = 0
+    for at in range(len(places) - 3):
+        cells = tuple(places[at : at + 4])
+        if at >= after and cells[3] - cells[0] == 3 and np.nanmax(np.nanstd(values[:, cells], axis=0)) > 0:
+            four = values[:, cells]
+            low, _, high = _lengths(four[np.isfinite(four).all(axis=1)])
+            if low > 1 - EXACT and high < 1 + EXACT:
+                after = at + 4
+                yield cells
+
+
+def _runs(places: Sequence[int]) -> Iterator[list[int]]:
+    """Cut places where one is missing between."""
+    for _, run in groupby(enumerate(places), lambda each: each[1] - each[0]):
+        yield [place for _, place in run]
+
+
+def _triples(values: Floats, run: Sequence[int]) -> list[tuple[int, ...]]:
+    """Cut columns in a row into threes; where some are over, so that each three have values of like size."""
+    count, over = divmod(len(run), 3)
+    sizes = np.nanpercentile(np.abs(values[:, run]), 95, axis=0) if run else np.empty(0)
+    cuts = []
+    for alone in combinations(range(count + over), over):
+        starts = np.cumsum([0, *(1 if part in alone else 3 for part in range(count + over))])
+        threes = [slice(start, start + 3) for part, start in enumerate(starts[:-1].tolist()) if part not in alone]
+        unlike = sum(float(sizes[each].max() / max(sizes[each].min(), 1e-300)) for each in threes)
+        cuts.append((unlike, [tuple(run[each]) for each in threes]))
+    return min(cuts)[1]
+
+
+def _lengths(vectors: Floats) -> tuple[float, float, float]:
+    """Lengths between which nine in ten of them lie, and the middle one between the two."""
+    low, middle, high = np.percentile(np.linalg.norm(vectors, axis=1), [5, 50, 95]).tolist()
+    return low, middle, high
+
+
+def _judged(vectors: Floats) -> Judgement:
+    """Say what three columns may be, as `Group` has it."""
+    vectors = vectors[(np.abs(vectors) < LARGEST).all(axis=1)]
+    if len(vectors) < FEWEST:
+        return "seldom all there", False, False
+    low, middle, high = _lengths(vectors)
+    scatter, radius = _sphere(vectors)
+    is_turned = radius < high  # a larger sphere is a guess from a small arc
+    size = min(radius, high)
+    if low > 1 - EXACT and high < 1 + EXACT:
+        return "a direction, or gravity in g", False, True
+    for name, length in GRAVITY.items():
+        is_near = abs(middle / length - 1) < NEARLY and high - low < STEADY * middle
+        if is_near and (length < SMALL or abs(radius / length - 1) < NEARLY):
+            return f"gravity in {name}", False, True
+    is_often_short = low < NEAR_ZERO * high and scatter > ROUND_INDEED * size
+    if scatter > ROUND * size or is_often_short:
+        return "rates or angles: near no sphere", False, False
+    strength = radius if is_turned else middle
+    if min(strength, middle) > IN_NO_UNIT[0] and max(strength, middle) < IN_NO_UNIT[1]:
+        return f"lengths of {figures(middle, 3)}, which the earth's field has in no unit", False, False
+    unit = unit_of_the_earth(strength)
+    known = [f"lengths {figures(low, 3)} to {figures(high, 3)}"]
+    known += [f"strength {figures(strength, 3)}"] * is_turned + [f"as {unit} the earth's"] * bool(unit)
+    return ", ".join(known), True, False
+
+
+def _sphere(vectors: Floats) -> tuple[float, float]:
+    """Scatter around the sphere that is nearest to them, and its radius; infinite where they were not turned."""
+    middle = vectors.mean(axis=0)
+    size = float(np.linalg.norm(vectors.std(axis=0)))
+    if size <= UNMOVED * np.linalg.norm(middle):
+        return 0.0, np.inf
+    scaled = (vectors - middle) / size
+    squares = (scaled**2).sum(axis=1)
+    centre, *_ = np.linalg.lstsq(np.column_stack([2 * scaled, np.ones(len(scaled))]), squares)
+    lengths = np.linalg.norm(scaled - centre[:3], axis=1)
+    return float(lengths.std()) * size, float(lengths.mean()) * size
