@@ -321,9 +321,10 @@ class Transcript:
                 f"{self._header or 'no header'}: begin another recording"
             )
         self.told.form = form
-        self._tell("settled", str(form))
         self._read = self._recognised([form.header, *self._rows, *rows])
         self.told.unit = label(self._read[1].inside) if self._read else ""
+        columns = f": {self._read[0].columns.told(self.told.unit)}" if self._read else ""
+        self._tell("settled", f"{form}{columns}")
 
     def _recognised(self, lines: list[str]) -> tuple[Layout, Unit] | None:
         """How `flinders.read` will read the text; None where it will need to be told more."""

@@ -426,7 +426,8 @@ def _plain(units: list[str]) -> str:
 
 
 def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
-    if any(word.startswith(("temp", "tmp")) for word in words) and words != ["temps"]:
+    is_warm = words == ["t"] and any(unit.casefold() in FACTORS[TEMPERATURE] for unit in units)  # T = 23.4 C
+    if is_warm or (any(word.startswith(("temp", "tmp")) for word in words) and words != ["temps"]):
         return TEMPERATURE, 0
     if any(word in {"curr", "current", "amps", "amp", "ampere"} for word in words):
         return CURRENT, 0
