@@ -309,3 +309,18 @@ def test_a_heap_of_texts_that_goes_in_circles_is_refused(path: Path, field: Floa
     path.write_bytes(content)
     with pytest.raises(UnreadableInput, match=r"tumble\.h5 has a broken heap of texts"):
         flinders.read(path)
+
+
+@pytest.mark.parametrize("version", ["earliest", "latest"])
+def test_a_unit_that_is_said_to_be_gigabytes_long_is_refused(path: Path, field: Floats, version: str) -> None:
+    """HDF5 takes the memory before it looks at the text."""
+    with h5py.File(path, "w", libver=version) as file:
+        file["mag"] = field
+        file["mag"].attrs["units"] = "mG"
+    content = bytearray(path.read_bytes())
+    length = content.index(content.index(b"GCOL").to_bytes(8, "little"), content.index(b"units\0")) - 4
+    assert content[length : length + 4] == b"\2\0\0\0"
+    content[length : length + 4] = b"\0\0\0\xf0"
+    path.write_bytes(content)
+    with pytest.raises(UnreadableInput, match=r"tumble\.h5 has a broken heap of texts|checksum"):
+        flinders.read(path)

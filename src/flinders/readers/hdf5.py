@@ -78,6 +78,8 @@ MATLAB_CLASSES: Final = frozenset((
 UNITS: Final = (b"units", b"unit", b"Units", b"Unit")
 """Attributes that state a unit."""
 LONGEST_UNIT: Final = 64
+MOST_TEXT: Final = 1 << 20
+"""Bytes of a text of any length in an attribute that is read."""
 HEAP: Final = b"GCOL\x01"
 """First bytes of a global heap, which holds texts of any length."""
 
@@ -277,7 +279,9 @@ class _Catalogue:
         return text.strip("\x00 ") if len(text) <= LONGEST_UNIT else ""
 
     def _check_heaps(self) -> None:
-        """Look once whether the heaps that texts lie in are whole: on a broken one HDF5 2.0 goes in circles.
+        """Look once whether texts of any length can be read: of a broken heap HDF5 2.0 goes in circles.
+
+        It also takes as much memory as a text is said to be long before it looks whether it is.
 
         Raises
         ------
@@ -286,8 +290,14 @@ class _Catalogue:
         if self._has_sound_heaps:
             return
         with self.file.path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            is_wide = self.opened.id.get_create_plist().get_sizes() == (8, 8)
-            if not is_wide or not all(_is_sound_heap(content, place) for place in _places_of(HEAP, content)):
+            is_sound = self.opened.id.get_create_plist().get_sizes() == (8, 8)
+            is_sound &= all(_is_sound_heap(content, place) for place in _places_of(HEAP, content))
+            is_sound &= all(
+                _length_of_text(content, place, len(name) + 1) <= MOST_TEXT
+                for name in (*UNITS, b"MATLAB_class")
+                for place in _places_of(name + b"\x00", content)
+            )
+            if not is_sound:
                 raise UnreadableInput(f"{self.file.name} has a broken heap of texts: copy it again")
         self._has_sound_heaps = True
 
@@ -416,6 +426,23 @@ def _is_sound_heap(content: mmap.mmap, place: int) -> bool:
             return False
         place += step
     return place <= end
+
+
+def _length_of_text(content: mmap.mmap, place: int, size: int) -> int:
+    """Tell how long the text of an attribute is said to be whose name of so many bytes is here; 0 where none is.
+
+    Source: HDF5 File Format Specification 3.0, IV.A.2.m: version, flags, sizes of name, type and space, in version 3
+    the encoding; then those three, in version 1 in multiples of 8 bytes; then the length of the text and where it is.
+    """
+    for header in (8, 9):
+        start = max(place - header, 0)
+        sizes = [int.from_bytes(content[start + at : start + at + 2], "little") for at in (2, 4, 6)]
+        version = content[start]
+        if sizes[0] == size and version in ({1, 2} if header == 8 else {3}):
+            each = [8 * -(-one // 8) if version == 1 else one for one in sizes]
+            at = place + sum(each)
+            return int.from_bytes(content[at : at + 4], "little")
+    return 0
 
 
 def _sizes_of_lzf(filters: Sequence[tuple[int, int, tuple[int, ...], bytes]]) -> tuple[int, ...]:
