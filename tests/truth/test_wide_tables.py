@@ -154,6 +154,7 @@ def test_a_chip_is_named_in_the_first_line() -> None:
         (",acc,acc,acc,mag,mag,mag\nt,x,y,z,x,y,z", xyz("mag ")),
         ("t,Acc,,,Mag\ns,x,y,z,x,y,z", xyz("Mag ")),
         ("time,Accelerometer,,,Magnetometer,,\n,x,y,z,x,y,z\ns,m/s2,m/s2,m/s2,uT,uT,uT", xyz("Magnetometer ")),
+        (",acc,acc,acc,mag,mag,mag\n,x,y,z,x,y,z\ntime,,,,,,", xyz("mag ")),
         ("# ,Accelerometer,,,Magnetometer,,\n# t,x,y,z,x,y,z", xyz("Magnetometer ")),
         (",IMU,,,LIS3MDL,,\nt,x,y,z,x,y,z", xyz("LIS3MDL ")),
         ("Time;Accelerometer [g];;;Magnetometer [µT];;\n[s];X;Y;Z;X;Y;Z", [f"Magnetometer {a} [µT]" for a in "XYZ"]),

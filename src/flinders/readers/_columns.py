@@ -267,8 +267,8 @@ def by_name(
         return replace(around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
     read = {place for field in fields for place in field.cells}
     unread = [place for place, name in enumerate(names) if fields and place not in read and tells_nothing(name)]
-    alike = [str(group) for group in groups(values, unread, names) if group.is_known]
-    others = (*passed_over(found, fields), *alike)
+    recognised = [str(group) for group in groups(values, unread, names) if group.is_known]
+    others = (*passed_over(found, fields), *recognised)
     made = [replace(around(field), passed_over=others) for field in fields]
     if len(made) < 2:
         return made[0] if made else None
@@ -409,11 +409,11 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
     NoMagnetometer
     """
     width = values.shape[1]
-    found = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
-    if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in found):
+    judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
+    if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
         nameless = f"{source} has {width} columns and no header: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
-        raise NoMagnetometer(f"{what}; {advice(found)}")
+        raise NoMagnetometer(f"{what}; {advice(judged)}")
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:

@@ -126,10 +126,9 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
         judged.append((cells, ("a quaternion", False, True)))
         places = [place for place in places if place not in cells]
     for place in list(places):
-        if ascends(values[:, place]) or np.nanmin(values[:, place]) == np.nanmax(values[:, place]):
-            judged.append(
-                ((place,), ("a clock or a counter" if ascends(values[:, place]) else "constant", False, False))
-            )
+        is_clock = ascends(values[:, place])
+        if is_clock or np.nanmin(values[:, place]) == np.nanmax(values[:, place]):
+            judged.append(((place,), ("a clock or a counter" if is_clock else "constant", False, False)))
             places.remove(place)
     judged += [(cells, _judged(values[:, cells])) for run in _runs(places) for cells in _triples(values, run)]
     return [Group(tuple(called[cell] for cell in cells), *judgement) for cells, judgement in sorted(judged)]
@@ -145,14 +144,14 @@ def likeness(vectors: Floats) -> str:
     return what if is_known else ""
 
 
-def advice(found: Sequence[Group]) -> str:
+def advice(judged: Sequence[Group]) -> str:
     """Say which columns may be the magnetometer, what to type then, and what the others look like.
 
     >>> advice([Group(("1", "2", "3"), "a direction"), Group(("4", "5", "6"), "strength 48.0", is_candidate=True)])
     'by their values 4, 5, 6 (strength 48.0) may be it: if so, add --columns 4,5,6; others are 1, 2, 3 (a direction)'
     """
-    able = [group for group in found if group.is_candidate]
-    others = ", ".join(str(group) for group in found if not group.is_candidate)
+    able = [group for group in judged if group.is_candidate]
+    others = ", ".join(str(group) for group in judged if not group.is_candidate)
     if not able:
         return f"by their values none may be it, they are {others}; if three are after all, say so with --columns X,Y,Z"
     options = " or ".join(group.option for group in able)
@@ -226,9 +225,9 @@ def _judged(vectors: Floats) -> Judgement:
     if min(strength, middle) > IN_NO_UNIT[0] and max(strength, middle) < IN_NO_UNIT[1]:
         return f"lengths of {figures(middle, 3)}, which the earth's field has in no unit", False, False
     unit = unit_of_the_earth(strength)
-    known = [f"lengths {figures(low, 3)} to {figures(high, 3)}"]
-    known += [f"strength {figures(strength, 3)}"] * is_turned + [f"as {unit} the earth's"] * bool(unit)
-    return ", ".join(known), True, False
+    parts = [f"lengths {figures(low, 3)} to {figures(high, 3)}"]
+    parts += [f"strength {figures(strength, 3)}"] * is_turned + [f"as {unit} the earth's"] * bool(unit)
+    return ", ".join(parts), True, False
 
 
 def _sphere(vectors: Floats) -> tuple[float, float]:

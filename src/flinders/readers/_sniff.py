@@ -240,7 +240,8 @@ def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tu
             continue
         titles = split(_uncommented(above[place - 1]), delimiter) if place else []
         if grouped := _with_sensors(names, titles):
-            return place, grouped
+            lower = fallback[1][: len(grouped)]  # of a column whose name stands in a line of its own
+            return place, [name or below for name, below in zip_longest(grouped, lower, fillvalue="")]
         if names_magnetometer(names):
             return place, names
         if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
@@ -270,8 +271,8 @@ def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
         joined.append(" ".join(filter(None, parts)) if name else above.strip())
     known = [meaning(name) if place in axes else Meaning("") for place, name in enumerate(joined)]
     plain = [Meaning("") if each.is_bare else each for each in known]
-    is_told = any(vectors(joined, plain, kind) for kind in (FIELD, ACCELERATION, RATE))
-    return joined if is_told and len({joined[place] for place in axes}) == len(axes) else []
+    is_clear = any(vectors(joined, plain, kind) for kind in (FIELD, ACCELERATION, RATE))
+    return joined if is_clear and len({joined[place] for place in axes}) == len(axes) else []
 
 
 def _units(below: list[str], delimiter: str, width: int) -> list[str]:
