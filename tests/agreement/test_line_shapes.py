@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import os
 import re
-import string
 import threading
 import time
-import tomllib
 import tty
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
+from tests.sketches import DOCS, SHAPES, printed
 
 import flinders
 from flinders import simulate
@@ -27,58 +25,15 @@ from flinders.live.sources import Serial
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
-    from flinders.arrays import Floats
 
-DOCS: Final = Path(__file__).parents[2] / "docs"
-SHAPES: Final[list[dict[str, Any]]] = tomllib.loads((DOCS / "line-shapes.toml").read_text(encoding="utf-8"))["shape"]
 IDS: Final = [shape["name"] for shape in SHAPES]
 TUMBLE: Final = simulate.tumble(seed=5).samples[:600:10]
-IN_UNIT: Final = {"uT": 1.0, "mG": 10.0, "G": 0.01, "nT": 1000.0, "mT": 1e-3, "T": 1e-6, "": 11.0}
-"""What 1 µT is in each unit; counts are of a sensor with 11 in one µT."""
 IN_WORDS: Final = {"uT": "µT", "": "counts"}
 NOISE: Final = ("low battery", "wifi: retry 3", "\ufffd\ufffd~")
 """Lines of a board that are no readings."""
-WORDS: Final = ("N", "NNE", "SW")
 PATIENCE_S: Final = 30.0
-
-
-class Printf(string.Formatter):
-    """Formats as a sketch prints: whole numbers rounded, negative hexadecimal ones in sixteen bits."""
-
-    def format_field(self, value: Any, spec: str) -> str:  # noqa: ANN401 - as string.Formatter
-        if spec[-1:] in tuple("dxX") and not isinstance(value, str):
-            value = round(value)
-        if spec[-1:] in tuple("xX"):
-            value %= 1 << 16
-        return str(super().format_field(value, spec))
-
-
-def printed(shape: dict[str, Any]) -> tuple[list[list[str]], Floats]:
-    """The lines of each reading, and the numbers of the magnetometer in them."""
-    samples, formatter = TUMBLE, Printf()
-    acceleration, rate = np.asarray(samples.acceleration), np.asarray(samples.rate)
-    scale = IN_UNIT[shape["unit"]] / shape.get("count", 1.0)
-    readings, numbers = [], []
-    for row, (field, a, g) in enumerate(zip(samples.field, acceleration, rate, strict=True)):
-        values: dict[str, Any] = {f"v{number}": 7.5 * number + 0.25 * row for number in range(1, 30)}
-        values |= dict(zip(("mx", "my", "mz"), field * scale, strict=True))
-        values |= dict(zip(("cx", "cy", "cz"), field * 13, strict=True))
-        values |= dict(zip(("ax", "ay", "az"), a, strict=True)) | dict(zip(("gx", "gy", "gz"), g, strict=True))
-        values |= {"qw": 0.9, "qx": 0.1, "qy": 0.3, "qz": -0.3, "heading": 5.0 * row, "pitch": -3.5, "roll": 2.25}
-        values |= {"t": 1000 + 20 * row, "n": row, "temp": 23.4}
-        values |= {"word": WORDS[row % 3], "word2": WORDS[row % 2]}
-        readings.append([formatter.format(line, **values) for line in shape["lines"]])
-        numbers.append([_number(shape, formatter, name, values) for name in ("mx", "my", "mz")])
-    return readings, np.array(numbers)
-
-
-def _number(shape: dict[str, Any], formatter: Printf, name: str, values: dict[str, Any]) -> float:
-    """A number of the magnetometer as it was printed."""
-    fields = (field for line in shape["lines"] for _, *field in string.Formatter().parse(line))
-    spec = next(str(spec) for field, spec, _ in fields if field == name)
-    number = float(formatter.format_field(values[name], "d" if spec[-1:] in tuple("xX") else spec))
-    return number * float(shape.get("count", 1.0))
 
 
 def with_noise(shape: dict[str, Any], readings: list[list[str]]) -> list[str]:
@@ -109,7 +64,7 @@ def test_the_page_of_shapes_is_made_from_the_table(request: pytest.FixtureReques
     pattern = re.compile(r"(?<=<!-- table of shapes -->\n).*?(?=<!-- end of the table -->)", re.DOTALL)
     rows = ["| a reading, as printed | read as | origin | licence |", "|---|---|---|---|"]
     for shape in SHAPES:
-        lines = "<br>".join(f"`{_shown(line)}`" for line in printed(shape)[0][4] if line.strip())
+        lines = "<br>".join(f"`{_shown(line)}`" for line in printed(shape, TUMBLE)[0][4] if line.strip())
         said = "".join(f", `--{name} '{_escaped(value)}'`" for name, value in options_of(shape).items())
         unit = IN_WORDS.get(shape["unit"], shape["unit"]) if shape["stated"] else "counts"
         rows.append(f"| {lines} | {unit}{said} | {shape['project']}: {shape['file']} | {shape['licence']} |")
@@ -133,7 +88,7 @@ def _escaped(text: str) -> str:
 @pytest.mark.parametrize("shape", SHAPES, ids=IDS)
 def test_a_file_of_what_a_sketch_prints_gives_its_numbers(shape: dict[str, Any], tmp_path: Path) -> None:
     """Also with lines between that are none, which lose nothing but themselves."""
-    readings, numbers = printed(shape)
+    readings, numbers = printed(shape, TUMBLE)
     path = tmp_path / "print.txt"
     path.write_text("\r\n".join([*with_noise(shape, readings), ""]), encoding="utf-8", newline="")
     samples = flinders.read(path, **options_of(shape))
@@ -155,7 +110,7 @@ def port() -> Iterator[tuple[int, str]]:
 def test_a_recording_and_the_live_page_give_the_same_numbers(
     shape: dict[str, Any], port: tuple[int, str], tmp_path: Path
 ) -> None:
-    readings, numbers = printed(shape)
+    readings, numbers = printed(shape, TUMBLE)
     content = "\r\n".join([*with_noise(shape, readings), ""]).encode()
     options, path = options_of(shape), tmp_path / "recorded.csv"
     source = Serial(port[1])

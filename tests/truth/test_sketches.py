@@ -1,0 +1,77 @@
+"""Five usual sketches, from what the board prints to the header that it compiles, with no option but file names."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tty
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pytest
+from tests.sketches import SHAPES, printed
+
+import flinders
+from flinders import simulate
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+READINGS: Final = 400
+TUMBLE: Final = simulate.tumble(seed=8, n=4 * READINGS)
+FIVE: Final = (
+    "adafruit-lis3mdl-demo", "qmc5883lcompass-xyz", "circuitpython-lis3mdl-simpletest",
+    "sparkfun-icm20948-scaled-brackets",
+    "zephyr-lis3mdl-mx-equals",
+)  # fmt: skip
+
+
+def run(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
+    return subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
+    """Print boot messages, and the readings again and again, as boards do, until it is over."""
+    readings, _ = printed(shape, TUMBLE.samples[::4])
+    again = "".join(f"{line}\r\n" for reading in readings for line in reading).encode()
+    content = "".join(f"{line}\r\n" for line in shape["boot"]).encode() + again
+    os.set_blocking(master, False)
+    while not is_over.wait(0.001):
+        with contextlib.suppress(BlockingIOError):
+            content = content[os.write(master, content[:256]) :] or again
+
+
+@pytest.mark.parametrize("name", FIVE)
+def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(name: str, tmp_path: Path) -> None:
+    shape = next(shape for shape in SHAPES if shape["name"] == name)
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    is_over = Event()
+    sender = Thread(target=print_to, args=(master, shape, is_over))
+    sender.start()
+    try:
+        recorded = run(
+            "record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv", folder=tmp_path
+        )
+    finally:
+        is_over.set()
+        sender.join()
+    os.close(slave)
+    os.close(master)
+    assert recorded.returncode == 0, recorded.stderr
+    calibrated = run("calibrate", "tumble.csv", "-o", "calibration.json", folder=tmp_path)
+    assert calibrated.returncode == 0, calibrated.stderr
+    exported = run("export", "--to", "arduino", "calibration.json", "-o", "calibration.h", folder=tmp_path)
+    assert exported.returncode == 0, exported.stderr
+    assert "MAG_MATRIX" in (tmp_path / "calibration.h").read_text(encoding="utf-8")
+    calibration = flinders.Calibration.load(tmp_path / "calibration.json")
+    _, numbers = printed(shape, TUMBLE.samples)
+    scale = flinders.read(tmp_path / "tumble.csv").unit.scale
+    strengths = np.linalg.norm(calibration.apply(numbers * scale), axis=1)
+    assert np.std(strengths) < 0.05 * np.mean(strengths)
