@@ -25,6 +25,9 @@ COUNTS: Final = "counts"
 PER_UNIT: Final = {"uT": 1.0, "mG": 0.1, "G": 100.0, "nT": 1e-3, "mT": 1e3, "T": 1e6}
 """Microtesla in one of each unit."""
 
+EARTH_UT: Final = (22.0, 67.0)
+"""Between these strengths lies the earth's field at its surface, in microtesla."""
+
 SPELLINGS: Final = {
     "ut": "uT", "µt": "uT", "μt": "uT", "microtesla": "uT", "microteslas": "uT",
     "mg": "mG", "mgauss": "mG", "milligauss": "mG",

@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import TYPE_CHECKING, Final, Self, TypeGuard, cast
@@ -205,4 +206,4 @@ class Readings:
             raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()), **how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
-            raise Unmoved(spread=spread, size=size, **how)
+            raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), **how)
