@@ -130,6 +130,8 @@ def fit(
         For readings of the wrong shape.
     UsageError
         For a method or option that does not exist, or numbers out of range.
+    Unmoved
+        For readings of a sensor that was hardly turned, see `flinders.unmoved`.
     NotTurned, InputError
         For `drivers` of a sensor that was not turned, or that were not recorded.
     """

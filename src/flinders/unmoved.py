@@ -41,22 +41,23 @@ if TYPE_CHECKING:
 FEWEST: Final = 20
 """Fewer readings than this are too few for a fit to be asked for, and to tell a cloud from a surface."""
 
-NARROW: Final = 0.07
-"""Standard deviation along the longest axis over the level: uniform over a cap, 8° on either side."""
+NARROW, TAILS = 0.07, 4.0
+"""Standard deviation along the longest axis over the level: uniform over a cap, 8° on either side. And how many of
+those the farthest reading may be off the mean, or else `NEAR` of the level: beyond both it is an outlier, or a turn."""
 
-NARROW_BALL: Final = 0.2
-"""The same of a cloud that is about as thick as it is wide: noise of a fifth of the field is refused anyway."""
+NARROW_BALL, TAILS_BALL = 0.2, 6.0
+"""The same of a cloud about as thick as it is wide: noise of a fifth of the field is refused anyway, and has tails."""
 
 BALL: Final = 0.5
 """Thickness over width of such a cloud."""
+
+NEAR: Final = 0.15
+"""Of the level, 9°."""
 
 CLOSE, FILLED = 0.25, 0.03
 """A reading is in the middle whose squared distance from the mean, in principal standard deviations, is below `CLOSE`
 for each axis; the cloud is filled with such a share of them. Of a Gaussian cloud 14 % are, of a flat one 6 % or more,
 of a surface, a ring or an arc none."""
-
-TAILS, NEAR = 6.0, 0.15
-"""In standard deviations along the longest axis, and over the level: a reading farther away than both is not noise."""
 
 POINT: Final = 0.06
 """Farthest reading over the level: below it no turn in the earth's field fits, whatever its shape."""
@@ -113,7 +114,7 @@ def unmoved_deg(summary: Summary, unit: str) -> float | None:
     if not _is_coarse(summary.cloud):
         level = min(level, _radius_seen(apart))
     is_point = unit == MICROTESLA and size >= EARTH_UT[0] and reach < POINT * level
-    if is_point or _is_narrow(apart, level) and (_is_filled(apart) or _is_coarse(summary.cloud)):
+    if is_point or (_is_narrow(apart, level) and (_is_filled(apart) or _is_coarse(summary.cloud))):
         return math.degrees(math.atan2(reach, level))
     return None
 
@@ -128,8 +129,8 @@ def _is_narrow(apart: Floats, level: float) -> bool:
     """Whether a cloud is small beside the distance of its centre, and none of its places far off the others."""
     thickness, _, width = _deviations(apart)[0].tolist()
     reach = float(np.linalg.norm(apart, axis=1).max())
-    limit = NARROW_BALL if thickness > BALL * width else NARROW
-    return width < limit * level and reach < max(TAILS * width, NEAR * level)
+    limit, tails = (NARROW_BALL, TAILS_BALL) if thickness > BALL * width else (NARROW, TAILS)
+    return bool(width < limit * level and reach < max(tails * width, NEAR * level))
 
 
 def _is_filled(apart: Floats) -> bool:

@@ -180,7 +180,7 @@ class _Units:
 def _turned(units: _Units, inside: str) -> _Units:
     """Those of sound health whose numbers can be calculated with, and that were turned out of one plane.
 
-    Those whose readings lie close together beside their mean leave, too: they may be of a sensor that was hardly turned.
+    Those whose readings lie close together beside their mean leave, too: the sensor may have been hardly turned.
     """
     xp = namespace(units.readings)
     if not units.at.shape[0]:
@@ -191,7 +191,7 @@ def _turned(units: _Units, inside: str) -> _Units:
     near = size < FARTHEST * sums.spread
     variances = xp.linalg.eigvalsh(xp.where((in_scale & near)[:, None, None], sums.covariance, 0.0))
     thick = variances[:, 0] > (1.0 + DOUBTFUL) * FLATTEST**2 * variances[:, 2]
-    level = xp.minimum(size, like(EARTH_UT[1], size)) if inside == MICROTESLA else size
+    level = xp.minimum(size, EARTH_UT[1]) if inside == MICROTESLA else size
     wide = variances[:, 2] > (NARROW * level) ** 2
     return units.only(xp.nonzero(in_scale & near & thick & wide & units.health.are_sound)[0])
 
