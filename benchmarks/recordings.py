@@ -77,7 +77,7 @@ def judged(path: Path) -> str | None:
     except Refused as refusal:
         fit = refusal.fit
     except FitError as refusal:
-        return f"| {name} | {len(samples):,} | refused | | | {refusal.code} |"
+        return f"| {name} | {len(samples):,} | refused |  |  | {refusal.code} |"
     error, textbook = fit.heading_error_deg, fit.textbook_heading_error_deg
     codes = [finding.code if finding.severity != "note" else f"({finding.code})" for finding in fit.findings]
     told = ", ".join(code for code in codes if code.strip("()") not in ALWAYS)

@@ -21,7 +21,7 @@
     │   ├── TooFewSamples            too-few-samples   4
     │   ├── StuckAxis                stuck-axis        4    an axis that never changes
     │   ├── NotTurned                not-turned        4    a still sensor, and readings that follow a driver
-    │   ├── Unmoved                  unmoved           4    readings that hardly differ from each other
+    │   ├── Unmoved                  unmoved           4    a sensor that was hardly turned
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
     │   │   └── NothingAccepted      not-an-ellipsoid  4    of all its trials the method `ladder` took none
@@ -226,18 +226,29 @@ class StuckAxis(FitError):
         )
 
 
+def _rounded_up(angle: float) -> str:
+    """Write an angle as the next larger one of a single digit below 1°, of whole degrees above.
+
+    >>> _rounded_up(0.0), _rounded_up(0.011), _rounded_up(0.31), _rounded_up(3.0), _rounded_up(12.2)
+    ('0.01', '0.02', '0.4', '3', '13')
+    """
+    step = 10.0 ** min(math.floor(math.log10(max(angle, 0.01))), 0)
+    return f"{max(math.ceil(angle / step - 1e-6), 1) * step:.2g}"
+
+
 class Unmoved(FitError):
-    """Readings vary (`spread`) by next to nothing beside their size (`size`): the sensor was not turned."""
+    """All readings lie within a small angle (`angle_deg`) of one direction: the sensor was hardly turned.
+
+    What the angle is measured from, see `flinders.unmoved`.
+    """
 
     code = "unmoved"
 
-    def __init__(self, *, spread: float, size: float, how: str = "through all directions") -> None:
-        self.spread, self.size = spread, size
+    def __init__(self, angle_deg: float, how: str = "through all directions") -> None:
+        self.angle_deg = angle_deg
         super().__init__(
-            f"the readings vary by {figures(spread)} about a mean of {figures(size, 3)}: the sensor was hardly moved. "
-            f"Turn it slowly {how} while recording",
-            spread=spread,
-            size=size,
+            f"all readings lie within {_rounded_up(angle_deg)}° of one direction: turn the sensor {how}",
+            angle_deg=angle_deg,
         )
 
 

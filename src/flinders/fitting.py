@@ -46,6 +46,7 @@ from flinders.samples import Samples, frame_of
 from flinders.terms.prior import SPREAD
 from flinders.terms.support import is_flat
 from flinders.units import Unit
+from flinders.unmoved import require_moved
 from flinders.verdict import judge
 
 if TYPE_CHECKING:
@@ -129,6 +130,8 @@ def fit(
         For readings of the wrong shape.
     UsageError
         For a method or option that does not exist, or numbers out of range.
+    Unmoved
+        For readings of a sensor that was hardly turned, see `flinders.unmoved`.
     NotTurned, InputError
         For `drivers` of a sensor that was not turned, or that were not recorded.
     """
@@ -150,6 +153,9 @@ def fit(
         recording = cast("Recording", source)
         _refuse_to_relabel(recording, unit, axes)
         unit, axes, frame = recording.unit, recording.axes, frame_of(recording)
+    plane = getattr(estimator, "plane", "xy" if method == Level.name else None)
+    how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
+    require_moved(readings.summary, (unit or Unit.of()).inside, how)
     readings = within_range(readings)
     instruments = {"gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     found, told_by = _aided(

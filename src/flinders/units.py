@@ -25,8 +25,11 @@ COUNTS: Final = "counts"
 PER_UNIT: Final = {"uT": 1.0, "mG": 0.1, "G": 100.0, "nT": 1e-3, "mT": 1e3, "T": 1e6}
 """Microtesla in one of each unit."""
 
-EARTH: Final = (20.0, 70.0)
-"""Strengths of the earth's field at its surface, in µT, from the South Atlantic to the poles, with a little room."""
+EARTH_UT: Final = (22.0, 67.0)
+"""Between these strengths lies the earth's field at its surface, in microtesla."""
+EARTH_WITH_ROOM_UT: Final = (20.0, 70.0)
+"""The same for readings whose strength is known roughly."""
+
 SPELLINGS: Final = {
     "ut": "uT", "µt": "uT", "μt": "uT", "microtesla": "uT", "microteslas": "uT",
     "utesla": "uT", "µtesla": "uT", "μtesla": "uT",
@@ -96,5 +99,5 @@ def unit_of_the_earth(strength: float) -> str:
     >>> unit_of_the_earth(48.0), unit_of_the_earth(480.0), unit_of_the_earth(3.0)
     ('uT', 'mG', '')
     """
-    low, high = EARTH
+    low, high = EARTH_WITH_ROOM_UT
     return next((name for name in ("uT", "mG", "G", "nT") if low <= strength * PER_UNIT[name] <= high), "")

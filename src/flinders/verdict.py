@@ -19,7 +19,7 @@ from flinders.health import RAIL_SHARE
 from flinders.planar import order_of
 from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.terms.support import flatness_limit, is_flat
-from flinders.units import COUNTS, MICROTESLA, label
+from flinders.units import COUNTS, EARTH_UT, MICROTESLA, label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -156,7 +156,6 @@ AXIS_RATIO: Final = 2.0
 NOTED: Final = frozenset({"one-axis", "gyro-gaps"})
 """Mistakes that are limits of a recording and cost what the heading error says."""
 
-EARTH_UT: Final = (22.0, 67.0)
 OTHER_UNIT: Final = 1.5
 """Times outside of that which neither soft iron nor the gain of a sound sensor makes: the unit is another."""
 

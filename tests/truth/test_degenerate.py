@@ -125,7 +125,7 @@ def test_readings_on_one_line_are_refused(method: str, noise: float) -> None:
 @ANY
 def test_a_sensor_that_was_never_moved_is_refused(method: str) -> None:
     still = read(np.repeat([[0.6, 0.0, 0.8]], 1000, axis=0), SKEW, 0.3)
-    assert isinstance(refused(still, method), Refused | NotAnEllipsoid | Unmoved)
+    assert isinstance(refused(still, method), Unmoved)
 
 
 @ANY
@@ -318,7 +318,7 @@ def test_10_clustered_samples() -> None:
     rng = np.random.default_rng(4)
     near = np.array([0.6, 0.0, 0.8]) + 0.03 * rng.standard_normal((600, 3))
     near /= np.linalg.norm(near, axis=1, keepdims=True)
-    assert refused_with(read(near, SKEW, 0.3)) in {"heading-error", "one-plane", "not-an-ellipsoid"}
+    assert refused_with(read(near, SKEW, 0.3)) == "unmoved"
     beside = flinders.fit(read(np.concatenate([near, simulate.fibonacci(1200)]), SKEW, 0.3))
     assert beside.verdict == "good"
     assert heading_error(beside, SKEW) < 4 * beside.heading_error_deg.worst

@@ -61,9 +61,9 @@ DOUBTFUL: Final = {
 }
 HOPELESS: Final = {
     # No calibration, and one of these says why.
-    "sunsided_hmc5883l/unmoved-10min_dec8.csv": {"one-plane", "heading-error", "noise", "unmoved"},
+    "sunsided_hmc5883l/unmoved-10min_dec8.csv": {"unmoved"},
     "px4_pyulog_auavx21/sample_mag.csv": {"one-plane", "heading-error", "noise"},
-    "px4_pyulog_cubeorange/vehicle_magnetometer.csv": {"one-plane", "heading-error", "noise"},
+    "px4_pyulog_cubeorange/vehicle_magnetometer.csv": {"unmoved"},
     "dronekit_log171_3mags/log171_MAG3.csv": {"one-plane", "heading-error"},
     "xio_fusion/sensor_data.csv": {"heading-error"},
 }

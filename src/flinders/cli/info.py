@@ -10,12 +10,13 @@ import click
 from flinders.cli import _compass, _options
 from flinders.cli._calibration import is_calibration
 from flinders.cli._talk import drawn, print_json, progress
-from flinders.errors import FitError, InputError, UsageError
+from flinders.errors import FitError, InputError, Unmoved, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.geomag import SiteField
+    from flinders.health import Rail
     from flinders.readers import Instrument, Log
     from flinders.report.info import Sensor
     from flinders.result import Fit
@@ -156,7 +157,8 @@ def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: s
     health = summary.health
     clock = health.clock
     step = (clock.seconds - clock.longest_step) / max(clock.steps - 1, 1)  # without its longest gap
-    fit = _fit(summary)
+    unmoved = _unmoved(summary, instrument.unit.inside)
+    fit = None if unmoved else _fit(summary)
     coverage = None if fit is None else float(fit.coverage.fraction)
     is_seen = coverage is not None and coverage >= ENOUGH_SEEN
     strength = float(fit.ellipsoid.radius) if fit is not None and is_seen else None
@@ -172,12 +174,13 @@ def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: s
         longest_gap_s=clock.longest_step if step > 0 and clock.longest_step > GAP * step else None,
         backward_steps=clock.backward_steps,
         repeats=health.repeats,
-        rails=tuple(f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})" for rail in health.rails),
+        rails=() if unmoved else tuple(_words(rail) for rail in health.rails),
         lowest=tuple(health.lows.values.tolist()),
         highest=tuple((-health.highs.values).tolist()),
         stored="" if instrument.stored is None else instrument.stored.words,
         is_as_logged=instrument.as_logged,
         beside=watched.beside,
+        unmoved=unmoved,
         coverage=coverage,
         strength=strength,
         likeness=_likeness(instrument, watched.first) if is_unit_open and columns is None else "",
@@ -203,6 +206,22 @@ def _silent(number: int, instrument: Instrument, error: InputError) -> Sensor:
     unit = instrument.unit
     notes = (str(error), *instrument.notes)
     return Sensor(number=number, name=instrument.name, unit=unit.name, inside=unit.inside, readings=0, notes=notes)
+
+
+def _words(rail: Rail) -> str:
+    """Name the end of an axis at which the sensor was at its limit."""
+    return f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})"
+
+
+def _unmoved(summary: Summary, unit: str) -> str:
+    """Why the readings are those of a sensor that was hardly turned; nothing where it was."""
+    from flinders.unmoved import require_moved
+
+    try:
+        require_moved(summary, unit)
+    except Unmoved as refusal:
+        return str(refusal)
+    return ""
 
 
 def _fit(summary: Summary) -> Fit | None:

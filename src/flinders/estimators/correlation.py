@@ -18,6 +18,10 @@ What creeps over minutes below the noise of a single reading has no autocovarian
 yet moves a fit more than the noise does. It shows when the recording is cut in a few blocks: their gradients
 Σ J s are then larger than B lets them be, and B is enlarged by as much.
 
+Residuals below `FINEST`, a millionth of the field, are those of rounding: of exact readings, or of readings kept in
+single precision. They follow the arithmetic and not the sensor, and are taken for white. The covariance claims no
+less noise than that, so that nothing is gained by them either.
+
 References
 ----------
 W. K. Newey, K. D. West, Econometrica 55 (1987) 703–708, for sums over lags; a Gaussian process on the sphere with
@@ -34,6 +38,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.coverage import CELLS, cells_of, directions_of
+from flinders.estimators.estimate import FINEST
 from flinders.pooling import DEPENDENT, chance_of
 from flinders.terms import magnitude
 from flinders.terms.equations import ROUNDING
@@ -130,6 +135,8 @@ def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid
         np.split(np.arange(len(readings)), np.cumsum(lengths)[:-1]),
     )
     share = count / len(readings)
+    if float(np.sqrt(np.mean(residuals.distances**2))) < FINEST * ellipsoid.radius:
+        return Correlation(share * residuals.scatter(residuals.variance()), 0.0, 1.0, 0.0)
     autocovariance = residuals.autocovariance()
     time = time_of(autocovariance)
     sphere = _Sphere(directions, cells_of(directions), ellipsoid)
@@ -177,13 +184,16 @@ class Residuals:
         products = sum(float(self.distances[s][1:] @ self.distances[s][:-1]) for s in self.stretches)
         return products / max(float(self.distances @ self.distances), 1e-300)
 
+    def variance(self) -> Floats:
+        """(1,) C(0) alone: the autocovariance of white residuals."""
+        return np.array([float(self.distances @ self.distances) / len(self.distances)])
+
     def autocovariance(self) -> Floats:
         """(K,) C(0), C(1), … up to where it sinks into its noise; C(0) alone where residuals are white."""
         total = len(self.distances)
         most = self._longest_lag()
-        square = float(self.distances @ self.distances)
         if abs(self.lag_one()) < SIGNIFICANT / np.sqrt(total) or most < 2:
-            return np.array([square / total])
+            return self.variance()
         sums = np.zeros(most)
         for stretch in self.stretches:
             spectrum = np.fft.rfft(self.distances[stretch], 2 * len(stretch))

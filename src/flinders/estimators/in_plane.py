@@ -6,6 +6,7 @@ of the plane are then x and y, and every reading is at height zero.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -75,7 +76,8 @@ def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -
     spread = float(np.sqrt(np.diag(moments.covariance)[seen].sum().clip(min=0.0)))
     size = float(np.linalg.norm(moments.mean[seen]))
     if not (spread > SMALLEST and FARTHEST * spread > size):
-        raise Unmoved(spread=spread, size=size, how=f"all the way round in the plane {plane}")
+        apart = float(np.linalg.norm(readings.summary.health.extent[seen]))
+        raise Unmoved(math.degrees(math.atan2(apart, size)), f"all the way round in the plane {plane}")
 
 
 def laid_flat(readings: Readings, plane: Plane) -> Readings:

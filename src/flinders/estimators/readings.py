@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import reduce
 from typing import TYPE_CHECKING, Final, Self, TypeGuard, cast
@@ -192,7 +193,8 @@ class Readings:
         StuckAxis
             If an axis never changes.
         Unmoved
-            If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them.
+            If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them. What
+            `flinders.fit` refuses besides, see `flinders.unmoved`.
         """
         how = {} if axes == "xyz" else {"how": f"all the way round in the plane {axes}"}
         if len(self) < unknowns:
@@ -205,4 +207,4 @@ class Readings:
             raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()), **how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
-            raise Unmoved(spread=spread, size=size, **how)
+            raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), **how)

@@ -28,8 +28,7 @@ from flinders.live.way import led
 from flinders.report.view import view
 from flinders.result import Refused
 from flinders.samples import Samples  # noqa: TC001 - the example above makes some
-from flinders.units import MICROTESLA
-from flinders.verdict import EARTH_UT
+from flinders.units import EARTH_UT, MICROTESLA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

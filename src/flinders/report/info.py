@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import FitError, counted, figures
 from flinders.report.text import COLOURS, degrees
-from flinders.units import COUNTS, EARTH, label, unit_of_the_earth
+from flinders.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,8 +64,10 @@ class Sensor:
         It was left on.
     beside : tuple of str
         What was recorded beside it.
+    unmoved : str
+        Why the sensor was hardly turned, in words; nothing where it was.
     coverage : float or None
-        Of all directions, seen; None where no ellipsoid fits.
+        Of all directions, seen; None where no ellipsoid fits, or the sensor was hardly turned.
     strength : float or None
         Of the field, by that ellipsoid; None where too little is seen.
     likeness : str
@@ -90,6 +92,7 @@ class Sensor:
     stored: str = ""
     is_as_logged: bool = False
     beside: tuple[str, ...] = ()
+    unmoved: str = ""
     coverage: float | None = None
     strength: float | None = None
     likeness: str = ""
@@ -184,7 +187,7 @@ def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -
     options : sequence of str
         Those with which it was read here.
     """
-    usable = [sensor for sensor in sensors if sensor.readings and not sensor.likeness]
+    usable = [sensor for sensor in sensors if sensor.readings and not (sensor.likeness or sensor.unmoved)]
     if not usable:
         return ()
     best = max(usable, key=lambda sensor: sensor.coverage or 0.0)
@@ -274,7 +277,19 @@ def _pace(sensor: Sensor) -> str:
 
 
 def _doubts(sensor: Sensor, site: SiteField | None) -> list[str]:
-    """What is odd about the readings."""
+    """What is odd about the readings; of a sensor that was hardly turned nothing that follows from that."""
+    found = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
+    if sensor.backward_steps:
+        found.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
+    if sensor.strength is not None and sensor.inside != COUNTS:
+        low, high = EARTH_WITH_ROOM_UT if site is None else ((1 - OFF) * site.strength, (1 + OFF) * site.strength)
+        if not low <= sensor.strength <= high:
+            found.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
+    return found
+
+
+def _of_values(sensor: Sensor) -> list[str]:
+    """What is odd about the values of a sensor that was turned."""
     found = []
     if sensor.likeness:
         names = sensor.name.removeprefix("columns ").replace(", ", ",")
@@ -282,17 +297,11 @@ def _doubts(sensor: Sensor, site: SiteField | None) -> list[str]:
         found.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
     if sensor.repeats > STALE * sensor.readings:
         found.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
-    if sensor.backward_steps:
-        found.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
     if sensor.rails:
         found.append(f"the sensor was at its limit: {', '.join(sensor.rails)}")
     stuck = [a for a, low, high in zip("xyz", sensor.lowest, sensor.highest, strict=True) if low == high]
     if stuck:
         found.append(f"{' and '.join(stuck)} never {'changes' if len(stuck) == 1 else 'change'}: check the wiring")
-    if sensor.strength is not None and sensor.inside != COUNTS:
-        low, high = EARTH if site is None else ((1 - OFF) * site.strength, (1 + OFF) * site.strength)
-        if not low <= sensor.strength <= high:
-            found.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
     return found
 
 

@@ -319,7 +319,10 @@ REFUSALS: Final = {
         "Some of the sensor's axes never change.",
         "Check the wiring and the columns that are read, and turn the sensor about all three of its axes.",
     ),
-    "unmoved": Words("The sensor was hardly moved.", "Turn it slowly through all directions while recording."),
+    "unmoved": Words(
+        "The sensor was hardly turned: all readings lie within {angle_deg:.2g}° of one direction.",
+        "Turn it slowly through all directions while recording.",
+    ),
     "not-turned": Words(
         "The sensor was held still while what disturbs it changed.",
         "Give the calibration that this belongs to, or turn the sensor while recording.",

@@ -23,12 +23,11 @@ from flinders.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
 from flinders.heading import HEADINGS, level_turn
 from flinders.health import RAIL_COUNT, RAIL_SHARE
 from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
-from flinders.units import MICROTESLA
+from flinders.units import EARTH_UT, MICROTESLA
 from flinders.verdict import (
     ALTERNATING,
     AXIS_RATIO,
     CORRELATED,
-    EARTH_UT,
     FEW,
     INFLATED,
     LONG_STEP,

@@ -51,6 +51,8 @@ from flinders.stacked.sums import Sums
 from flinders.stacked.support import Supports, pretended
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
 from flinders.terms.support import FLATTEST
+from flinders.units import EARTH_UT, MICROTESLA
+from flinders.unmoved import NARROW
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -116,7 +118,7 @@ def through(stack: Stack, *, target_deg: float, dip_deg: float, polish: bool = T
     polish : bool
         Go through the readings; else the consistent fit from their sums.
     """
-    units = _turned(_Units.of(stack))
+    units = _turned(_Units.of(stack), stack.unit.inside)
     if not units.at.shape[0]:
         return Lane(units.at, {}, {})
     claimed = (_of_readings if polish else _of_sums)(units)
@@ -175,8 +177,11 @@ class _Units:
         return _Units(at, chosen, inside, count, self.sums.only(which), self.health.only(which), steps)
 
 
-def _turned(units: _Units) -> _Units:
-    """Those of sound health whose numbers can be calculated with, and that were turned out of one plane."""
+def _turned(units: _Units, inside: str) -> _Units:
+    """Those of sound health whose numbers can be calculated with, and that were turned out of one plane.
+
+    Those whose readings lie close together beside their mean leave, too: the sensor may have been hardly turned.
+    """
     xp = namespace(units.readings)
     if not units.at.shape[0]:
         return units
@@ -186,7 +191,9 @@ def _turned(units: _Units) -> _Units:
     near = size < FARTHEST * sums.spread
     variances = xp.linalg.eigvalsh(xp.where((in_scale & near)[:, None, None], sums.covariance, 0.0))
     thick = variances[:, 0] > (1.0 + DOUBTFUL) * FLATTEST**2 * variances[:, 2]
-    return units.only(xp.nonzero(in_scale & near & thick & units.health.are_sound)[0])
+    level = xp.minimum(size, EARTH_UT[1]) if inside == MICROTESLA else size
+    wide = variances[:, 2] > (NARROW * level) ** 2
+    return units.only(xp.nonzero(in_scale & near & thick & wide & units.health.are_sound)[0])
 
 
 @dataclass(frozen=True, eq=False)
