@@ -31,7 +31,7 @@ from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, TH
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
-from flinders.readers._sniff import COMMENTS, Layout, in_force, is_flown, sniff
+from flinders.readers._sniff import COMMENTS, TRIED, Layout, in_force, is_flown, sniff
 from flinders.readers._source import File
 from flinders.readers._span import Span
 from flinders.readers.dialects import Transcription, guess, recognise
@@ -392,7 +392,7 @@ def _laid_out(file: Source, head: bytes, chosen: Callable[..., Layout], pattern:
     try:
         layout = chosen(table.opening, header=table.names)
     except (NoMagnetometer, UnreadableInput):
-        dialect = None if table.words else guess(table.opening)
+        dialect = None if table.words else recognise(table.opening) or guess(table.opening)
         if dialect is None:
             raise
         table, newline = _transcribed(file, encoding, dialect), "\n"
@@ -415,7 +415,7 @@ def _table_of(file: Source, encoding: str, beginning: str, pattern: str | None) 
         return _Table(*_made(made), words="messages of Paparazzi").opened()
     if is_replay(plain.opening):
         return _Table(*_made(table_of_replay(file, encoding)), frame=FRAME, words="replay of PX4's estimator").opened()
-    dialect = recognise(plain.opening)
+    dialect = recognise(plain.opening[:TRIED])
     return plain if dialect is None else _transcribed(file, encoding, dialect)
 
 
