@@ -96,7 +96,7 @@ class Labelled:
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take the numbers of a line by its kind; a reading where that ends one."""
-        if self._quick and (found := self._quick.fullmatch(line)):
+        if self._quick and not self._heading and (found := self._quick.fullmatch(line)):
             return found.groups()
         if _is_heading(line):
             self._heading = line
