@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 FEWEST: Final = 20
 """Fewer readings than this are too few for a fit to be asked for, and to tell a cloud from a surface."""
 
-NARROW, TAILS = 0.07, 4.0
-"""Standard deviation along the longest axis over the level: uniform over a cap, 8° on either side. And how many of
+NARROW, TAILS = 0.06, 4.0
+"""Standard deviation along the longest axis over the level: uniform over a cap, 7° on either side. And how many of
 those the farthest reading may be off the mean, or else `NEAR` of the level: beyond both it is an outlier, or a turn."""
 
 NARROW_BALL, TAILS_BALL = 0.2, 6.0
@@ -70,8 +70,11 @@ THIN: Final = 0.05
 wherever its centre lies."""
 
 SPHERICAL, CURVED = 0.2, 0.85
-"""A cloud shows that it curves where its places lie so much closer to a sphere than the radius of that is long, and
-than they lie to a plane."""
+"""A cloud shows that it curves where the places lie so much closer to a sphere than the radius of that is long, and
+than they lie to a plane; or, in their main plane, to a circle than to a line."""
+
+MOST_IRON: Final = 0.04
+"""Radius of such a curve over the mean reading: below it no offset is that large, and it is that of a drift."""
 
 ROUNDING: Final = 1e-9
 """Of the largest reading: what varies by less does not vary."""
@@ -111,9 +114,10 @@ def unmoved_deg(summary: Summary, unit: str) -> float | None:
     if not reach > ROUNDING * size > 0.0:
         return None
     level = min(max(size, EARTH_UT[0]), EARTH_UT[1]) if unit == MICROTESLA else size
-    if not _is_coarse(summary.cloud):
-        level = min(level, _radius_seen(apart))
     is_point = unit == MICROTESLA and size >= EARTH_UT[0] and reach < POINT * level
+    radius = _radius_seen(apart)
+    if not is_point and not _is_coarse(summary.cloud) and radius > MOST_IRON * size:
+        level = min(level, radius)
     if is_point or (_is_narrow(apart, level) and (_is_filled(apart) or _is_coarse(summary.cloud))):
         return math.degrees(math.atan2(reach, level))
     return None
@@ -143,8 +147,15 @@ def _is_filled(apart: Floats) -> bool:
 
 
 def _radius_seen(apart: Floats) -> float:
-    """Radius of the sphere through (K, 3) places about their mean; infinite where they do not show that they curve."""
-    scale, thickness = float(np.abs(apart).max()), float(_deviations(apart)[0][0])
+    """Radius of the sphere or, of an arc, of the circle through places; infinite where they do not show a curve."""
+    deviations, axes = _deviations(apart)
+    sphere = _radius(apart, float(deviations[0]))
+    return min(sphere, _radius(apart @ axes[:, 1:], float(deviations[1])))
+
+
+def _radius(apart: Floats, thickness: float) -> float:
+    """Radius of the sphere through (K, k) places, unless they lie as close to a plane, but for their thickness."""
+    scale = float(np.abs(apart).max())
     rows = np.column_stack([2.0 * apart / scale, np.ones(len(apart))])
     *centre, rest = np.linalg.lstsq(rows, np.einsum("ij,ij->i", apart, apart) / scale**2, rcond=None)[0]
     radius = scale * math.sqrt(max(rest + float(np.dot(centre, centre)), 0.0))

@@ -673,7 +673,7 @@ def test_a_turn_that_was_not_made_with_it_loaded_is_refused(
         ("turn.csv --plane yz", 4, "never changes in this recording: z = 0"),
         ("turn.csv --plane yz", 4, "turn the sensor all the way round in the plane yz"),
         ("few.csv", 4, "record for longer while turning the sensor all the way round in the plane xy"),
-        ("still.csv", 4, "Turn it slowly all the way round in the plane xy"),
+        ("still.csv", 4, "turn the sensor all the way round in the plane xy"),
         ("line.csv", 4, "in this plane they lie on a line, or half of them in one place"),
         ("line.csv --method ellipse", 4, "Turn the sensor all the way round about the third axis"),
     ],
