@@ -335,7 +335,6 @@ def choose(
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
     if asked is None and (chosen is None or _is_unclear(chosen)):
-        _refuse_no_readings(names, source)
         _refuse_unclear(names, values, source)
     if chosen is None:
         return None
@@ -349,31 +348,27 @@ def choose(
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
 
 
-def _refuse_no_readings(names: Sequence[str], source: str) -> None:
-    """Refuse a table in which all that is named like a magnetometer is a reference or the like."""
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
+    """Refuse a table whose names are those of references only, or do not tell while its values say something."""
     found = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if found:
-        told = numbered([f"{each.whole} ({each.instead})" for each in found])
+        what = numbered([f"{each.whole} ({each.instead})" for each in found])
         columns = ",".join(names[cell].strip() for cell in found[0].cells)
         raise NoMagnetometer(
-            f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {told}; "
+            f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {what}; "
             f"say which three columns are what the sensor read, such as --columns '{columns}' if those are it after all"
         )
-
-
-def _is_unclear(columns: Columns) -> bool:
-    """Tell whether columns are one of several triples that are named x, y, z and nothing else."""
-    return len(columns.magnetometers) > 1 and not columns.stated and meaning(columns.field.names[0]).is_bare
-
-
-def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
-    """Refuse a table whose names do not tell, where values say something of its columns."""
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
         nameless = f"{source} has {width} columns and no header: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
         raise NoMagnetometer(f"{what}; {advice(judged)}")
+
+
+def _is_unclear(columns: Columns) -> bool:
+    """Tell whether columns are one of several triples that are named x, y, z and nothing else."""
+    return len(columns.magnetometers) > 1 and not columns.stated and meaning(columns.field.names[0]).is_bare
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
@@ -534,7 +529,9 @@ def _cut_digits(values: Floats, unit: str) -> str:
 def _resolutions(values: Floats) -> list[float]:
     """Tell which units in the last digit these numbers may have: the last that is written, and that of float32."""
     digits = [Decimal(repr(value)).normalize().as_tuple().exponent for value in values.tolist() if value]
+    if not digits:
+        return []
+    written = 10.0 ** min(map(int, digits))
     single = np.abs(values.astype(np.float32))
-    is_single = bool(digits) and bool(np.all(single == np.abs(values)))
-    written = [10.0 ** min(map(int, digits))] if digits else []
-    return [*written, float(np.spacing(single.max()))] if is_single else written
+    is_single = bool(np.all(single == np.abs(values)))
+    return [written, float(np.spacing(single.max()))] if is_single else [written]
