@@ -240,12 +240,11 @@ class _Header(NamedTuple):
         for column, reasons in (*scalars, *map(self.motors, OF_MOTORS)):
             found += [column] if column else []
             left_out += reasons
-        for column in [column for column in found if column.kind == RATE and not self.meanings[column.cells[0]].unit]:
-            found.remove(column)
-            left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
+        unclear = [column for column in found if column.kind == RATE and not self.meanings[column.cells[0]].unit]
+        left_out += [f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)" for column in unclear]
         unread = [one for kind, each in self.triples.items() if not own[kind] for one in each if one.instead]
         left_out += [f"{one.whole} ({one.instead})" for one in unread]
-        return tuple(map(self.scaled, found)), tuple(left_out)
+        return tuple(self.scaled(column) for column in found if column not in unclear), tuple(left_out)
 
     def scaled(self, column: Column) -> Column:
         """Give a column the factor and start of its unit."""

@@ -340,9 +340,9 @@ def _words(name: str) -> tuple[list[str], list[str]]:
 
 def _without_axis(words: list[str]) -> tuple[list[str], str]:
     """Find the axis in a name's words: a word of its own, the end or start of one, or a small number."""
-    if sum(word in {"x", "y", "z"} for word in words) == 1:
-        axis = next(word for word in words if word in {"x", "y", "z"})
-        return [word for word in words if word != axis], axis
+    letters = [word for word in words if word in {"x", "y", "z"}]
+    if len(letters) == 1:
+        return [word for word in words if word != letters[0]], letters[0]
     for place, word in enumerate(words):
         if attached := _ATTACHED.fullmatch(word):
             return [*words[:place], attached[1], *words[place + 1 :]], attached[2]
@@ -393,6 +393,7 @@ def _plain(units: list[str]) -> str:
 
 
 def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
+    """Tell which sensor without axes, or clock, the words name, and how good a source of it this is."""
     is_warm = words == ["t"] and any(unit.casefold() in FACTORS[TEMPERATURE] for unit in units)  # T = 23.4 C
     if is_warm or (any(word.startswith(("temp", "tmp")) for word in words) and words != ["temps"]):
         return TEMPERATURE, 0
