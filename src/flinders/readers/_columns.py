@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from functools import partial
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -45,100 +44,53 @@ from flinders.samples import Samples
 from flinders.units import Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.axes import Axes
 
-OF_MOTORS: Final = (CURRENTS, THROTTLES)
-"""Kinds of which there may be a column for each motor."""
-IN_SAMPLES: Final = (
+OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds of which each motor may have a column
+IN_SAMPLES: Final = (  # kinds that stand beside the field, as `Samples` calls them
     TIME, ACCELERATION, RATE, TEMPERATURE, CURRENT, STRENGTH, THROTTLE, ATTITUDE, CURRENTS, THROTTLES,
 )  # fmt: skip
-"""Kinds that stand beside the field, as `Samples` calls them."""
-SHARES: Final = ("share", "percent", "pct", "%")
-"""Units of a throttle that count from none; pulses count from `REST_US`."""
-REST_US: Final = 1000.0
-"""Width of the pulse that asks a motor for nothing; a thousand more asks for all."""
-PULSES_US: Final = (800.0, 2200.0)
-"""Widths that such pulses have."""
+VALID: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}  # values out of range become NaN
+SHARES: Final = ("share", "percent", "pct", "%")  # units of a throttle that count from 0; pulses count from `REST_US`
+REST_US: Final = 1000.0  # pulse that asks a motor for nothing; a thousand more asks for all
+PULSES_US: Final = (800.0, 2200.0)  # shortest and longest of such pulses
+# From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096.
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
-"""From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096."""
-COARSE: Final = 10
-"""Readings to one time from which on the digits of the time are too few: buffers of sensors give a few at once."""
-COARSE_S: Final = 1.0
-"""Resolution from which on a time that does not change in the first readings is cut, and its clock not at rest."""
-LONG: Final = 1e8
-"""Seconds after which a time is taken to count from 1970 and not from the start of the recording."""
+COARSE: Final = 10  # readings to one time from which on its digits are too few: buffers of sensors give a few at once
+COARSE_S: Final = 1.0  # resolution from which on a time that never changes is cut, and its clock not at rest
+LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column, or three of one sensor, or one of each motor.
+    """One column, or three of one sensor, or one of each motor."""
 
-    Attributes
-    ----------
-    kind : str
-        As in `Meaning`.
-    cells : tuple of int
-        Places in a line, counted from 0; x, y, z, or motor by motor.
-    names : tuple of str
-        As the header has them, or their numbers counted from 1.
-    factor : float
-        What one unit of it is in the unit used inside.
-    start : float
-        What is taken from it before, in its own unit.
-    unit : str
-        Of a strength, where its name states one; else it is in the unit of the field.
-    axes : tuple of int
-        Of the field of a level recording: which axes its two columns are; the third is 0.
-    """
-
-    kind: str
-    cells: tuple[int, ...]
-    names: tuple[str, ...]
-    factor: float = 1.0
-    start: float = 0.0
-    unit: str = ""
-    axes: tuple[int, ...] = (0, 1, 2)
+    kind: str  # as in `Meaning`
+    cells: tuple[int, ...]  # places in a line, counted from 0: x, y, z, or motor by motor
+    names: tuple[str, ...]  # as in the header, or numbers counted from 1
+    factor: float = 1.0  # from its unit to the unit used inside
+    start: float = 0.0  # subtracted first, in its own unit
+    unit: str = ""  # of a strength whose name states one; else it is in the unit of the field
+    axes: tuple[int, ...] = (0, 1, 2)  # which axes two columns of a level recording are; the third is 0
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """The columns that are read.
+    """The columns that are read."""
 
-    Attributes
-    ----------
-    field : Column
-        The magnetometer.
-    unit, scale : str, float or None
-        Its unit as the header states it, or as the format has it by convention; µT in a count where that is known.
-    stated : bool
-        The unit stands in the header, and must not be contradicted.
-    beside : tuple of Column
-        At most one of each other kind.
-    left_out : tuple of str
-        Columns that were recognised and cannot be used, each with the reason.
-    name : str
-        Of several magnetometers in one table, what this one is called; empty where it is the only one.
-    magnetometers : tuple of Columns
-        Those of each of them, in order; empty where there is one.
-    others : tuple of str
-        Numbers and names of the other ones, where nobody has said which is meant.
-    passed_over : tuple of str
-        What else is named like a magnetometer and is none of its own, with what it is where that is known.
-    """
-
-    field: Column
-    unit: str = ""
-    scale: float | None = None
-    stated: bool = False
-    beside: tuple[Column, ...] = ()
-    left_out: tuple[str, ...] = ()
-    name: str = ""
-    magnetometers: tuple[Columns, ...] = ()
-    others: tuple[str, ...] = ()
-    passed_over: tuple[str, ...] = ()
+    field: Column  # the magnetometer
+    unit: str = ""  # its unit as the header states it, or as the format has it by convention
+    scale: float | None = None  # µT in a count, where that is known
+    stated: bool = False  # the unit is in the header, and must not be contradicted
+    beside: tuple[Column, ...] = ()  # at most one of each other kind
+    left_out: tuple[str, ...] = ()  # columns that were recognised and cannot be used, each with the reason
+    name: str = ""  # of one of several magnetometers in a table
+    magnetometers: tuple[Columns, ...] = ()  # those of each of several magnetometers, in order
+    others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, where nobody has said which is meant
+    passed_over: tuple[str, ...] = ()  # what is named like a magnetometer and is none of its own, with what it is
 
     @property
     def time(self) -> Column | None:
@@ -203,23 +155,20 @@ class Columns:
             level[:, self.field.axes] = field
             field = level
         others = {kind: self._beside(values, kind) for kind in IN_SAMPLES}
-        for kind, known in ((THROTTLE, shares), (THROTTLES, shares), (ATTITUDE, quaternions.known)):
-            column = others[kind]
-            others[kind] = None if column is None else known(column)
-        found = Samples.of(field, unit=unit, scale=None, axes=axes, source=source, **others)
-        return found if frame == found.frame else replace(found, frame=frame)
+        samples = Samples.of(field, unit=unit, scale=None, axes=axes, source=source, **others)
+        return samples if frame == samples.frame else replace(samples, frame=frame)
 
     def _beside(self, values: Floats, kind: str) -> Floats | None:
-        """Take what stands beside the field, if it is there."""
+        """Take the column of a kind in the unit of `Samples`, if it is there; NaN where a value is not valid."""
         column = self.of_kind(kind)
         if column is None:
             return None
         with np.errstate(over="ignore"):
             taken = (self.taken(values, column) - column.start) * column.factor
-        infinite = np.isinf(taken)
-        if infinite.any():
-            taken[infinite] = np.nan
-        return taken[:, 0] if len(column.cells) == 1 and kind not in OF_MOTORS else taken
+        taken[np.isinf(taken)] = np.nan
+        if len(column.cells) == 1 and kind not in OF_MOTORS:
+            taken = taken[:, 0]
+        return VALID[kind](taken) if kind in VALID else taken
 
 
 def names_magnetometer(names: Sequence[str]) -> bool:
@@ -230,96 +179,132 @@ def names_magnetometer(names: Sequence[str]) -> bool:
 def by_name(
     names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
 ) -> Columns | None:
-    """Choose columns by their names.
+    """Choose columns by a header, the units below it and the first rows (NaN where a cell is not a number).
 
-    Parameters
-    ----------
-    names : sequence of str
-        The header.
-    values : (N, len(names)) float
-        The first rows, NaN where a cell is not a number.
-    wanted : three int, optional
-        Places of the magnetometer's columns, where the user said which.
-    units : sequence of str, optional
-        What stands below the names, for those that state no unit.
-
-    Returns
-    -------
-    Columns or None
-        Of several magnetometers those of the first, which knows them all; None where none is recognised. Those that
-        are wanted have the name of the magnetometer of several that they are, or of which they are a copy.
+    Of several magnetometers the first is returned, which lists them all in `magnetometers`; None where none is
+    recognised. The columns that the user `wanted` have the name of the one of several that they are, or are a copy of.
     """
     meanings = [_meaning(*column) for column in zip_longest(names, units[: len(names)], fillvalue="")]
     found = vectors(names, meanings, FIELD)
     fields = instruments(found)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
-    around = partial(
-        _around,
-        fields=fields,
-        axes=[(kind, vectors(names, free, kind)) for kind in (ACCELERATION, RATE)],
-        names=names,
-        meanings=meanings,
-        values=values,
-    )
+    triples = {kind: vectors(names, free, kind) for kind in (ACCELERATION, RATE)}
+    header = _Header(names, meanings, values, fields, triples)
     if wanted:
         own = next((each for each in found if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
-        return replace(around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
+        return replace(header.around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
     read = {place for field in fields for place in field.cells}
     unread = [place for place, name in enumerate(names) if fields and place not in read and tells_nothing(name)]
     recognised = [str(group) for group in groups(values, unread, names) if group.is_known]
     others = (*passed_over(found, fields), *recognised)
-    made = [replace(around(field), passed_over=others) for field in fields]
+    made = [replace(header.around(field), passed_over=others) for field in fields]
     if len(made) < 2:
         return made[0] if made else None
     named = tuple(replace(columns, name=field.name) for columns, field in zip(made, fields, strict=True))
     return replace(named[0], magnetometers=named)
 
 
-def _around(
-    field: Vector,
-    *,
-    fields: Sequence[Vector],
-    axes: Sequence[tuple[str, Sequence[Vector]]],
-    names: Sequence[str],
-    meanings: Sequence[Meaning],
-    values: Floats,
-) -> Columns:
-    """Put together what is read for one of the magnetometers of a table."""
-    free = [Meaning("") if place in field.cells else found for place, found in enumerate(meanings)]
-    stated = {meanings[cell].unit for cell in field.cells if meanings[cell].kind == FIELD}
-    unit = stated.pop() if len(stated) == 1 else ""
-    found = [(kind, beside(each, field, fields)) for kind, each in axes]
-    columns, left_out = _beside(names, free, values, [(kind, each.cells) for kind, each in found if each])
-    unread = [
-        one for (_, each), (_, taken) in zip(axes, found, strict=True) if not taken for one in each if one.instead
-    ]
-    return Columns(
-        field=Column(FIELD, field.cells, tuple(names[cell].strip() for cell in field.cells)),
-        unit=unit or _by_convention(names, field.cells),
-        stated=bool(unit),
-        beside=columns,
-        left_out=(*left_out, *(f"{one.whole} ({one.instead})" for one in unread)),
-    )
+class _Header(NamedTuple):
+    """A header, what its names mean, and the first rows below it."""
+
+    names: Sequence[str]
+    meanings: Sequence[Meaning]
+    values: Floats
+    fields: Sequence[Vector]  # magnetometers
+    triples: Mapping[str, Sequence[Vector]]  # accelerometers and gyros
+
+    def around(self, field: Vector) -> Columns:
+        """Collect the columns that are read for one of the magnetometers."""
+        free = [Meaning("") if place in field.cells else found for place, found in enumerate(self.meanings)]
+        stated = {self.meanings[cell].unit for cell in field.cells if self.meanings[cell].kind == FIELD}
+        unit = stated.pop() if len(stated) == 1 else ""
+        columns, left_out = self._replace(meanings=free).besides(field)
+        return Columns(
+            field=_column(FIELD, field.cells, self.names),
+            unit=unit or _by_convention(self.names, field.cells),
+            stated=bool(unit),
+            beside=columns,
+            left_out=left_out,
+        )
+
+    def besides(self, field: Vector) -> tuple[tuple[Column, ...], tuple[str, ...]]:
+        """Find what stands beside a magnetometer, and what has to be left out."""
+        own = {kind: beside(each, field, self.fields) for kind, each in self.triples.items()}
+        found = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
+        turned = {known.axis: place for place, known in enumerate(self.meanings) if known.kind == ATTITUDE}
+        if len(turned) == 4:
+            found.append(_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names))
+        left_out: list[str] = []
+        scalars = [self.scalar(kind) for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)]
+        for column, reasons in (*scalars, *map(self.motors, OF_MOTORS)):
+            found += [column] if column else []
+            left_out += reasons
+        unclear = [column for column in found if column.kind == RATE and not self.meanings[column.cells[0]].unit]
+        left_out += [f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)" for column in unclear]
+        unread = [one for kind, each in self.triples.items() if not own[kind] for one in each if one.instead]
+        left_out += [f"{one.whole} ({one.instead})" for one in unread]
+        return tuple(self.scaled(column) for column in found if column not in unclear), tuple(left_out)
+
+    def scaled(self, column: Column) -> Column:
+        """Give a column the factor and start of its unit."""
+        first = column.cells[0]
+        unit = self.meanings[first].unit
+        if column.kind == TIME:
+            return _time(column, unit, self.values[:, first])
+        factor = {**FACTORS, **FACTORS_OF_MOTORS}.get(column.kind, {}).get(unit, 1.0)
+        start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
+        return replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else "")
+
+    def scalar(self, kind: str) -> tuple[Column | None, list[str]]:
+        """Find the best usable column of a kind without axes, and those before it with the reason against each."""
+        places = [place for place, known in enumerate(self.meanings) if known.kind == kind and not known.axis]
+        left_out: list[str] = []
+        for place in sorted(places, key=lambda place: self.meanings[place].rank):
+            values = self.values[:, place]
+            reason = "" if _numeric(values) else "not numbers"
+            if kind == TIME and not reason:
+                reason = _cut_digits(values, self.meanings[place].unit)
+            if not reason:
+                return _column(kind, [place], self.names), left_out
+            left_out.append(f"{self.names[place].strip()} ({reason})")
+        return None, left_out
+
+    def motors(self, kind: str) -> tuple[Column | None, list[str]]:
+        """Find the columns of single motors, from the first motor on, or the reason against them."""
+        cells = {int(known.axis): place for place, known in enumerate(self.meanings) if known.kind == kind}
+        if not cells:
+            return None, []
+        numbers = sorted(cells)
+        column = _column(kind, [cells[number] for number in numbers], self.names)
+        units = {self.meanings[cell].unit for cell in column.cells}
+        if numbers != list(range(numbers[0], numbers[-1] + 1)) or numbers[0] > 1:
+            reason = "motors are missing between: need each from the first on"
+        elif not all(_numeric(self.values[:, cell]) for cell in column.cells):
+            reason = "not numbers"
+        elif len(units) > 1:
+            reason = "in more than one unit"
+        elif kind == THROTTLES and units == {""} and not _are_pulses(self.values[:, column.cells]):
+            reason = "neither shares nor µs: say so in the names, as throttle1_share"
+        else:
+            return column, []
+        return None, [f"{', '.join(column.names)} ({reason})"]
+
+
+def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
+    """Name a column as the header does, or by its number counted from 1 where there is no header."""
+    return Column(kind, tuple(cells), tuple(names[cell].strip() if names else str(cell + 1) for cell in cells))
 
 
 def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
-    """Choose columns of a table without a header: three are x, y, z; of four, a first that ascends is the time.
-
-    Parameters
-    ----------
-    values : (N, width) float
-        The first rows, NaN where a cell is not a number.
-    wanted : three int, optional
-        Places of the magnetometer's columns, where the user said which.
-    """
+    """Choose columns without a header: three are x, y, z; of four, a first that ascends is the time."""
     width = values.shape[1]
     timed = width == 4 and not wanted and ascends(values[:, 0])
     field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
     if not field:
         return None
-    time = (_time(Column(TIME, (0,), ("1",)), "", values[:, 0]),) if timed else ()
-    return Columns(Column(FIELD, field, tuple(str(cell + 1) for cell in field)), beside=time)
+    time = (_time(_column(TIME, [0], ()), "", values[:, 0]),) if timed else ()
+    return Columns(_column(FIELD, field, ()), beside=time)
 
 
 def choose(
@@ -334,30 +319,14 @@ def choose(
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither tells.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The header; empty where there is none.
-    values : (N, width) float
-        The first rows, NaN where a cell is not a number.
-    asked : str, optional
-        As `wanted_places`.
-    units : sequence of str, optional
-        What stands below the names.
-    flat : str, optional
-        The plane whose two columns will do: two that are asked for, or the only two there are.
-    choice : Choice, optional
-        Which of several magnetometers.
-    source : str
-        For messages.
+    `names` is empty where there is no header, and `units` stand below it. With `flat`, the plane of a level recording,
+    two columns will do. `choice` says which of several magnetometers is meant, and `source` is for messages.
 
     Raises
     ------
     NoMagnetometer
-        Where all that is named like one is not a magnetometer's readings; where names do not tell, with what the
-        values say of which columns may be one.
-    UsageError
-        For columns that there are not, or a magnetometer; for columns of another magnetometer than `choice` names.
+        Where every name like a magnetometer's is that of a reference or the like; where names do not tell, with what
+        the values say of which columns may be one.
     """
     width = values.shape[1]
     if flat is not None and asked is None and width == 2:
@@ -365,7 +334,6 @@ def choose(
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
     if asked is None and (chosen is None or _is_unclear(chosen)):
-        _refuse_no_readings(names, source)
         _refuse_unclear(names, values, source)
     if chosen is None:
         return None
@@ -379,35 +347,16 @@ def choose(
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
 
 
-def _refuse_no_readings(names: Sequence[str], source: str) -> None:
-    """Refuse a table of nothing but references and the like; of one without them too, nothing is said.
-
-    Raises
-    ------
-    NoMagnetometer
-    """
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
+    """Refuse a table whose names are those of references only, or do not tell while its values say something."""
     found = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
     if found:
-        told = numbered([f"{each.whole} ({each.instead})" for each in found])
+        what = numbered([f"{each.whole} ({each.instead})" for each in found])
         columns = ",".join(names[cell].strip() for cell in found[0].cells)
         raise NoMagnetometer(
-            f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {told}; "
+            f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {what}; "
             f"say which three columns are what the sensor read, such as --columns '{columns}' if those are it after all"
         )
-
-
-def _is_unclear(columns: Columns) -> bool:
-    """Tell whether columns are one of several triples that are named x, y, z and nothing else."""
-    return len(columns.magnetometers) > 1 and not columns.stated and meaning(columns.field.names[0]).is_bare
-
-
-def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
-    """Refuse a table whose names do not tell, where values say something of its columns.
-
-    Raises
-    ------
-    NoMagnetometer
-    """
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
@@ -416,14 +365,13 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
         raise NoMagnetometer(f"{what}; {advice(judged)}")
 
 
-def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
-    """Let the columns that the user asked for keep the name of the magnetometer that they are, or have the user's.
+def _is_unclear(columns: Columns) -> bool:
+    """Tell whether columns are one of several triples that are named x, y, z and nothing else."""
+    return len(columns.magnetometers) > 1 and not columns.stated and meaning(columns.field.names[0]).is_bare
 
-    Raises
-    ------
-    UsageError
-        Where the user names another one of those that the table has.
-    """
+
+def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
+    """Let the columns that the user asked for keep the name of their magnetometer, or take the name the user gives."""
     if choice.sensor is None:
         return columns
     if not choice.is_name:
@@ -442,13 +390,7 @@ def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, a
 
 
 def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
-    """Take the magnetometer that is meant; where nobody says, the first, which then knows the names of the others.
-
-    Raises
-    ------
-    UsageError
-        For one that there is not, or where there is nothing to choose from.
-    """
+    """Take the magnetometer that is meant; where nobody says, the first with the names of the others."""
     if not columns.magnetometers:
         choice.refuse_beside(source)
         return columns
@@ -459,59 +401,36 @@ def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
 
 
 def asked_columns(columns: str, *, flat: bool = False) -> list[str]:
-    """Take apart what the user asked for: three names or numbers; two will do if `flat`.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Split what the user asked for: three different names or numbers; two will do if `flat`."""
     asked = [part.strip() for part in columns.split(",")]
     count = len(asked)
     if not (count == 3 or (flat and count == 2)) or len({part.casefold() for part in asked}) != count:
-        need = "two or three different ones, such as 'mx,my' or '4,5'" if flat else _three(count)
+        two = "; two columns, x and y of a level turn, are for flinders two-axis" if count == 2 else ""
+        three = f"three different ones, such as 'mx,my,mz' or '4,5,6'{two}"
+        need = "two or three different ones, such as 'mx,my' or '4,5'" if flat else three
         raise UsageError(f"columns {columns!r}: need {need}")
     return asked
 
 
 def wanted_places(columns: str, names: Sequence[str], width: int, *, flat: bool = False) -> tuple[int, ...]:
-    """Look up what the user asked for: three names, or three numbers counted from 1; two will do if `flat`.
-
-    Raises
-    ------
-    UsageError
-        Listing the columns there are.
-    """
-    asked = asked_columns(columns, flat=flat)
+    """Look up the columns that the user asked for, by name or by number counted from 1."""
     known = [name.strip() for name in names]
-    count = len(asked)
-    places = tuple(_place(part, known, width) for part in asked)
-    if len(set(places)) != count:
-        many = "two" if count == 2 else "three"
+    places = tuple(_place(part, known, width) for part in asked_columns(columns, flat=flat))
+    if len(set(places)) != len(places):
+        many = "two" if len(places) == 2 else "three"
         raise UsageError(f"columns {columns!r} name one column twice: need {many} different ones")
     return places
 
 
 def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
-    """Take the accelerometer's columns from where the user says, as `wanted_places` those of the magnetometer.
-
-    Raises
-    ------
-    UsageError
-        Also where one of them is read as the magnetometer, or lines differ in length.
-    """
+    """Take the accelerometer's columns from where the user says, if they are not read as the magnetometer."""
     if not width:
         raise UsageError(f"acceleration {asked!r}: lines differ in length, so that columns cannot be counted")
-    places = wanted_places(asked, names, width)
-    shown = tuple(names[place].strip() if names else str(place + 1) for place in places)
-    if taken := [name for name, place in zip(shown, places, strict=True) if place in columns.field.cells]:
+    own = _column(ACCELERATION, wanted_places(asked, names, width), names)
+    if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
         raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see --columns")
     others = tuple(column for column in columns.beside if column.kind != ACCELERATION)
-    return replace(columns, beside=(*others, Column(ACCELERATION, places, shown)))
-
-
-def _three(given: int) -> str:
-    two = "; two columns, x and y of a level turn, are for flinders two-axis" if given == 2 else ""
-    return f"three different ones, such as 'mx,my,mz' or '4,5,6'{two}"
+    return replace(columns, beside=(*others, own))
 
 
 def _meaning(name: str, unit: str) -> Meaning:
@@ -521,11 +440,11 @@ def _meaning(name: str, unit: str) -> Meaning:
 
 
 def _place(asked: str, names: list[str], width: int) -> int:
-    if asked in names:
-        return names.index(asked)
+    """Look up one column, by its name as it is written, then regardless of case, then by its number."""
     folded = [name.casefold() for name in names]
-    if asked.casefold() in folded:
-        return folded.index(asked.casefold())
+    for known, wanted in ((names, asked), (folded, asked.casefold())):
+        if wanted in known:
+            return known.index(wanted)
     if asked.isdecimal() and 1 <= int(asked) <= width:
         return int(asked) - 1
     there = f"its columns are {', '.join(names)}" if names else f"it has no header and {width} columns"
@@ -538,76 +457,6 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
     if first.endswith("magnetic_field.x"):
         return "T"
     return "uT" if {name.strip().casefold() for name in names} >= {"seconds_elapsed", "x", "y", "z"} else ""
-
-
-def _beside(
-    names: Sequence[str], meanings: Sequence[Meaning], values: Floats, triples: Sequence[tuple[str, tuple[int, ...]]]
-) -> tuple[tuple[Column, ...], tuple[str, ...]]:
-    """Find what stands beside the magnetometer and those three axes, and what has to be left out."""
-    found = [Column(kind, cells, tuple(names[cell].strip() for cell in cells)) for kind, cells in triples]
-    turned = {known.axis: place for place, known in enumerate(meanings) if known.kind == ATTITUDE}
-    if len(turned) == 4:
-        cells = tuple(turned[axis] for axis in "wxyz")
-        found.append(Column(ATTITUDE, cells, tuple(names[cell].strip() for cell in cells)))
-    left_out: list[str] = []
-    for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE):
-        column, reasons = _scalar(names, meanings, values, kind)
-        found += [column] if column else []
-        left_out += reasons
-    for kind in OF_MOTORS:
-        column, reason = _of_motors(names, meanings, values, kind)
-        found += [column] if column else []
-        left_out += [reason] if reason else []
-    scaled: list[Column] = []
-    for column in found:
-        unit = meanings[column.cells[0]].unit
-        if column.kind == TIME:
-            scaled.append(_time(column, unit, values[:, column.cells[0]]))
-        elif column.kind == RATE and not unit:
-            left_out.append(f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)")
-        else:
-            factor = {**FACTORS, **FACTORS_OF_MOTORS}.get(column.kind, {}).get(unit, 1.0)
-            start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
-            scaled.append(replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else ""))
-    return tuple(scaled), tuple(left_out)
-
-
-def _scalar(
-    names: Sequence[str], meanings: Sequence[Meaning], values: Floats, kind: str
-) -> tuple[Column | None, list[str]]:
-    """The best usable column of a kind that has no axes, and those before it with the reason against each."""
-    places = [place for place, known in enumerate(meanings) if known.kind == kind and not known.axis]
-    left_out: list[str] = []
-    for place in sorted(places, key=lambda place: meanings[place].rank):
-        name, reason = names[place].strip(), "" if _numeric(values[:, place]) else "not numbers"
-        if kind == TIME and not reason:
-            reason = _cut_digits(values[:, place], meanings[place].unit)
-        if not reason:
-            return Column(kind, (place,), (name,)), left_out
-        left_out.append(f"{name} ({reason})")
-    return None, left_out
-
-
-def _of_motors(
-    names: Sequence[str], meanings: Sequence[Meaning], values: Floats, kind: str
-) -> tuple[Column | None, str]:
-    """The columns of single motors, from the first motor on; and why there are none, where some are named so."""
-    numbered = {int(known.axis): place for place, known in enumerate(meanings) if known.kind == kind}
-    if not numbered:
-        return None, ""
-    cells = tuple(numbered[number] for number in sorted(numbered))
-    column = Column(kind, cells, tuple(names[cell].strip() for cell in cells))
-    told = ", ".join(column.names)
-    if sorted(numbered) != list(range(min(numbered), max(numbered) + 1)) or min(numbered) > 1:
-        return None, f"{told} (motors are missing between: need each from the first on)"
-    if not all(_numeric(values[:, cell]) for cell in cells):
-        return None, f"{told} (not numbers)"
-    units = {meanings[cell].unit for cell in cells}
-    if len(units) > 1:
-        return None, f"{told} (in more than one unit)"
-    if kind == THROTTLES and units == {""} and not _are_pulses(values[:, cells]):
-        return None, f"{told} (neither shares nor µs: say so in the names, as throttle1_share)"
-    return column, ""
 
 
 def _are_pulses(values: Floats) -> bool:
@@ -630,12 +479,19 @@ def _time(column: Column, unit: str, values: Floats) -> Column:
 
 
 def _factor_to_seconds(values: Floats, unit: str) -> float:
-    """Take the factor of the unit that a time states, else that which its size and steps tell."""
+    """Take the factor of the unit that a time states, else guess it: from its size, then from its steps.
+
+    Readings are taken to come between every 10 µs and every 10 s.
+    """
     if unit:
         return FACTORS[TIME][unit]
+    first = float(values[0]) if len(values) else 0.0
     with np.errstate(over="ignore"):  # of numbers that are no times
         step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
-    return _seconds(float(values[0]) if len(values) else 0.0, step)
+    for least, factor in EPOCHS:
+        if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
+            return factor
+    return 1.0 if step < 2 else 1e-3 if step < 1e3 else 1e-6 if step < 5e5 else 1e-9
 
 
 @np.errstate(over="ignore")
@@ -672,18 +528,9 @@ def _cut_digits(values: Floats, unit: str) -> str:
 def _resolutions(values: Floats) -> list[float]:
     """Tell which units in the last digit these numbers may have: the last that is written, and that of float32."""
     digits = [Decimal(repr(value)).normalize().as_tuple().exponent for value in values.tolist() if value]
+    if not digits:
+        return []
+    written = 10.0 ** min(map(int, digits))
     single = np.abs(values.astype(np.float32))
-    is_single = bool(digits) and bool(np.all(single == np.abs(values)))
-    written = [10.0 ** min(map(int, digits))] if digits else []
-    return [*written, float(np.spacing(single.max()))] if is_single else written
-
-
-def _seconds(first: float, step: float) -> float:
-    """Guess the unit of a time from its size, then from its steps: seconds, ms, µs or ns.
-
-    Readings are taken to come between every 10 µs and every 10 s.
-    """
-    for least, factor in EPOCHS:
-        if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
-            return factor
-    return 1.0 if step < 2 else 1e-3 if step < 1e3 else 1e-6 if step < 5e5 else 1e-9
+    is_single = bool(np.all(single == np.abs(values)))
+    return [written, float(np.spacing(single.max()))] if is_single else [written]

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import shlex
 from itertools import combinations, groupby
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -32,61 +32,31 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-GRAVITY: Final = {
+GRAVITY: Final = {  # its length in units of accelerometers; fewer counts than these could be milligauss
     "m/s²": 9.80665, "g": 1.0, "mg": 1000.0, **{f"counts of 1/{2**n} g": float(2**n) for n in range(10, 15)}
 }  # fmt: skip
-"""Its length in units that accelerometers have; fewer counts than these could be milligauss."""
-SMALL: Final = 20.0
-"""Below it magnetometers read in gauss or tesla only; longer vectors are gravity's where their sphere is as large."""
-EXACT: Final = 0.02
-"""What the length of a unit vector may differ by."""
-NEARLY: Final = 0.06
-"""What the middle length of gravity may differ by, with an accelerometer that is not calibrated."""
-STEADY: Final = 0.3
-"""How far apart lengths of gravity may lie for the most part, of their middle, while a hand turns the sensor."""
-UNMOVED: Final = 0.1
-"""Share of their length by which readings scatter that were not turned; a sphere through them tells nothing."""
-ROUND: Final = 0.2
-"""Scatter of a magnetometer's readings around the sphere nearest to them, of its radius, with soft iron."""
-ROUND_INDEED: Final = 0.05
-"""So little scatter that readings near zero are no sign of rates."""
-IN_NO_UNIT: Final = (2.0, 15.0)
-"""More than the earth's field is in gauss, hard iron and all, and less than it is in µT."""
-NEAR_ZERO: Final = 0.15
-"""Of the longest readings: what is near zero, where rates often are."""
-LARGEST: Final = 1e100
-"""What a reading may be, so that its square is a number."""
-FEWEST: Final = 10
-"""Rows from which on lengths are judged."""
-MANY: Final = 400
-"""Rows that are enough."""
-WIDEST: Final = 24
-"""Columns that are judged; a wider table would fill the screen."""
-
-
-Judgement: TypeAlias = "tuple[str, bool, bool]"
-"""All of a `Group` but the names."""
+SMALL: Final = 20.0  # below it a magnetometer reads in gauss or tesla; above it gravity has a sphere of its size too
+EXACT: Final = 0.02  # what the length of a unit vector may differ by
+NEARLY: Final = 0.06  # what the median length of gravity may differ by, of an accelerometer that is not calibrated
+STEADY: Final = 0.3  # spread of most lengths of gravity, of their median, while a hand turns the sensor
+UNMOVED: Final = 0.1  # scatter, of their length, of readings that were not turned; a sphere through them tells nothing
+ROUND: Final = 0.2  # scatter of a magnetometer's readings around the nearest sphere, of its radius, with soft iron
+ROUND_INDEED: Final = 0.05  # so little scatter that readings near zero are no sign of rates
+IN_NO_UNIT: Final = (2.0, 15.0)  # more than the earth's field in gauss, hard iron and all, and less than in µT
+NEAR_ZERO: Final = 0.15  # of the longest readings: what is near zero, where rates often are
+LARGEST: Final = 1e100  # what a reading may be, so that its square is a number
+FEWEST: Final = 10  # rows from which on lengths are judged
+MANY: Final = 400  # rows that are enough
+WIDEST: Final = 24  # columns that are judged; a wider table would fill the screen
 
 
 class Group(NamedTuple):
-    """Columns that belong together, and what they may be.
+    """Columns that belong together, and what they may be."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        As ``--columns`` takes them.
-    what : str
-        What their values look like.
-    is_candidate : bool
-        They may be a magnetometer.
-    is_known : bool
-        They are plainly something else: a quaternion, a direction, gravity.
-    """
-
-    names: tuple[str, ...]
-    what: str
-    is_candidate: bool = False
-    is_known: bool = False
+    names: tuple[str, ...]  # as ``--columns`` takes them
+    what: str  # what their values look like
+    is_candidate: bool = False  # they may be a magnetometer
+    is_known: bool = False  # they are plainly something else: a quaternion, a direction, gravity
 
     def __str__(self) -> str:
         return f"{', '.join(self.names)} ({self.what})"
@@ -98,21 +68,10 @@ class Group(NamedTuple):
 
 
 def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> list[Group]:
-    """Judge columns by their values, three or four that stand next to each other at a time.
+    """Judge columns whose names do not tell, three or four that stand next to each other at a time.
 
-    Parameters
-    ----------
-    values : (N, width) float
-        The first rows, NaN where a cell is not a number.
-    free : iterable of int
-        Places of columns whose names do not tell.
-    names : sequence of str, optional
-        The header; columns go by numbers where it is not there, or does not name each of these once.
-
-    Returns
-    -------
-    list of Group
-        In the order of the columns; nothing where there are few rows or many columns.
+    `values` are the first rows, and `free` the places of the columns, which go by their numbers where `names` do not
+    name each once. Nothing where there are few rows or many columns.
     """
     values = np.where(np.abs(values) < LARGEST, values, np.nan)
     places = [place for place in free if np.isfinite(values[:, place]).mean() >= 0.5] if len(values) >= FEWEST else []
@@ -121,17 +80,17 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
     own = [names[place].strip() for place in places] if names else []
     is_named = all(own) and len(set(own)) == len(places) and not any("," in name for name in own)
     called = {place: own[at] if is_named else str(place + 1) for at, place in enumerate(places)}
-    judged: list[tuple[tuple[int, ...], Judgement]] = []
+    judged: list[tuple[tuple[int, ...], Group]] = []
     for cells in _quaternions(values, places):
-        judged.append((cells, ("a quaternion", False, True)))
+        judged.append((cells, Group((), "a quaternion", is_known=True)))
         places = [place for place in places if place not in cells]
     for place in list(places):
         is_clock = ascends(values[:, place])
         if is_clock or np.nanmin(values[:, place]) == np.nanmax(values[:, place]):
-            judged.append(((place,), ("a clock or a counter" if is_clock else "constant", False, False)))
+            judged.append(((place,), Group((), "a clock or a counter" if is_clock else "constant")))
             places.remove(place)
     judged += [(cells, _judged(values[:, cells])) for run in _runs(places) for cells in _triples(values, run)]
-    return [Group(tuple(called[cell] for cell in cells), *judgement) for cells, judgement in sorted(judged)]
+    return [group._replace(names=tuple(called[cell] for cell in cells)) for cells, group in sorted(judged)]
 
 
 def likeness(vectors: Floats) -> str:
@@ -140,8 +99,8 @@ def likeness(vectors: Floats) -> str:
     >>> likeness(np.tile([[0.1, -0.2, 9.8]], (20, 1))), likeness(np.tile([[10.0, -20.0, 40.0]], (20, 1)))
     ('gravity in m/s²', '')
     """
-    what, _, is_known = _judged(vectors[:: max(len(vectors) // MANY, 1)])
-    return what if is_known else ""
+    group = _judged(vectors[:: max(len(vectors) // MANY, 1)])
+    return group.what if group.is_known else ""
 
 
 def advice(judged: Sequence[Group]) -> str:
@@ -187,7 +146,7 @@ def _runs(places: Sequence[int]) -> Iterator[list[int]]:
 def _triples(values: Floats, run: Sequence[int]) -> list[tuple[int, ...]]:
     """Cut columns in a row into threes; where some are over, so that each three have values of like size."""
     count, over = divmod(len(run), 3)
-    sizes = np.nanpercentile(np.abs(values[:, run]), 95, axis=0) if run else np.empty(0)
+    sizes = np.nanpercentile(np.abs(values[:, run]), 95, axis=0)
     cuts = []
     for alone in combinations(range(count + over), over):
         starts = np.cumsum([0, *(1 if part in alone else 3 for part in range(count + over))])
@@ -203,31 +162,31 @@ def _lengths(vectors: Floats) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def _judged(vectors: Floats) -> Judgement:
-    """Say what three columns may be, as `Group` has it."""
+def _judged(vectors: Floats) -> Group:
+    """Say what three columns may be; their names are not known here."""
     vectors = vectors[(np.abs(vectors) < LARGEST).all(axis=1)]
     if len(vectors) < FEWEST:
-        return "seldom all there", False, False
+        return Group((), "seldom all there")
     low, middle, high = _lengths(vectors)
     scatter, radius = _sphere(vectors)
     is_turned = radius < high  # a larger sphere is a guess from a small arc
     size = min(radius, high)
     if low > 1 - EXACT and high < 1 + EXACT:
-        return "a direction, or gravity in g", False, True
+        return Group((), "a direction, or gravity in g", is_known=True)
     for name, length in GRAVITY.items():
         is_near = abs(middle / length - 1) < NEARLY and high - low < STEADY * middle
         if is_near and (length < SMALL or abs(radius / length - 1) < NEARLY):
-            return f"gravity in {name}", False, True
+            return Group((), f"gravity in {name}", is_known=True)
     is_often_short = low < NEAR_ZERO * high and scatter > ROUND_INDEED * size
     if scatter > ROUND * size or is_often_short:
-        return "rates or angles: near no sphere", False, False
+        return Group((), "rates or angles: near no sphere")
     strength = radius if is_turned else middle
     if min(strength, middle) > IN_NO_UNIT[0] and max(strength, middle) < IN_NO_UNIT[1]:
-        return f"lengths of {figures(middle, 3)}, which the earth's field has in no unit", False, False
+        return Group((), f"lengths of {figures(middle, 3)}, which the earth's field has in no unit")
     unit = unit_of_the_earth(strength)
     parts = [f"lengths {figures(low, 3)} to {figures(high, 3)}"]
     parts += [f"strength {figures(strength, 3)}"] * is_turned + [f"as {unit} the earth's"] * bool(unit)
-    return ", ".join(parts), True, False
+    return Group((), ", ".join(parts), is_candidate=True)
 
 
 def _sphere(vectors: Floats) -> tuple[float, float]:

@@ -33,8 +33,10 @@ THROTTLES: Final = "throttles"
 
 _DEGREES = math.pi / 180
 
+_OF_A_FIELD: Final = {name: 1.0 for name in SPELLINGS if name != "raw"}
+# Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`.
 FACTORS: Final[dict[str, dict[str, float]]] = {
-    FIELD: {name: 1.0 for name in SPELLINGS if name != "raw"},
+    FIELD: _OF_A_FIELD,
     ACCELERATION: dict.fromkeys(("m/s2", "m/s²", "m/s^2", "mps2", "ms2", "ms-2", "m/s/s", "g", "mg"), 1.0),
     RATE: {
         **dict.fromkeys(("rad/s", "radps", "rads", "rad/sec", "rad/s/s"), 1.0),
@@ -49,16 +51,15 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     },
     TEMPERATURE: dict.fromkeys(("c", "°c", "degc", "celsius"), 1.0),
     CURRENT: {**dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0), "ma": 1e-3},
-    STRENGTH: {name: 1.0 for name in SPELLINGS if name != "raw"},
+    STRENGTH: _OF_A_FIELD,
 }
-"""Spellings of units in names, and the factor to seconds, rad/s, °C and A; a field is scaled by `Unit`."""
-
-_UNITS = frozenset(unit for units in FACTORS.values() for unit in units)
-_UNITS_OF_AXES = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
+_UNITS: Final = frozenset(unit for units in FACTORS.values() for unit in units)
+_UNITS_OF_AXES: Final = frozenset(unit for kind in (FIELD, ACCELERATION, RATE) for unit in FACTORS[kind])
+# Sensors that go by one letter, as in ``mx`` or ``B_x``, and the letters that may follow the name of a device, as in
+# ``imu_mx``; a ``b`` there is a bias or the second one.
 _LETTERS: Final = {"m": FIELD, "h": FIELD, "b": FIELD, "a": ACCELERATION, "g": RATE, "w": RATE}
-"""Sensors that go by one letter, as in ``mx`` or ``B_x``."""
 _LETTERS_OF_A_DEVICE: Final = "magw"
-"""Those of them that may follow the name of a device, as in ``imu_mx``; a ``b`` there is a bias or the second one."""
+# Chips by what they measure; the last have several sensors, magnetometers or not: their name alone does not tell.
 _CHIPS: Final = {
     FIELD: (
         r"lis[23]mdl|[hq]mc5[89]83[lp]?|mmc(?:34160|5603|5633|5983)(?:pj|njl?|ma)?|rm[23]100|ist83\d\d[a-z]?"
@@ -71,11 +72,10 @@ _CHIPS: Final = {
         r"|bmi\d{3}|[ai]sm330(?:dhcx|dlc|lhhx?|is)?|iim4\d{4}|qmi8658c?|fxos8700|bno0[58]\d|bmx(?:055|160)|adis16\d{3}"
     ),
 }
-"""Chips by what they measure; the last have several sensors, magnetometers or not: their name alone does not tell."""
+# The name of a chip, with a number, letter and axis that nothing parts from it: ``rm3100x``.
 _CHIP: Final = re.compile(rf"({'|'.join(_CHIPS.values())})(\d?)([{_LETTERS_OF_A_DEVICE}]?)([xyz]?)")
-"""The name of a chip, with a number, letter and axis that nothing parts from it: ``rm3100x``."""
+# Devices of several sensors, and places: words that tell a magnetometer from others.
 _DEVICES: Final = frozenset(("imu", "ahrs", "ins"))
-"""Devices of several sensors, which tell a magnetometer from others where no number or place does."""
 PLACES: Final = frozenset(
     (
         "left", "right", "front", "rear", "back", "fore", "aft", "bow", "stern", "port", "starboard", "top", "bottom",
@@ -83,78 +83,68 @@ PLACES: Final = frozenset(
         "backup", "master", "slave", "first", "second", "third",
     )
 )  # fmt: skip
-"""Words that say which of several sensors it is."""
+# Words of columns that stand beside readings and are none.
 _OTHERS: Final = re.compile(
     r"(cov|std|sigma|var|offset|ofs|bias|abs|norm|total|magnitude|heading|health|accuracy|gain|scale$|quality|err)"
 )
-"""Words of columns that stand beside readings and are none."""
+# Words of columns that are no sensor's with three axes, whatever their values are.
 _ELSEWHERE: Final = re.compile(
     r"(lat|lon|lng|alt|gps|gnss|pos|vel|speed|course|roll|pitch|yaw|euler|baro|press|volt|batt|vbat|pwm|servo|rc$|hum"
     r"|light|lux|prox|step|index|seq|count|loop|sat|[hv]dop|rssi|status|flag|mode)"
 )
-"""Words of columns that are no sensor's with three axes, whatever their values are."""
+# Where a strength comes from that is no length of the readings, and what it is called besides; not ``h``, which is the
+# horizontal part in geomagnetism.
 _REFERENCES: Final = frozenset(("reference", "ref", "igrf", "wmm"))
-"""Where a strength comes from that is no length of the readings themselves."""
 _STRENGTHS: Final = frozenset(("field", "strength", "total", "intensity", "f"))
-"""What such a column is called besides; not ``h``, which is the horizontal part in geomagnetism."""
 _CORRECTED: Final = "cal|calib|calibrated|cald|corr|corrected|comp|compensated|filt|filter|filtered"
-_SMOOTHED: Final = (
+_SMOOTHED: Final = (  # a number after one is its own, as in ``avg10``, and not that of a sensor
     "lp|lpf|hp|hpf|bp|bpf|ema|sma|avg|average|averaged|mean|median|smooth|smoothed|prev|previous|kalman|decimated"
 )
-"""Filters; a number after one is its own, as in ``avg10``, and not that of a sensor."""
 _CALIBRATED: Final = re.compile(rf"({_CORRECTED})$")
 _DERIVED: Final = re.compile(rf"({_CORRECTED}|({_SMOOTHED})\d*)$")
+# Words of three columns that are none of a sensor's readings, and what they are instead.
 _NO_READINGS: Final = {
     **dict.fromkeys((*_REFERENCES, "model", "true", "truth", "expected", "predicted"), "a reference"),
     **dict.fromkeys(("ned", "enu", "nwu", "ecef", "earth", "world"), "in axes of the earth"),
     **dict.fromkeys(("dir", "direction"), "a direction"),
     **dict.fromkeys(("min", "max", "diff", "delta", "status", "innov", "innovation", "residual"), "no readings"),
 }
-"""Words of three columns that are none of a sensor's readings, and what they are instead."""
+# Such a word that nothing parts from the sensor's: ``magref``.
 _GLUED: Final = re.compile(rf"(mag|acc|gyro)(raw|{_CORRECTED}|{_SMOOTHED}|unit|{'|'.join(_NO_READINGS)})([xyz]?)")
-"""Such a word that nothing parts from the sensor's: ``magref``."""
+# Numbers that are not those of a sensor: of bits, of steps in time, of a filter, of a version.
 _MEASURES: Final = re.compile(
     rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_SMOOTHED}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
 )
-"""Numbers that are not those of a sensor: of bits, of steps in time, of a filter, of a version."""
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
 _TIMES: Final = re.compile(r"(t|time.*|.*time|timestamp|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
+# Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
     r"(mag.*|compass|acc.*|gyr.*|angular|velocity|linear|field|strength|vector|imu|ahrs|ins|sensor|dev|device|unit|node"
     r"|board|module|no|nr|num|id|instance|ch|channel|data|value|reading|measurement)$"
 )
-"""Words that any such sensor may have in its name."""
-_BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""
-"""What parts the words of a name."""
+_BETWEEN: Final = r"\s_.,:;%#\-\[\](){}'\""  # what parts the words of a name
 _ATTACHED: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
     r"|compass|[mhbagw])([xyz])"
 )
+# Words and numbers that nothing parts: ``magX1`` has three.
 _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
-"""Words and numbers that nothing parts: ``magX1`` has three."""
-_BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")
-"""How µT reads where its bytes were decoded as something else."""
-
-
-CALIBRATED: Final = 10
-"""Rank from which on readings were corrected already."""
-BARE: Final = 2
-"""Clearness of ``x``, ``y`` and ``z``, which may be a position where something else is called a magnetometer."""
+_BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT whose bytes were decoded as something else
+CALIBRATED: Final = 10  # rank from which on readings were corrected already
+BARE: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position where something else is a magnetometer
+# Columns that are known by their whole name only, as `flinders.simulate.table` writes them: a ``throttle`` may be per
+# cent or microseconds, and an attitude that of any axes.
 _WRITTEN_HERE: Final = {
     "throttle_share": (THROTTLE, ""),
     **{f"{ATTITUDE}_{axis}": (ATTITUDE, axis) for axis in "wxyz"},
 }
-"""Columns that are known by their whole name only, as `flinders.simulate.table` writes them.
-
-A ``throttle`` may be per cent or microseconds, and an attitude that of any axes."""
-
-
+# Spellings of units in the names of single motors' columns, and the factor to A and shares; none of pulses in µs.
 FACTORS_OF_MOTORS: Final[dict[str, dict[str, float]]] = {
     CURRENTS: {"": 1.0, "a": 1.0, "ma": 1e-3},
     THROTTLES: {"share": 1.0, "percent": 0.01, "pct": 0.01, "%": 0.01, "": 1e-3, "us": 1e-3, "µs": 1e-3},
 }
-"""Spellings of units in the names of single motors' columns, and the factor to A and shares; none of pulses in µs."""
+# Columns of single motors, by their whole name: which motor, and in which unit.
 _OF_MOTOR: Final = {
     CURRENTS: re.compile(
         r"(?:(?:esc|motor|mot|m)[ _.]?\[?(\d{1,2})\]?[ _.](?:esc[ _])?(?:current|curr|amps?)"
@@ -165,30 +155,15 @@ _OF_MOTOR: Final = {
         r"(?:[ _]?[(\[]?(share|percent|pct|%|us|µs)[)\]]?)?"
     ),
 }
-"""Columns of single motors, by their whole name: which motor, and in which unit."""
 
 
 class Meaning(NamedTuple):
-    """What a name says.
+    """What a name says."""
 
-    Attributes
-    ----------
-    kind : str
-        ``field``, ``acceleration``, ``rate``, ``time``, ``temperature``, ``current``, ``strength``, ``throttle``,
-        ``attitude``, ``currents`` or ``throttles`` of a motor, or nothing.
-    axis : str
-        Of a motor its number, as it is counted there; else
-        ``x``, ``y`` or ``z``, of an attitude also ``w``; ``0`` to ``3`` where axes are counted; or nothing.
-    unit : str
-        In lower case, as found in `FACTORS`; that of a field or a strength as `Unit` calls it; or nothing.
-    rank : int
-        Which to take where there are several: the smallest.
-    """
-
-    kind: str
-    axis: str = ""
-    unit: str = ""
-    rank: int = 0
+    kind: str  # one of those above, or nothing
+    axis: str = ""  # x, y or z, of an attitude also w; 0 to 3 where axes are counted; the number of a motor; or nothing
+    unit: str = ""  # as found in `FACTORS`; that of a field or a strength as `Unit` calls it; or nothing
+    rank: int = 0  # which to take where there are several: the smallest
 
     @property
     def is_bare(self) -> bool:
@@ -316,17 +291,13 @@ def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
     bare = name.strip() if whole else re.sub(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$", "", name.strip())
     place = _place_of_axis(bare.casefold(), axis)
     pieces = re.findall(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)", f"{bare[:place]}{bare[place + 1 :]}")
-    kept = [
-        f"{between[-1:] if between[-1:] in ' _.-' else '_'}{piece}"
-        for number, (between, piece) in enumerate(pieces)
-        if whole
-        or not (
-            (number and piece.casefold() in _UNITS_OF_AXES)
-            or _RAW.match(piece.casefold())
-            or _DERIVED.match(piece.casefold())
-        )
-    ]
-    found = "".join(kept).lstrip(" _.-")
+    own = ""
+    for number, (between, piece) in enumerate(pieces):
+        folded = piece.casefold()
+        is_common = (number and folded in _UNITS_OF_AXES) or _RAW.match(folded) or _DERIVED.match(folded)
+        if whole or not is_common:
+            own += (between[-1:] if between[-1:] in " _.-" else "_") + piece
+    found = own.lstrip(" _.-")
     return found if any(map(str.isalpha, found)) else f"xyz{found}"
 
 
@@ -340,13 +311,9 @@ def _words_of_sensor(name: str) -> list[str]:
 def _place_of_axis(folded: str, axis: str) -> int:
     """Find the letter or digit of the axis in a name: the last that stands by itself, else the last."""
     places = [match.start() for match in re.finditer(axis, folded)]
-    alone = [place for place in places if not _letters_around(folded, place)] or places
-    return alone[-1] if alone else 0
-
-
-def _letters_around(text: str, place: int) -> bool:
-    """Tell whether the letter or digit at this place stands inside a longer word."""
-    return text[max(place - 1, 0) : place].isalpha() or text[place + 1 : place + 2].isalpha()
+    around = {place: folded[max(place - 1, 0) : place] + folded[place + 1 : place + 2] for place in places}
+    alone = [place for place in places if not any(map(str.isalpha, around[place]))]
+    return max(alone or places, default=0)
 
 
 def _words(name: str) -> tuple[list[str], list[str]]:
@@ -373,9 +340,9 @@ def _words(name: str) -> tuple[list[str], list[str]]:
 
 def _without_axis(words: list[str]) -> tuple[list[str], str]:
     """Find the axis in a name's words: a word of its own, the end or start of one, or a small number."""
-    if sum(word in {"x", "y", "z"} for word in words) == 1:
-        axis = next(word for word in words if word in {"x", "y", "z"})
-        return [word for word in words if word != axis], axis
+    letters = [word for word in words if word in {"x", "y", "z"}]
+    if len(letters) == 1:
+        return [word for word in words if word != letters[0]], letters[0]
     for place, word in enumerate(words):
         if attached := _ATTACHED.fullmatch(word):
             return [*words[:place], attached[1], *words[place + 1 :]], attached[2]
@@ -426,6 +393,7 @@ def _plain(units: list[str]) -> str:
 
 
 def _scalar(words: list[str], units: list[str]) -> tuple[str, int]:
+    """Tell which sensor without axes, or clock, the words name, and how good a source of it this is."""
     is_warm = words == ["t"] and any(unit.casefold() in FACTORS[TEMPERATURE] for unit in units)  # T = 23.4 C
     if is_warm or (any(word.startswith(("temp", "tmp")) for word in words) and words != ["temps"]):
         return TEMPERATURE, 0

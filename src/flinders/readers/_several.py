@@ -39,42 +39,24 @@ if TYPE_CHECKING:
 
     from flinders.readers._names import Meaning
 
-SMALL: Final = 10
-"""Sensors are numbered from 0 or 1 on; a bare number from here on is one of theirs where its neighbour is there."""
-LONGEST: Final = 9
-"""Digits of a number; what is longer is a word."""
+SMALL: Final = 10  # a bare number from here on is a sensor's where its neighbour is there: they count from 0 or 1 on
+LONGEST: Final = 9  # digits of a number; what is longer is a word
 
 
 class Vector(NamedTuple):
-    """Three columns of one sensor.
+    """Three columns of one sensor."""
 
-    Attributes
-    ----------
-    cells : tuple of int
-        Their places; x, y, z.
-    rank : int
-        As in `Meaning`.
-    label : tuple of str
-        The words of their names that are not those of any such sensor.
-    name : str
-        What they are called, without axis and unit.
-    whole : str
-        The same with ``raw``, ``filtered`` and the unit: what tells it from a copy of its readings.
-    instead : str
-        What they are, such as ``a reference``, where they are not a sensor's readings; else nothing.
-    """
-
-    cells: tuple[int, ...]
-    rank: int
-    label: tuple[str, ...]
-    name: str
-    whole: str = ""
-    instead: str = ""
+    cells: tuple[int, ...]  # their places: x, y, z
+    rank: int  # as in `Meaning`
+    label: tuple[str, ...]  # words of their names that are not those of any such sensor
+    name: str  # what they are called, without axis and unit
+    whole: str = ""  # the same with ``raw``, ``filtered`` and the unit: tells it from a copy of its readings
+    instead: str = ""  # what they are, such as ``a reference``, where they are not a sensor's readings
 
     @property
     def number(self) -> tuple[str, ...]:
         """The numbers and places of its label; all of it where it has none."""
-        return tuple(word for word in self.label if _counts(word)) or self.label
+        return tuple(word for word in self.label if _is_number(word) or tells_apart(word)) or self.label
 
 
 def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> list[Vector]:
@@ -92,32 +74,17 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
         if letters:
             cells = tuple(axes[letter] for letter in letters)
             first, again = names[cells[0]], (str(time),) if time > 1 else ()
-            made.append(
-                Vector(
-                    cells,
-                    meanings[cells[0]].rank,
-                    (*label(first), *again),
-                    name=" ".join((sensor_name(first, letters[0]), *again)),
-                    whole=" ".join((sensor_name(first, letters[0], whole=True), *again)),
-                    instead=no_readings(first),
-                )
-            )
+            name, whole = (" ".join((sensor_name(first, letters[0], whole=each), *again)) for each in (False, True))
+            marks = (*label(first), *again)
+            made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, no_readings(first)))
     return sorted(made, key=lambda vector: min(vector.cells))
 
 
 def instruments(found: Sequence[Vector]) -> tuple[Vector, ...]:
-    """Pick those that are magnetometers of their own, of each the rawest.
+    """Pick those that are magnetometers of their own, of each the rawest, in the order of their columns.
 
-    Parameters
-    ----------
-    found : sequence of Vector
-        Of one kind, as `vectors` finds them.
-
-    Returns
-    -------
-    tuple of Vector
-        In the order of the columns, those that were corrected or filtered last. Just the best where it is not clear
-        that there are several: the rawest, of those the plainest name, then the first. None without readings.
+    Those that were corrected or filtered come last. Just the best, by `_quality`, where it is not clear that there are
+    several; none without readings.
     """
     readings = [vector for vector in found if not vector.instead]
     readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
@@ -191,11 +158,8 @@ def _in_a_row(letters: Iterable[str]) -> bool:
     return together == "lr" or (len(together) > 1 and "abcdefgh".startswith(together))
 
 
-def _counts(word: str) -> bool:
-    return _is_number(word) or tells_apart(word)
-
-
 def _is_number(word: str) -> bool:
+    """Tell whether a word is a number of usual length."""
     return word.isdecimal() and len(word) <= LONGEST
 
 
@@ -215,16 +179,12 @@ def _is_copy(one: Vector, rawer: Sequence[Vector]) -> bool:
     """
     if one.rank < CALIBRATED or not rawer:
         return False
+    manner = set(map(_is_number, one.label))  # by numbers, by words, by both or not at all
     is_named_after = any(set(other.label) <= set(one.label) for other in rawer)
-    return is_named_after or all(_manner(other) != _manner(one) for other in rawer)
-
-
-def _manner(vector: Vector) -> set[bool]:
-    """How it is told from others: by numbers, by words, by both or not at all."""
-    return set(map(_is_number, vector.label))
+    return is_named_after or all(set(map(_is_number, other.label)) != manner for other in rawer)
 
 
 def _quality(vector: Vector) -> tuple[int, int, int, int]:
-    """Which is the best, as a key to sort by: the rawest, then the one whose name says least besides."""
-    foreign = sum(not _counts(word) for word in vector.label)
+    """Sort the best first: the rawest, then the one whose name says least besides."""
+    foreign = sum(not (_is_number(word) or tells_apart(word)) for word in vector.label)
     return vector.rank, foreign, len(vector.label), min(vector.cells)
