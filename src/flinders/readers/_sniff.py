@@ -7,7 +7,6 @@ cells as the readings and its names, as `_names` reads them, hold a magnetometer
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
+from flinders.readers._blackbox import ON_BOARD, is_blackbox
 from flinders.readers._columns import Columns, choose, names_magnetometer
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._log import FIRST, Choice
@@ -45,17 +45,6 @@ COMMENTS: Final = ("#", "%", "//")
 MOST_RANGES: Final = 16
 """Columns whose ranges are told."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
-
-FLOWN: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
-"""What a blackbox of Betaflight or INAV does not say of its magnetometer."""
-OLD: Final = re.compile(
-    r'^\W*(mag_?(?:calibration|zero|gain)(?:_[xyz]|\[[012]\])?)"?\s*[,;:=\t]\s*"?'
-    r'([-+\d]+(?:[,;\s]+[-+\d]+)*)"?\s*$',
-    re.IGNORECASE,
-)
-"""A line of its headers with a calibration that was in force; no known firmware writes one, tools may."""
-NO_GAIN: Final = 1024
-"""INAV's ``maggain`` that changes nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,35 +84,8 @@ class Layout:
             return self.words
         parts = ["no header"] * (not self.header) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
-        written += f"; {FLOWN}" * is_flown(self.columns)
+        written += f"; {ON_BOARD}" * is_blackbox(self.columns.field.names)
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
-
-
-def is_flown(columns: Columns) -> bool:
-    """Tell the magnetometer of a blackbox, which is in the axes of the board.
-
-    >>> from flinders.readers._columns import Column
-    >>> is_flown(Columns(Column("field", (0, 1, 2), ("magADC[0]", "magADC[1]", "magADC[2]")), "counts"))
-    True
-    """
-    return columns.field.names[0].casefold().startswith("magadc")
-
-
-def in_force(above: Sequence[str]) -> str:
-    """Find the calibration of the board that the headers of a blackbox tell; nothing where it is none, or not told.
-
-    >>> in_force(['"Firmware revision","INAV 7.0.0"', '"magzero","12,13,14"', '"maggain","1024,1024,1024"'])
-    'magzero 12,13,14'
-    >>> in_force(["mag_calibration,0,0,0", "magHardware,1"])
-    ''
-    """
-    for text in above:
-        found = OLD.match(text)
-        numbers = re.findall(r"[-+]?\d+", found[2]) if found else []
-        neutral = NO_GAIN if found and "gain" in found[1].casefold() else 0
-        if found and any(int(each) != neutral for each in numbers):
-            return f"{found[1]} {','.join(numbers)}"
-    return ""
 
 
 def sniff(

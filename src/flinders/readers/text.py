@@ -23,6 +23,7 @@ import numpy as np
 from flinders.axes import Axes
 from flinders.errors import NoMagnetometer, UnitError, UnreadableInput
 from flinders.readers import _arrow
+from flinders.readers._blackbox import calibration_in_force, is_blackbox
 from flinders.readers._columns import wanted_acceleration
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
@@ -31,7 +32,7 @@ from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, TH
 from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
-from flinders.readers._sniff import COMMENTS, TRIED, Layout, in_force, is_flown, sniff
+from flinders.readers._sniff import COMMENTS, TRIED, Layout, sniff
 from flinders.readers._source import File
 from flinders.readers._span import Span
 from flinders.readers.dialects import Transcription, guess, recognise
@@ -117,7 +118,11 @@ class TextRecording:
             settled = unit_of(columns, self.source, unit, scale)
             grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
             layout = replace(self.layout, columns=columns.with_strength_in(settled), grid=grid)
-            found.append(replace(self, layout=layout, unit=settled, frame=FRAME if is_flown(columns) else self.frame))
+            found.append(
+                replace(
+                    self, layout=layout, unit=settled, frame=FRAME if is_blackbox(columns.field.names) else self.frame
+                )
+            )
         return tuple(found)
 
     def blocks(self) -> Iterator[Samples]:
@@ -350,9 +355,9 @@ def open_text(
     table, layout = _laid_out(file, head, chosen, pattern)
     settled = unit_of(layout.columns, file.name, unit, scale)
     layout = replace(layout, columns=layout.columns.with_strength_in(settled))
-    if is_flown(layout.columns):
+    if is_blackbox(layout.columns.field.names):
         table = table._replace(frame=FRAME)
-        layout = replace(layout, in_force=in_force(table.opening[: layout.start - 1]))
+        layout = replace(layout, in_force=calibration_in_force(table.opening[: layout.start - 1]))
         if layout.in_force and columns is None:
             raise _not_raw(file.name, layout)
     recording = TextRecording(
