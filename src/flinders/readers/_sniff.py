@@ -23,7 +23,7 @@ from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
 from flinders.readers._several import vectors
-from flinders.readers._tokenizer import cut, pattern_of
+from flinders.readers._tokenizer import cut, names_of, pattern_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -320,6 +320,12 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
+    others = {meaning(name).kind for name in names_of(cut(text)[1])} & {ACCELERATION, RATE}
+    if others:
+        return NoMagnetometer(
+            f"the labels of {name} tell of {' and '.join(sorted(others))} and of no magnetometer (line {place + 1}: "
+            f"{shown(text)!r}): let the board print its magnetometer too, or say which numbers it is with --pattern"
+        )
     example = f"; this line is --pattern '{pattern_of(text)}', if those are its x, y and z" if numbers else ""
     return UnreadableInput(
         f"no readings are recognised in {name} (line {place + 1}: {shown(text)!r}): need three columns of numbers, "

@@ -36,11 +36,13 @@ NUMBER: Final = (
 STAMP: Final = re.compile(
     r"\s*[\[(<]?(?:[A-Z][a-z]{2} +\d+ +)?(?:(?P<date>\d{4}-\d\d-\d\d)[T ])?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)(?P<fraction>[.,]\d+)?(?:,\d+)?(?P<zone>Z|[+-]\d\d:?\d\d)?"
-    r"[\])>]?\s*(?P<mark>->|[|>:;,\t-])?\s*"
+    r"[\])>]?\s*(?P<mark>->|[|>:;,\t]|-(?![\d.]))?\s*"
 )
 """The time that a serial monitor, a logger or an operating system puts before a line."""
 
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
+_COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
+"""What turns the colour of a terminal, as the log of ESP-IDF does."""
 _CUT: Final = re.compile(rf"\s*({NUMBER})\s*")
 _OTHER_UNITS: Final = ("deg", "degs", "degree", "degrees", "°", "º", "hz", "hpa", "%", "rad", "mbar", "ft", "f", "°f")
 """Units of what stands beside a magnetometer and is not read."""
@@ -67,7 +69,7 @@ _AXIS_AHEAD: Final = re.compile(
     r"([xyz])[\s_-]*(?:axis\b)?[\s_-]*(raw|norm|field|mag(?:net\w*)?|acc\w*|gyro?\w*|value)?\b(.*)", re.IGNORECASE
 )
 """An axis at its beginning: ``X axis field``, ``Xraw``."""
-_QUANTITY: Final = re.compile(
+QUANTITY: Final = re.compile(
     r"orient|euler|linear|gravity|rotat|posit|veloc|quat|angle|attitude|tilt|speed|displace|force", re.IGNORECASE
 )
 """Other quantities with three axes: their words stay with the axis, where those that mean nothing are dropped."""
@@ -87,7 +89,7 @@ class Gap(NamedTuple):
 
 def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     """Cut a line into its numbers and what stands before, between and behind them, without spaces at the ends."""
-    pieces = _CUT.split(line)
+    pieces = _CUT.split(_COLOURS.sub("", line) if "\x1b" in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
 
 
@@ -213,7 +215,7 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
             return [label], sensor
     if axis := _AXIS.search(label):
         own = label[: axis.start()].strip(_EDGE)
-        words = own if _QUANTITY.search(own) else _known(own, f" {axis[1]}", otherwise="") or sensor
+        words = own if QUANTITY.search(own) else _known(own, f" {axis[1]}", otherwise="") or sensor
         return [f"{words} {axis[1]}".lstrip()], words
     return [_known(label) if label else ""], ""
 

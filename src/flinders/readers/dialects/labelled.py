@@ -24,7 +24,7 @@ import numpy as np
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
 from flinders.readers._several import instruments, vectors
 from flinders.readers._sniff import COMMENTS
-from flinders.readers._tokenizer import cut, is_labelled, like, names_of
+from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_of
 from flinders.units import COUNTS
 
 if TYPE_CHECKING:
@@ -44,8 +44,10 @@ _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron"
 MOST_SEEN: Final = 1024
 """Texts between numbers that are remembered."""
 PLAIN: Final = ("x", "y", "z")
-LEAST_TURNS: Final = 8
-"""Lines from which on it shows whether they are of several sensors in turn."""
+LEAST_TURNS, MANY_TURNS = 8, 24
+"""Lines from which on steps, and strengths, show whether they are of several sensors in turn."""
+UNEVEN: Final = 2.0
+"""Ratio of the median strengths of such sensors."""
 ALIKE: Final = 0.3
 """Step to a line of the same sensor, as a share of that to the next line, below which they are."""
 
@@ -226,7 +228,7 @@ def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
 
 def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them."""
-    counts = Counter(each.kind for each in printed if len(each.kind) in (len(PLAIN), len(PLAIN) + 1))
+    counts = Counter(each.kind for each in printed if _says_nothing(each.kind))
     kind = max(counts, key=lambda each: counts[each], default=None)
     rows = [[float(number.replace("−", "-")) for number in each.numbers] for each in printed if each.kind == kind]
     if kind is None or counts[kind] < enough or _alternates(rows):
@@ -238,13 +240,29 @@ def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     return Labelled({kind: 0}, kind, frozenset(range(len(kind))), (*names[: -len(PLAIN)], *PLAIN), words)
 
 
+def _says_nothing(kind: Kind) -> bool:
+    """Tell whether the numbers of a line, three or four, are of no other quantity: no label, or one of all three."""
+    names = kind[-len(PLAIN) :]
+    others = (kind[0], "") if len(kind) == len(PLAIN) + 1 else ("",)
+    if len(kind) not in (len(PLAIN), len(PLAIN) + 1) or (others[0] and meaning(others[0]).kind != TIME):
+        return False
+    if not any(names):
+        return True
+    stems = {name.rpartition(" ")[0] for name in names}
+    is_of_axes = tuple(name.rpartition(" ")[2] for name in names) == PLAIN
+    return is_of_axes and len(stems) == 1 and not meaning(names[0]).kind and not QUANTITY.search(names[0])
+
+
 def _alternates(rows: Sequence[Sequence[float]]) -> bool:
-    """Tell whether lines are of several sensors in turn: each is more like the second or third next than the next."""
+    """Tell whether lines are of two or three sensors in turn: each is like the next of its own, or as strong as that."""
     values = np.array(rows, float)
     if len(values) < LEAST_TURNS:
         return False
     steps = [np.nanmedian(np.abs(values[after:] - values[:-after]).sum(axis=1)) for after in (1, 2, 3)]
-    return bool(min(steps[1:]) < ALIKE * steps[0])
+    strengths = np.linalg.norm(values, axis=1)
+    turns = [[np.nanmedian(strengths[start::count]) for start in range(count)] for count in (2, 3)]
+    is_uneven = len(values) >= MANY_TURNS and any(max(each) > UNEVEN * min(each) for each in turns)
+    return is_uneven or bool(min(steps[1:]) < ALIKE * steps[0])
 
 
 def _timed(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:

@@ -1,0 +1,150 @@
+"""Lines that boards print, beyond the shapes that were collected: what is read of them, and what is refused."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.errors import InputError, NoMagnetometer
+from flinders.live.transcript import Transcript
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+
+FIELD = np.round(simulate.tumble(seed=4).samples.field[:3000:50], 2)
+GRAVITY = 9.81 * FIELD / np.linalg.norm(FIELD, axis=1, keepdims=True)
+
+
+def axes(row: Iterable[float], form: str = ".2f") -> str:
+    return " ".join(f"{axis}: {value:{form}}" for axis, value in zip("XYZ", row, strict=True))
+
+
+def read(path: Path, lines: Iterable[str], encoding: str = "utf-8", **options: Any) -> flinders.Samples:
+    path.write_text("\n".join([*lines, ""]), encoding=encoding)
+    return flinders.read(path, **options)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "print.txt"
+
+
+READ = {
+    "colours of a terminal": [f"\x1b[32m{axes(row)} uT\x1b[0m" for row in FIELD],
+    "plus signs": [f"{axes(row, '+.2f')} uT" for row in FIELD],
+    "a log of ESP-IDF": [f"I ({1000 + 20 * n}) MAG: {axes(row)} uT" for n, row in enumerate(FIELD)],
+    "a date before signs": [
+        f"2026-11-22 14:03:{n % 60:02d}.5 " + " ".join(f"{value:.2f}" for value in row) for n, row in enumerate(FIELD)
+    ],
+    "NMEA between": [
+        line for row in FIELD for line in ("$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M", f"{axes(row)} uT")
+    ],
+    "a unit behind each number": [
+        "Bx={:.2f}uT By={:.2f}uT Bz={:.2f}uT |B|={:.2f}uT".format(*row, np.linalg.norm(row)) for row in FIELD
+    ],
+    "a line for each axis": [
+        f">mag_{axis}:{value:.2f}" for row in FIELD for axis, value in zip("xyz", row, strict=True)
+    ],
+    "gravity before it": [
+        "acc: {:.2f} {:.2f} {:.2f} mag: {:.2f} {:.2f} {:.2f}".format(*a, *m)
+        for a, m in zip(GRAVITY, FIELD, strict=True)
+    ],
+}
+
+
+@pytest.mark.parametrize("lines", READ.values(), ids=READ)
+def test_the_magnetometer_of_a_print_is_read(lines: list[str], path: Path) -> None:
+    samples = read(path, ["booting", *lines])
+    np.testing.assert_allclose(samples.field / samples.unit.scale, FIELD, atol=1e-9)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_micro_is_read_in_any_encoding(encoding: str, path: Path) -> None:
+    samples = read(path, [f"{axes(row)} µT" for row in FIELD], encoding)
+    assert samples.unit.name == "uT"
+    np.testing.assert_allclose(samples.field, FIELD, atol=1e-9)
+
+
+REFUSED = {
+    "acceleration by label": ([f"Accel {axes(row)}" for row in GRAVITY], "tell of acceleration and of no magnetometer"),
+    "acceleration by unit": ([f"{axes(row)} m/s^2" for row in GRAVITY], "tell of acceleration and of no magnetometer"),
+    "orientation": ([f"Orientation {axes(row)}" for row in GRAVITY], "no readings are recognised"),
+    "angles": (["Yaw: {:.1f} Pitch: {:.1f} Roll: {:.1f}".format(*row) for row in GRAVITY], "--columns"),
+    "places": (["Lat: {:.5f} Lon: {:.5f} Alt: {:.1f}".format(*row) for row in GRAVITY], "--columns"),
+    "offsets": (["Hard iron offset: {:.2f} {:.2f} {:.2f}".format(*row) for row in FIELD], "no readings|--columns"),
+    "sensors in turn": (
+        [line for a, m in zip(GRAVITY, FIELD, strict=True) for line in (f"({a[0]}, {a[1]}, {a[2]})", str(tuple(m)))],
+        "no readings are recognised",
+    ),
+    "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "no readings are recognised"),
+}
+
+
+@pytest.mark.parametrize(("lines", "says"), REFUSED.values(), ids=REFUSED)
+def test_what_is_no_magnetometer_is_not_read_as_one(lines: list[str], says: str, path: Path) -> None:
+    with pytest.raises(InputError, match=says):
+        read(path, lines)
+    transcript = Transcript("the board")
+    taken = transcript.take("\n".join([*lines, ""]).encode(), at=1.0)
+    assert taken.readings == []
+
+
+@pytest.mark.parametrize("end", range(1, 25))
+def test_a_line_cut_anywhere_is_counted_and_never_read(end: int, path: Path) -> None:
+    whole = [f"{axes(row)} uT" for row in FIELD]
+    cut = f"{axes(FIELD[7])} uT"[:end]
+    samples = read(path, [*whole[:20], cut, *whole[20:]])
+    np.testing.assert_allclose(samples.field, FIELD, atol=1e-9)
+    assert [(entry.reason, entry.rows, entry.lines) for entry in samples.skipped] == [("other", 1, (21,))]
+
+
+def test_the_first_line_of_output_counts_and_quotes_what_is_no_reading(path: Path) -> None:
+    samples = read(path, ["LIS3MDL found!", *[f"{axes(row)} uT" for row in FIELD], "low battery"])
+    (entry,) = samples.skipped
+    assert (entry.rows, entry.example) == (2, "LIS3MDL found!")
+
+
+def test_a_pattern_reads_what_is_not_recognised(path: Path) -> None:
+    lines = [f"<{x:.2f}/{y:.2f}/{z:.2f}/{n}>" for n, (x, y, z) in enumerate(FIELD)]
+    with pytest.raises(InputError, match="this line is --pattern '<{x}/{y}/{z}/{n4}>'"):
+        read(path, lines)
+    np.testing.assert_allclose(read(path, lines, pattern="<{x}/{y}/{z}/{n4}>").field, FIELD, atol=1e-9)
+
+
+@pytest.mark.parametrize("pattern", ["", "x y z", "{x} {y}", "{x} {x} {x}", "{} {} {}"])
+def test_a_pattern_without_three_names_is_a_wrong_use(pattern: str, path: Path) -> None:
+    with pytest.raises(flinders.errors.UsageError, match="three or more different names in braces"):
+        read(path, ["1 2 3"], pattern=pattern)
+
+
+def test_a_pattern_is_for_text_only(tmp_path: Path) -> None:
+    np.save(tmp_path / "tumble.npy", FIELD)
+    with pytest.raises(flinders.errors.UsageError, match="leave --pattern out"):
+        flinders.read(tmp_path / "tumble.npy", pattern="{x} {y} {z}")
+
+
+def test_midnight_between_stamps_does_not_turn_time_back(path: Path) -> None:
+    stamps = ["23:59:59.900", "00:00:00.100"] + [f"00:00:{n:02d}.100" for n in range(1, 59)]
+    lines = [f"{stamp} -> {axes(row)} uT" for stamp, row in zip(stamps, FIELD, strict=True)]
+    time = read(path, lines).time
+    assert time is not None
+    assert (np.diff(time) > 0).all()
+    np.testing.assert_allclose(time[1] - time[0], 0.2)
+
+
+def test_two_magnetometers_by_label_are_both_named(path: Path) -> None:
+    lines = ["mag1: {:.2f}, {:.2f}, {:.2f} mag2: {:.2f}, {:.2f}, {:.2f}".format(*row, *(2 * row)) for row in FIELD]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert [instrument.name for instrument in flinders.open_log(path).instruments] == ["mag1", "mag2"]
+    np.testing.assert_allclose(flinders.read(path, sensor="mag2").field, 2 * FIELD, atol=0.011)
+
+
+def test_a_print_of_acceleration_is_no_magnetometer_in_words(path: Path) -> None:
+    with pytest.raises(NoMagnetometer, match="let the board print its magnetometer too"):
+        read(path, [f"Accel {axes(row)}" for row in GRAVITY])
