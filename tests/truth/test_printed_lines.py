@@ -46,14 +46,14 @@ READ = {
         line for row in FIELD for line in ("$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M", f"{axes(row)} uT")
     ],
     "a unit behind each number": [
-        "Bx={:.2f}uT By={:.2f}uT Bz={:.2f}uT |B|={:.2f}uT".format(*row, np.linalg.norm(row)) for row in FIELD
+        "Bx={:.2f}uT By={:.2f}uT Bz={:.2f}uT |B|={:.2f}uT".format(*row, float(np.linalg.norm(row))) for row in FIELD
     ],
     "a line for each axis": [
         f">mag_{axis}:{value:.2f}" for row in FIELD for axis, value in zip("xyz", row, strict=True)
     ],
     "gravity before it": [
-        "acc: {:.2f} {:.2f} {:.2f} mag: {:.2f} {:.2f} {:.2f}".format(*a, *m)
-        for a, m in zip(GRAVITY, FIELD, strict=True)
+        "acc: {:.2f} {:.2f} {:.2f} mag: {:.2f} {:.2f} {:.2f}".format(*both)
+        for both in np.hstack([GRAVITY, FIELD]).tolist()
     ],
 }
 
@@ -79,10 +79,18 @@ REFUSED = {
     "places": (["Lat: {:.5f} Lon: {:.5f} Alt: {:.1f}".format(*row) for row in GRAVITY], "--columns"),
     "offsets": (["Hard iron offset: {:.2f} {:.2f} {:.2f}".format(*row) for row in FIELD], "no readings|--columns"),
     "sensors in turn": (
-        [line for a, m in zip(GRAVITY, FIELD, strict=True) for line in (f"({a[0]}, {a[1]}, {a[2]})", str(tuple(m)))],
+        [str(tuple(row)) for both in zip(GRAVITY.tolist(), FIELD.tolist(), strict=True) for row in both],
         "no readings are recognised",
     ),
-    "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "no readings are recognised"),
+    "two kinds of three numbers": (
+        [
+            line
+            for a, m in zip(GRAVITY, FIELD, strict=True)
+            for line in ("<{}|{}|{}>".format(*a), "({}, {}, {})".format(*m))
+        ],
+        "no readings are recognised",
+    ),
+    "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "names do not tell|no readings"),
 }
 
 
@@ -112,7 +120,7 @@ def test_the_first_line_of_output_counts_and_quotes_what_is_no_reading(path: Pat
 
 def test_a_pattern_reads_what_is_not_recognised(path: Path) -> None:
     lines = [f"<{x:.2f}/{y:.2f}/{z:.2f}/{n}>" for n, (x, y, z) in enumerate(FIELD)]
-    with pytest.raises(InputError, match="this line is --pattern '<{x}/{y}/{z}/{n4}>'"):
+    with pytest.raises(InputError, match=r"this line is --pattern '<\{x\}/\{y\}/\{z\}/\{n4\}>'"):
         read(path, lines)
     np.testing.assert_allclose(read(path, lines, pattern="<{x}/{y}/{z}/{n4}>").field, FIELD, atol=1e-9)
 

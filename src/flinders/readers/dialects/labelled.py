@@ -57,6 +57,7 @@ class _Printed(NamedTuple):
 
     kind: Kind
     numbers: list[str]
+    gaps: tuple[str, ...]
     is_labelled: bool
     is_plain: bool
     is_setting: bool
@@ -80,6 +81,8 @@ class Labelled:
         For people.
     has_headings : bool
         Labels stand in lines of their own above the numbers.
+    signs : tuple of str, optional
+        What stands before and between the numbers, where that alone tells the lines that are read.
     """
 
     kinds: dict[Kind, int]
@@ -88,6 +91,7 @@ class Labelled:
     names: tuple[str, ...]
     words: str = "labelled lines"
     has_headings: bool = False
+    signs: tuple[str, ...] | None = None
     _heading: str = field(default="", init=False)
     _cells: list[str] = field(init=False)
     _quick: re.Pattern[str] | None = field(default=None, init=False)
@@ -124,7 +128,8 @@ class Labelled:
             if len(self._seen) >= MOST_SEEN:
                 self._seen.clear()
             kind = names_of(gaps) if len(gaps) > 1 else None
-            self._seen[gaps] = kind if kind in self.kinds else None
+            is_alike = self.signs in (None, gaps[:-1])
+            self._seen[gaps] = kind if kind in self.kinds and is_alike else None
         return self._seen[gaps]
 
 
@@ -176,7 +181,7 @@ def _printed(line: str) -> _Printed:
     numbers, gaps = cut(line)
     is_plain = set(gaps) <= DELIMITERS and "0x" not in line.casefold()
     is_setting = _SETTING.search(" ".join(gaps)) is not None
-    return _Printed(names_of(gaps) if numbers else (), numbers, is_labelled(gaps), is_plain, is_setting)
+    return _Printed(names_of(gaps) if numbers else (), numbers, gaps, is_labelled(gaps), is_plain, is_setting)
 
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
@@ -228,16 +233,18 @@ def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
 
 def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them."""
-    counts = Counter(each.kind for each in printed if _says_nothing(each.kind))
-    kind = max(counts, key=lambda each: counts[each], default=None)
-    rows = [[float(number.replace("−", "-")) for number in each.numbers] for each in printed if each.kind == kind]
-    if kind is None or counts[kind] < enough or _alternates(rows):
+    alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _says_nothing(each.kind))
+    (kind, signs), count = max(alike.items(), key=lambda found: found[1], default=(((), ()), 0))
+    if not count or count < enough or sum(other > OFTEN * count for other in alike.values()) > 1:
         return None
-    names = _timed(kind, [each.numbers for each in printed if each.kind == kind])
+    found = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
+    if _alternates([[float(number.replace("−", "-")) for number in numbers] for numbers in found]):
+        return None
+    names = _timed(kind, found)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
         return None
     words = "lines of three numbers" if len(kind) == len(PLAIN) else "lines of time and three numbers"
-    return Labelled({kind: 0}, kind, frozenset(range(len(kind))), (*names[: -len(PLAIN)], *PLAIN), words)
+    return Labelled({kind: 0}, kind, frozenset(range(len(kind))), (*names[: -len(PLAIN)], *PLAIN), words, signs=signs)
 
 
 def _says_nothing(kind: Kind) -> bool:
@@ -254,7 +261,7 @@ def _says_nothing(kind: Kind) -> bool:
 
 
 def _alternates(rows: Sequence[Sequence[float]]) -> bool:
-    """Tell whether lines are of two or three sensors in turn: each is like the next of its own, or as strong as that."""
+    """Tell whether lines are of two or three sensors in turn: each is like the next of its own, or as strong."""
     values = np.array(rows, float)
     if len(values) < LEAST_TURNS:
         return False
