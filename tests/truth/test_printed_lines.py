@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.cli import main
 from flinders.errors import InputError, NoMagnetometer
 from flinders.live.transcript import Transcript
 
@@ -156,3 +159,17 @@ def test_two_magnetometers_by_label_are_both_named(path: Path) -> None:
 def test_a_print_of_acceleration_is_no_magnetometer_in_words(path: Path) -> None:
     with pytest.raises(NoMagnetometer, match="let the board print its magnetometer too"):
         read(path, [f"Accel {axes(row)}" for row in GRAVITY])
+
+
+@pytest.mark.parametrize("name", ["print.txt", "print.json"])
+def test_a_calibration_names_the_file_that_was_printed_and_not_the_table_made_of_it(name: str, tmp_path: Path) -> None:
+    path, out = tmp_path / name, tmp_path / "calibration.json"
+    rows = simulate.tumble(seed=4).samples.field[::10]
+    text = json.dumps(rows.tolist()) if name.endswith("json") else "".join(f"{axes(row)} uT\n" for row in rows)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", str(path), "-o", str(out)])
+    assert ended.value.code == 0
+    (file,) = json.loads(out.read_text(encoding="utf-8"))["provenance"]["files"]
+    assert file["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert (file["bytes"], file["rows"]) == (path.stat().st_size, len(rows))

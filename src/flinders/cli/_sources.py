@@ -14,16 +14,23 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.document import Provenance, SourceFile
+    from flinders.readers._source import File
     from flinders.samples import Recording, Samples, Skipped
 
 
 def sha256(recording: Recording) -> str:
     """Hash a file as it lies on the disk; what was spooled, for standard input."""
     digest = hashlib.sha256()
-    with recording.file.opened() as (raw, _):  # type: ignore[attr-defined]
+    with file_of(recording).opened() as (raw, _):
         while chunk := raw.read(1 << 20):
             digest.update(chunk)
     return digest.hexdigest()
+
+
+def file_of(recording: Recording) -> File:
+    """The file that a recording was read from, also where a table was made of what a board printed."""
+    found: File = getattr(recording, "original", None) or recording.file  # type: ignore[attr-defined]
+    return found
 
 
 @contextlib.contextmanager
@@ -113,7 +120,7 @@ def _source_file(part: Counted) -> SourceFile:
     from flinders.document import SourceFile
 
     recording = part.recording
-    size = recording.file.size  # type: ignore[attr-defined]
+    size = file_of(recording).size
     return SourceFile(
         name=os.fsencode(part.source).decode(errors="replace"),
         sha256=sha256(recording),

@@ -11,7 +11,7 @@ import click
 from flinders.cli import _options
 from flinders.cli._calibration import agree, is_calibration, made_from
 from flinders.cli._program import LIMITED
-from flinders.cli._sources import saying_what_was_skipped, sha256
+from flinders.cli._sources import file_of, saying_what_was_skipped, sha256
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UnitError, UsageError
 
@@ -273,7 +273,7 @@ def _document(fit: Fit, composed: Composed | None, first: Judged | None, source:
 
     from flinders.document import Provenance, SourceFile
 
-    size = source.file.size  # type: ignore[attr-defined]
+    size = file_of(source).size
     own = SourceFile(name=source.source, sha256=sha256(source), bytes=size, rows=rows)
     provenance = Provenance(
         flinders=version("flinders"),

@@ -476,7 +476,7 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
         frames=(frame_of(table), frame_of(table)),
         readings=table.readings if isinstance(table, TableRecording) else None,
         notes=(told,) if table.name else (),
-        file=table.file,
+        file=getattr(table, "original", None) or table.file,
     )
 
 

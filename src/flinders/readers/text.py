@@ -82,6 +82,8 @@ class TextRecording:
         Which part of it is read.
     transcription : Transcription, optional
         Of a recording in a dialect, what made the table that `file` is.
+    original : Source, optional
+        The recording itself, where `file` is a table that was made of it.
     skipped : tuple of Skipped
         What the last pass over the file has left out so far.
     """
@@ -94,6 +96,7 @@ class TextRecording:
     progress: Progress | None = None
     span: Span = field(default_factory=Span)
     transcription: Transcription | None = None
+    original: Source | None = None
     skipped: tuple[Skipped, ...] = field(default=(), init=False)
 
     @property
@@ -361,7 +364,7 @@ def open_text(
         if layout.in_force and columns is None:
             raise _not_raw(file.name, layout)
     recording = TextRecording(
-        table.file, layout, settled, axes, table.frame, span=Span(), transcription=table.transcription
+        table.file, layout, settled, axes, table.frame, transcription=table.transcription, original=file
     )
     if table.is_all and not layout.columns.magnetometers:  # one of several may be dead
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
