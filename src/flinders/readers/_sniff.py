@@ -42,6 +42,8 @@ SAMPLED: Final = 200
 SAME_WIDTH: Final = 0.6
 """Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
 COMMENTS: Final = ("#", "%", "//")
+PRINTED: Final = 1024
+"""Characters of a line that are looked at for labels."""
 MOST_RANGES: Final = 16
 """Columns whose ranges are told."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
@@ -303,7 +305,7 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         )
     place, text = lines[0]
     few = max((_rows(lines, dialect, 1) for dialect in DIALECTS), key=len)
-    numbers = [(at, line) for at, line in lines if len(cut(line)[0]) >= 3]
+    numbers = [(at, line[:PRINTED]) for at, line in lines if len(cut(line[:PRINTED])[0]) >= 3]
     headed = next((at for at, line in lines for sign, _ in DIALECTS if names_magnetometer(split(line, sign))), None)
     if headed is not None and not few and not numbers:
         return UnreadableInput(
@@ -320,7 +322,8 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
-    others = {meaning(name).kind for name in names_of(cut(text)[1])} & {ACCELERATION, RATE}
+    names = names_of(cut(text[:PRINTED])[1]) if numbers else ()
+    others = {meaning(name).kind for name in names} & {ACCELERATION, RATE}
     if others:
         return NoMagnetometer(
             f"the labels of {name} tell of {' and '.join(sorted(others))} and of no magnetometer (line {place + 1}: "

@@ -60,6 +60,9 @@ _UNIT_INSIDE: Final = re.compile(
 _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)
 """``Gauss X``."""
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"
+_AXES: Final = tuple("xyzXYZ")
+_LABEL: Final = re.compile(r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]")
+"""A letter, and behind it the sign that ends a label."""
 _BETWEEN: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
 _XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)
 """``Mag XYZ``, ``x, y, z``: a label of all three."""
@@ -155,7 +158,7 @@ def pattern_of(line: str) -> str:
 
 def is_labelled(gaps: Sequence[str]) -> bool:
     """Tell whether signs of a label stand between the numbers, as ``X:``, ``x=`` or ``mag [``, and not commas only."""
-    return any(re.search(r"[^\W\d_][^,;]*[:=\[({]|[xyzXYZ]$", gap) is not None for gap in gaps[:-1])
+    return any(gap[-1:] in _AXES or any(map(_LABEL.search, re.split("[,;]", gap))) for gap in gaps[:-1] if gap)
 
 
 def seconds_of(stamp: re.Match[str] | None) -> float | None:

@@ -41,6 +41,8 @@ DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
 """What stands between the numbers of a table, whose rows need no guess, and of times and dates."""
 _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
 """Words of lines that say how a sensor is set or corrected."""
+LONGEST: Final = 2048
+"""Characters in a printed line; nobody reads a longer one."""
 MOST_SEEN: Final = 1024
 """Texts between numbers that are remembered."""
 PLAIN: Final = ("x", "y", "z")
@@ -107,7 +109,8 @@ class Labelled:
         if _is_heading(line):
             self._heading = line
             return () if self.has_headings else None
-        numbers, gaps = cut(f"{self._heading} {line}" if self._heading else line)
+        line = f"{self._heading} {line}" if self._heading else line
+        numbers, gaps = cut(line) if len(line) <= LONGEST else ([], ())
         self._heading = ""
         kind = self._kind(gaps)
         if kind is None:
@@ -142,7 +145,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     marked : bool
         Labels have to be parted from their numbers by more than a comma, so that no table is taken for labelled lines.
     """
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
     every = [_printed(line) for line in _with_headings(lines)]
     counts = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
     enough = OFTEN * max(counts.values(), default=0)
@@ -162,7 +165,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
 
 def _is_heading(line: str) -> bool:
     """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``."""
-    return line.rstrip().endswith(":") and not cut(line)[0]
+    return len(line) <= LONGEST and line.rstrip().endswith(":") and not cut(line)[0]
 
 
 def _with_headings(lines: list[str]) -> list[str]:
