@@ -306,7 +306,10 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     place, text = lines[0]
     few = max((_rows(lines, dialect, 1) for dialect in DIALECTS), key=len)
     numbers = [(at, line[:PRINTED]) for at, line in lines if len(cut(line[:PRINTED])[0]) >= 3]
-    headed = next((at for at, line in lines for sign, _ in DIALECTS if names_magnetometer(split(line, sign))), None)
+    headed = next(
+        (at for at, line in lines for sign, _ in DIALECTS if names_magnetometer(split(line[: 16 * PRINTED], sign))),
+        None,
+    )
     if headed is not None and not few and not numbers:
         return UnreadableInput(
             f"{name} has a header (line {headed + 1}) and no readings below it: record again, or check what was saved"
