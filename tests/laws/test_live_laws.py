@@ -21,6 +21,7 @@ from flinders.live.session import (
     Cursor,
     Event,
     Fitted,
+    Linked,
     Session,
     begin_fit,
     points,
@@ -203,6 +204,19 @@ def test_fits_take_their_share_of_a_core_and_no_more() -> None:
             session, _ = step(session, Fitted(now, Evaluated(key=session.shown.key), 0.03))
             busy += 0.03
     assert 0.0 < busy <= SHARE * now + 0.03
+
+
+def test_the_last_fit_of_a_source_that_has_ended_does_not_wait_for_its_share() -> None:
+    session, _ = step(Session(), Arrived(0.0, ROWS[:100], UT))
+    session = begin_fit(session)
+    session, _ = step(session, Arrived(0.5, ROWS[100:200], UT))
+    session, _ = step(session, Fitted(1.0, Evaluated(key=0), 30.0))
+    session, _ = step(session, Arrived(1.5, ROWS[200:300], UT))
+    assert not wants_fit(session, 2.0)
+    session, _ = step(session, Linked(2.0, "ended", "played to its end"))
+    assert wants_fit(session, 2.0)
+    session, _ = step(begin_fit(session), Fitted(2.5, Evaluated(key=session.shown.key), 30.0))
+    assert not wants_fit(session, 1e6)
 
 
 def test_a_pause_is_an_exclusion_that_can_be_undone() -> None:

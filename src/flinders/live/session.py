@@ -500,10 +500,11 @@ _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
 
 
 def wants_fit(session: Session, at: float) -> bool:
-    """Whether something changed since the last fit, none is running, and one is due."""
+    """Whether something changed since the last fit, none is running, and one is due, or the source has ended."""
     shown = session.shown
     is_new = bool(shown.track.total) and (shown.found is None or shown.found.key != shown.key)
-    return is_new and not session.is_fitting and at >= session.due_at
+    is_due = at >= session.due_at or session.source.link == "ended"
+    return is_new and not session.is_fitting and is_due
 
 
 def begin_fit(session: Session) -> Session:
