@@ -53,8 +53,8 @@ _HOMES: Final = {
     "Unit": "units",
     "compare": "comparison",
     "compare_methods": "contest",
-    "errors": "",
-    "estimators": "",
+    "errors": "errors",
+    "estimators": "estimators",
     "fit": "fitting",
     "fit_many": "fleet",
     "fit_together": "together",
@@ -62,10 +62,10 @@ _HOMES: Final = {
     "open_log": "readers",
     "open_recording": "readers",
     "read": "readers",
-    "simulate": "",
-    "units": "",
+    "simulate": "simulate",
+    "units": "units",
 }
-"""Public names and the module each lives in; an empty home is a module itself."""
+"""Public names and the module each lives in; a module of that name is the thing itself."""
 
 __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
 
@@ -78,8 +78,8 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'flinders' has no attribute {name!r}")
     home = _HOMES[name]
-    module = import_module(f"flinders.{home or name}")
-    found: object = getattr(module, name) if home else module
+    module = import_module(f"flinders.{home}")
+    found: object = module if home.rpartition(".")[2] == name else getattr(module, name)
     return found
 
 
