@@ -34,7 +34,7 @@ from flinders.drivers import lagged, motors
 from flinders.estimators import Likelihood, Readings
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.terms import magnitude

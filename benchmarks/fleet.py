@@ -34,7 +34,7 @@ from flinders.fleet.parts import Parts
 from flinders.fleet.run import run
 from flinders.fleet.table import Rows
 from flinders.fleet.tables import Asked
-from flinders.quadric import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.simulate import angle_error_deg
 from flinders.simulate.fleet import BAD, Specimen, fleet
 

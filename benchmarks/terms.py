@@ -40,9 +40,9 @@ from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.aided import solve
 from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
+from flinders.geometry.ellipsoid import upper
+from flinders.geometry.quaternions import of_matrix
 from flinders.heading import level_error, level_turn
-from flinders.quadric import upper
-from flinders.quaternions import of_matrix
 from flinders.samples import Samples
 from flinders.simulate.rotations import rotation_vectors
 from flinders.terms.parameters import Parameters, across

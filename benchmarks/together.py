@@ -27,7 +27,7 @@ from flinders import open_log, read, simulate
 from flinders.agreement import departures
 from flinders.estimators import Auto, Readings
 from flinders.estimators.several import Several, solve
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
 from flinders.result import Fit, Refused
 from flinders.terms.turning import rotations
 from flinders.together import fit_together

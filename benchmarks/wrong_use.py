@@ -29,7 +29,7 @@ from flinders.errors import FitError
 from flinders.estimators.aids import aided_by
 from flinders.estimators.mounting import TURNS
 from flinders.geomag import site_field
-from flinders.quaternions import of_angles, of_matrix, product
+from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.result import Refused
 from flinders.simulate.rotations import rates
 from flinders.terms.site import Site

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.angles import wrapped
 from flinders.arrays import vectors
+from flinders.geometry.angles import wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 import numpy as np
 
 from flinders.errors import UsageError
+from flinders.geometry.ellipsoid import Ellipsoid, upper
+from flinders.geometry.quaternions import of_matrix
 from flinders.heading import HeadingError, level_error, level_turn
 from flinders.judged import refuse_unlike, rescaled, without_scale
 from flinders.pooling import chance_of, chi_square_of
-from flinders.quadric import Ellipsoid, upper
-from flinders.quaternions import of_matrix
 from flinders.simulate import fibonacci
 from flinders.units import label
 

@@ -1,7 +1,7 @@
 """A recording as headings: calibration, accelerometer and declination put together, block by block.
 
 >>> from flinders import simulate
->>> from flinders.angles import folded
+>>> from flinders.geometry.angles import folded
 >>> from flinders.calibration import Calibration
 >>> tumble = simulate.tumble(seed=1)
 >>> samples = tumble.samples
@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.angles import wrapped
 from flinders.attitude import FORMULAS, dip_deg, level_heading_deg, roll_pitch_deg
 from flinders.axes import Axes
 from flinders.errors import NoAccelerometer, UsageError
 from flinders.frames import Frames
+from flinders.geometry.angles import wrapped
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -24,9 +24,9 @@ import msgspec
 import numpy as np
 
 from flinders.errors import UsageError, figures
+from flinders.geometry.plane import PLANES, order_of
 from flinders.heading import HeadingError, level_turn
 from flinders.judged import Judged
-from flinders.planar import PLANES, order_of
 from flinders.result import Finding, Outcome, error_record, gravest_first
 from flinders.units import label
 from flinders.verdict import of_calibration
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
     from flinders.document import Document, Fitted, Provenance
-    from flinders.planar import Plane, Turn
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.geometry.plane import Plane, Turn
     from flinders.result import Fit
 
 THEN: Final = ", then "

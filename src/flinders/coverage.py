@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.quadric import centred
+from flinders.geometry.ellipsoid import centred
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.cloud import Cloud
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 UPRIGHT: Final = 0.55
 """Mean height of the directions of a recording, of that of a level vehicle's, from which on it is told from it."""

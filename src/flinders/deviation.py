@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.angles import folded, wrapped
 from flinders.arrays import column, floats, matrix, refuse_gaps, vectors
 from flinders.errors import ArrayError, FitError, UsageError, counted
+from flinders.geometry.angles import folded, wrapped
 from flinders.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:

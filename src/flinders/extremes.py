@@ -27,8 +27,8 @@ from flinders.errors import UsageError, figures
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.minmax import MinMax, spanned, strength_of
 from flinders.estimators.readings import LARGEST, SMALLEST
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading import level_error
-from flinders.quadric import Ellipsoid
 from flinders.result import Finding, Outcome, gravest_first
 from flinders.units import Unit, label
 from flinders.verdict import of_calibration

@@ -38,8 +38,8 @@ from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.estimators.kept import concatenated
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.sited import sited
+from flinders.geometry.plane import down_of
 from flinders.heading import alignment_error_deg, level_error
-from flinders.planar import down_of
 from flinders.repeats import Part, compared
 from flinders.result import Aid, Aids, Fit, Refused
 from flinders.samples import Samples, frame_of

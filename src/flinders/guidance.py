@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.coverage import Coverage
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 Goal = Literal["heading", "attitude"]
 Frame = Literal["vehicle", "sensor"]

@@ -25,7 +25,7 @@ import numpy as np
 
 from flinders.coverage import fibonacci
 from flinders.errors import UsageError
-from flinders.quadric import Ellipsoid, gathered
+from flinders.geometry.ellipsoid import Ellipsoid, gathered
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -20,9 +20,9 @@ from msgspec import UNSET
 from flinders.arrays import floats
 from flinders.calibration import Calibration
 from flinders.document import PARAMETERS, read
-from flinders.equator import equator, to_equator
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError
-from flinders.quadric import Ellipsoid, upper
+from flinders.geometry.ellipsoid import Ellipsoid, upper
+from flinders.geometry.equator import equator, to_equator
 from flinders.units import label
 
 if TYPE_CHECKING:

@@ -34,12 +34,12 @@ import numpy as np
 
 from flinders.calibration import Calibration
 from flinders.comparison import IN_PLANE, compare_level
-from flinders.equator import equator, to_equator
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.sited import Heights
+from flinders.geometry.equator import equator, to_equator
+from flinders.geometry.plane import root
 from flinders.heading import upright
 from flinders.judged import Judged
-from flinders.planar import root
 from flinders.samples import singles
 
 if TYPE_CHECKING:

@@ -33,10 +33,10 @@ import numpy as np
 from flinders.calibration import Calibration
 from flinders.document import Fitted
 from flinders.errors import FitError, UsageError, counted, figures
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading import HeadingError, direction_error_deg, level_error
 from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
 from flinders.pooling import chi_square_of, pool
-from flinders.quadric import Ellipsoid, symmetric, upper
 from flinders.repeats import Part, compared
 from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first
 from flinders.units import Unit, label

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.angles import folded, mean_deg, wrapped
 from flinders.arrays import floats
 from flinders.errors import ArrayError
+from flinders.geometry.angles import folded, mean_deg, wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

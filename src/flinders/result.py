@@ -16,10 +16,10 @@ from msgspec import UNSET
 from flinders.coverage import CELLS
 from flinders.document import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, beside_record, write
 from flinders.errors import FitError, counted, figures
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.plane import down_of
 from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
 from flinders.notebook import SIGNS, correction, refusal
-from flinders.planar import down_of
-from flinders.quadric import Ellipsoid
 from flinders.units import label
 
 if TYPE_CHECKING:
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from flinders.coverage import Coverage
     from flinders.document import BesideRecord, Document, Provenance
     from flinders.drivers import Driver
+    from flinders.geometry.plane import Plane
     from flinders.heading import HeadingError
-    from flinders.planar import Plane
     from flinders.repeats import Repeats
 
 Severity = Literal["note", "limits", "refuses"]

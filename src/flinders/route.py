@@ -44,9 +44,9 @@ import numpy as np
 from flinders.arrays import floats, table
 from flinders.coverage import CELLS, fibonacci
 from flinders.errors import ArrayError
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.guidance import SHARPNESS, reading_variance
 from flinders.heading import direction_gradients, level_gradients
-from flinders.quadric import Ellipsoid
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from flinders.arrays import Floats, column, floats, table
 from flinders.axes import Axes
 from flinders.drivers import KINDS, MOST, MOTORS, motor, motors, place_of
 from flinders.errors import ArrayError, AxesError, UnitError
-from flinders.quaternions import attitudes, of_matrix, product
+from flinders.geometry.quaternions import attitudes, of_matrix, product
 from flinders.units import Unit
 
 if TYPE_CHECKING:

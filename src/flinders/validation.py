@@ -25,12 +25,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.equator import equator
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, at_one_strength
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.equator import equator
+from flinders.geometry.plane import order_of
 from flinders.heading import level_error
-from flinders.planar import order_of
-from flinders.quadric import Ellipsoid, symmetric
 from flinders.samples import Joined
 from flinders.terms import magnitude
 from flinders.terms.equations import NormalEquations
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.estimators import Estimate, Estimator
+    from flinders.geometry.plane import Plane
     from flinders.heading import HeadingError
-    from flinders.planar import Plane
     from flinders.samples import Recording, Samples
 
 BLOCKS: Final = 10

@@ -14,9 +14,9 @@ import numpy as np
 from flinders.driven import beyond_words
 from flinders.drivers import known, motor
 from flinders.errors import counted, figures
+from flinders.geometry.plane import order_of
 from flinders.guidance import guide
 from flinders.health import RAIL_SHARE
-from flinders.planar import order_of
 from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.terms.support import flatness_limit, is_flat
 from flinders.units import COUNTS, EARTH_UT, MICROTESLA, label
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from flinders.calibration import Calibration
     from flinders.coverage import Coverage
     from flinders.drivers import Driver
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.guidance import Guidance
     from flinders.health import Health
     from flinders.moments import Moments
-    from flinders.quadric import Ellipsoid
     from flinders.repeats import Repeats
     from flinders.result import Driven, Fit, Severity
     from flinders.summary import Summary

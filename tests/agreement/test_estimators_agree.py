@@ -38,7 +38,7 @@ from flinders.estimators import (
     TwoAxisRecipe,
     TwoStep,
 )
-from flinders.quadric import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 
 if TYPE_CHECKING:
     from collections.abc import Callable

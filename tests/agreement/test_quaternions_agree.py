@@ -6,7 +6,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders import quaternions
+from flinders.geometry import quaternions
 
 transform = pytest.importorskip("scipy.spatial.transform")
 Rotation, Slerp = transform.Rotation, transform.Slerp

@@ -14,7 +14,7 @@ import pytest
 from flinders import fitting
 from flinders.errors import FitError
 from flinders.estimators.slips import SLIPS
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.stacked import Stack, columns, fit_stack

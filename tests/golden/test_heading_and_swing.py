@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from tests.golden.sessions import session
 
 from flinders import simulate
-from flinders.angles import folded
 from flinders.cli import main
 from flinders.deviation import fit
+from flinders.geometry.angles import folded
 from flinders.report.curve import drawing
 from flinders.report.swing import card
 

@@ -18,7 +18,7 @@ import flinders
 from flinders import simulate
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Algebraic, Consistent, Estimator, Li, Likelihood, Readings, Sphere
-from flinders.quadric import symmetric, upper
+from flinders.geometry.ellipsoid import symmetric, upper
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -16,8 +16,8 @@ from flinders import simulate
 from flinders.axes import Axes
 from flinders.coverage import CELLS, Coverage, cells_of, directions_of
 from flinders.errors import NotAnEllipsoid, UsageError
+from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric, upper
 from flinders.heading import level_error, level_turn, raw_error
-from flinders.quadric import Ellipsoid, gathered, symmetric, upper
 from flinders.samples import Samples
 from flinders.terms.equations import NormalEquations
 from flinders.units import PER_UNIT, SPELLINGS, Unit

@@ -16,9 +16,9 @@ import flinders
 from flinders import simulate
 from flinders.calibration import Calibration
 from flinders.errors import UsageError
+from flinders.geometry.ellipsoid import upper
 from flinders.judged import Judged, rescaled, trace_with, without_scale
 from flinders.merging import Merged, NotMerged, merge
-from flinders.quadric import upper
 
 SENSOR = simulate.Sensor.random(np.random.default_rng(7))
 KNOWN = (None, 50.0)

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import flinders.readers
-from flinders import quaternions, simulate
+from flinders import simulate
 from flinders.axes import Axes
 from flinders.conventions._rotations import euler
 from flinders.errors import ArrayError, AxesError
 from flinders.filters import Filter, filtered
+from flinders.geometry import quaternions
 from flinders.readers._beside import LONGEST_TURN, Turning
 from flinders.samples import Joined, Samples
 from flinders.simulate.rotations import posed

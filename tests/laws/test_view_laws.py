@@ -13,7 +13,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.tiles import tiles
+from flinders.geometry.sphere import tiles
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

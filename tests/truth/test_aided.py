@@ -16,9 +16,9 @@ from flinders.estimators.aided import solve
 from flinders.estimators.aids import aided_by
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.readings import Readings
+from flinders.geometry.ellipsoid import upper
+from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.heading import level_turn
-from flinders.quadric import upper
-from flinders.quaternions import of_angles, of_matrix, product
 from flinders.terms.drivers import Drivers
 from flinders.terms.site import Site
 from flinders.terms.turning import rotations

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders import quaternions, simulate
+from flinders import simulate
 from flinders.calibration import Calibration
 from flinders.conventions import ardupilot
 from flinders.conventions._rotations import euler
@@ -27,6 +27,7 @@ from flinders.errors import (
     UsageError,
 )
 from flinders.exporters import EXPORTERS, Asked
+from flinders.geometry import quaternions
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import open_dataflash, sniff_dataflash

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.angles import folded
 from flinders.attitude import FORMULAS, an3192, an4248, dip_deg, level_heading_deg, magnetic_heading_deg, roll_pitch_deg
 from flinders.axes import Axes
 from flinders.deviation import largest_error_deg
 from flinders.errors import ArrayError
 from flinders.frames import EVERY, ForeignAxes, Frames
+from flinders.geometry.angles import folded
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -34,8 +34,8 @@ from flinders.estimators.attitude_independent import (
 )
 from flinders.estimators.sequential import State
 from flinders.evaluation import evaluate
+from flinders.geometry.ellipsoid import symmetric, upper
 from flinders.judged import Judged
-from flinders.quadric import symmetric, upper
 from flinders.readers import read
 from flinders.report.convergence import Settling, drawing
 from flinders.result import Refused

@@ -13,8 +13,8 @@ import pytest
 
 from flinders import simulate
 from flinders.estimators.aided import solve
-from flinders.quadric import upper
-from flinders.quaternions import of_matrix
+from flinders.geometry.ellipsoid import upper
+from flinders.geometry.quaternions import of_matrix
 from flinders.simulate.rotations import rotation_vectors
 from flinders.terms.site import Site
 

@@ -22,8 +22,8 @@ import pytest
 
 from flinders import simulate
 from flinders.estimators import Estimator, Likelihood, Readings
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading import level_error, level_turn
-from flinders.quadric import Ellipsoid, symmetric, upper
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -12,7 +12,7 @@ import flinders
 from flinders import simulate
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators import Algebraic, AxisAligned, Constrained, Readings, Sphere, fit_error
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

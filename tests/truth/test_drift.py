@@ -11,7 +11,7 @@ from benchmarks.claims import by_hand
 
 import flinders
 from flinders.estimators import Likelihood, Readings, correlation, drift_of
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
 from flinders.result import Refused
 from flinders.samples import Joined, Samples
 from flinders.simulate import RATE_HZ, Sensor, tumble

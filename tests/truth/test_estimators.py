@@ -13,7 +13,7 @@ import flinders
 from flinders import simulate
 from flinders.errors import FitError, NeedsSamples
 from flinders.estimators import Algebraic, Auto, Consistent, Estimator, Li, Likelihood, Readings, kept, likelihood
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
 from flinders.result import Refused
 from flinders.samples import Samples
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble

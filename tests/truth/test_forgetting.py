@@ -16,7 +16,7 @@ from flinders.cli import main
 from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import Consistent, Forgetting, Readings
 from flinders.estimators.convergence import spread_counts
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
 from flinders.samples import Joined, Samples
 from flinders.summary import Summary
 

@@ -13,9 +13,9 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.coverage import CELLS
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.guidance import POSES, Guidance, guide
 from flinders.heading import direction_errors_deg, level_turn
-from flinders.quadric import Ellipsoid
 from flinders.result import Refused
 from flinders.simulate import Sensor
 

@@ -10,6 +10,7 @@ import pytest
 
 from flinders import simulate
 from flinders.deviation import fit
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading import (
     attitude_limit_deg,
     deviation_covariance,
@@ -21,7 +22,6 @@ from flinders.heading import (
     tilted_error,
     upright,
 )
-from flinders.quadric import Ellipsoid, symmetric, upper
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

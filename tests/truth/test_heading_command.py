@@ -16,13 +16,13 @@ import pytest
 from click.testing import CliRunner
 
 from flinders import simulate
-from flinders.angles import folded
 from flinders.attitude import magnetic_heading_deg
 from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.compass import Compass
 from flinders.document import Fitted, beside_record
 from flinders.fitting import fit
+from flinders.geometry.angles import folded
 from flinders.heading import deviation_covariance
 from flinders.judged import Judged
 from flinders.samples import Samples

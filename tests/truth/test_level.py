@@ -13,8 +13,8 @@ import flinders
 from flinders import simulate
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
 from flinders.estimators import Level, Readings, kept
+from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.heading import level_error
-from flinders.quadric import Ellipsoid, gathered
 from flinders.result import Refused
 from flinders.samples import Joined, Samples, Wrapped
 from flinders.simulate import Sensor, Simulated

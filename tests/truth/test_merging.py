@@ -20,10 +20,10 @@ from flinders.axes import Axes
 from flinders.cli import main
 from flinders.document import FindingRecord
 from flinders.errors import AxesError, UnitError, UsageError
+from flinders.geometry.ellipsoid import upper
 from flinders.judged import Judged
 from flinders.merging import NotMerged, merge
 from flinders.pooling import chi_square_of
-from flinders.quadric import upper
 from flinders.units import Unit
 
 if TYPE_CHECKING:

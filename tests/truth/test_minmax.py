@@ -283,7 +283,7 @@ def test_what_a_short_turn_would_cost_is_what_it_costs() -> None:
     finding = found.findings[0]
     covariance = np.zeros((9, 9))
     covariance[1, 1] = 10.0**2
-    sphere = flinders.quadric.Ellipsoid(np.zeros(3), 120.0 * np.eye(3))
+    sphere = flinders.geometry.ellipsoid.Ellipsoid(np.zeros(3), 120.0 * np.eye(3))
     assert finding.number == pytest.approx(flinders.heading.level_error(sphere, covariance, dip_deg=60.0).worst)
     assert found.calibration.offset[1] == -10.0
     assert "off by up to 10 counts" in finding.advice

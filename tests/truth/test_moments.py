@@ -16,8 +16,8 @@ import pytest
 
 from flinders.estimators import Consistent, Readings
 from flinders.estimators.consistent import adjusted_quadric
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.moments import EXPONENTS, Moments, unpacked
-from flinders.quadric import Ellipsoid
 from flinders.simulate import uniform
 from flinders.summary import Summary
 

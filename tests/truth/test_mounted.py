@@ -15,7 +15,7 @@ from flinders.errors import UsageError
 from flinders.estimators.aided import solve
 from flinders.estimators.aids import aided_by, claim_deg
 from flinders.estimators.joint import seated
-from flinders.quaternions import inverse, of_angles, rotated
+from flinders.geometry.quaternions import inverse, of_angles, rotated
 from flinders.samples import Samples
 from flinders.terms.pointing import body_to_world
 from flinders.terms.turning import rotations

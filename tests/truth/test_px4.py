@@ -14,7 +14,7 @@ import numpy.testing as npt
 import pytest
 
 import flinders
-from flinders import quaternions, simulate
+from flinders import simulate
 from flinders.axes import Axes
 from flinders.calibration import Calibration
 from flinders.conventions._rotations import ROTATIONS, euler, without_turn
@@ -30,6 +30,7 @@ from flinders.errors import (
     UsageError,
 )
 from flinders.exporters import EXPORTERS, Asked
+from flinders.geometry import quaternions
 from flinders.readers._beside import Beside
 from flinders.readers._source import File
 from flinders.readers.ulog import open_ulog, sniff_ulog

@@ -20,6 +20,7 @@ from flinders.calibration import Calibration
 from flinders.drivers import Driver
 from flinders.errors import FitError, TooFewSamples
 from flinders.estimators.walk import walk_through
+from flinders.geometry.sphere import tile_of, tiles
 from flinders.judged import Judged
 from flinders.report import script
 from flinders.report.beside import mounting
@@ -33,7 +34,6 @@ from flinders.report.view import tile_errors_deg
 from flinders.result import Refused
 from flinders.samples import Joined, Samples
 from flinders.terms.site import Site
-from flinders.tiles import tile_of, tiles
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,7 +14,7 @@ from flinders.coverage import Coverage
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Auto, Likelihood, Readings, Robust, kept, likelihood
 from flinders.estimators.robust import asks_for_it
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
 from flinders.samples import Samples
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
 

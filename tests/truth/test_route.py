@@ -9,8 +9,8 @@ from benchmarks.guidance import TARGET_DEG, until_done
 import flinders
 from flinders import route, simulate
 from flinders.errors import ArrayError
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.guidance import guide
-from flinders.quadric import Ellipsoid
 from flinders.simulate.rotations import turns
 
 SEEDS = range(8)

@@ -9,7 +9,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.quadric import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.terms import magnitude, prior
 
 if TYPE_CHECKING:

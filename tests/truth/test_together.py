@@ -15,7 +15,7 @@ from flinders.agreement import departures, heading_deg
 from flinders.errors import FitError, InputError, UsageError
 from flinders.estimators import several
 from flinders.estimators.paired import between, paired
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
 from flinders.terms.turning import rotations

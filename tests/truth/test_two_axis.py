@@ -19,9 +19,9 @@ from flinders.cli import two_axis as cli_two_axis
 from flinders.composing import Composed, refuse_unloaded, rotation_error
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
 from flinders.estimators import Ellipse, Readings, TwoAxisRecipe
+from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading import level_turn
 from flinders.judged import Judged
-from flinders.planar import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.report.rose import drawing
 from flinders.result import Refused
 from flinders.simulate import TwoAxis, swing
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.calibration import Calibration
     from flinders.document import HeadingErrorRecord
-    from flinders.planar import Plane
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.geometry.plane import Plane
     from flinders.samples import Samples
 
 COMPASS: Final = TwoAxis((1.1, 0.9), (10.0, -5.0), 4.0)

@@ -17,10 +17,10 @@ import pytest
 
 from flinders import fitting, simulate
 from flinders.errors import figures
+from flinders.geometry.sphere import tile_of, tiles
 from flinders.report.view import matrix_sigma, tile_errors_deg, view
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
-from flinders.tiles import tile_of, tiles
 from flinders.units import Unit
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from flinders.estimators.walk import Walk, _filtered, _smoothed, _Spans, walk_of
 from flinders.result import Refused
 
 if TYPE_CHECKING:
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.samples import Samples
 
 

@@ -18,7 +18,7 @@ from flinders.errors import UsageError
 from flinders.estimators.aided import solve
 from flinders.estimators.mistakes import circular, elsewhere, of_instruments, one_axis
 from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms.site import Site
 
 SEEDS = range(4)

@@ -103,9 +103,9 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
     """
     import numpy as np
 
+    from flinders.geometry.ellipsoid import upper
+    from flinders.geometry.plane import down_of
     from flinders.heading import level_error
-    from flinders.planar import down_of
-    from flinders.quadric import upper
     from flinders.result import Finding
 
     claimed = found.heading_error_deg.worst

@@ -141,7 +141,7 @@ def _written(columns: dict[str, Floats]) -> str:
     """Lines of a block; a heading is rounded before it goes round, so that 360.000 is never written."""
     import numpy as np
 
-    from flinders.angles import wrapped
+    from flinders.geometry.angles import wrapped
 
     rounded = [wrapped(np.round(values, 3)) if "heading" in name else values for name, values in columns.items()]
     form = ",".join(FORMATS[name] for name in columns)

@@ -168,8 +168,8 @@ def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: st
     """
     import numpy as np
 
-    from flinders.angles import folded, wrapped
     from flinders.deviation import fit
+    from flinders.geometry.angles import folded, wrapped
     from flinders.readers.swing import read_swing
 
     if is_calibration(path):
@@ -211,8 +211,8 @@ def _of_log(
     """
     import numpy as np
 
-    from flinders.angles import folded
     from flinders.deviation import fit
+    from flinders.geometry.angles import folded
     from flinders.rests import half_turns
 
     known = None if headings is None else _known(headings)
@@ -314,8 +314,8 @@ def _refuse_no_heading(angles: Iterable[float], places: Iterable[str]) -> None:
 
 def _listed(found: tuple[Rest, ...]) -> str:
     """Say which rests there are."""
-    from flinders.angles import shown_heading
     from flinders.errors import counted
+    from flinders.geometry.angles import shown_heading
 
     shown = ", ".join(shown_heading(rest.heading_deg, 0) for rest in found[:12]) + ", …" * (len(found) > 12)
     return f"{counted(len(found), 'rest')}{f' on {shown}' if found else ''}"

@@ -18,14 +18,14 @@ from flinders.errors import FitError, UnitError, UsageError
 if TYPE_CHECKING:
     from flinders.composing import Composed
     from flinders.document import Document
+    from flinders.geometry.plane import Turn
     from flinders.judged import Judged
-    from flinders.planar import Turn
     from flinders.result import Fit
     from flinders.samples import Recording
     from flinders.summary import Summary
 
 PLANES: Final = ("xy", "yz", "zx")
-"""Those of `flinders.planar`, so that help needs no NumPy; a test holds the two together."""
+"""Those of `flinders.geometry.plane`, so that help needs no NumPy; a test holds the two together."""
 
 DRAWING: Final = ".svg"
 
@@ -212,7 +212,7 @@ def _turn(source: Recording, plane: Any, method: str) -> Turn:  # noqa: ANN401 -
     from flinders.estimators import Ellipse, Readings, within_range
     from flinders.estimators.in_plane import require_turn
     from flinders.estimators.likelihood import ENOUGH
-    from flinders.planar import PlaneEllipse, Turn, order_of
+    from flinders.geometry.plane import PlaneEllipse, Turn, order_of
 
     readings = within_range(Readings.of(source))
     _doubt(readings.summary, plane)
@@ -227,7 +227,7 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - as above
     """Say where the readings lie flat, but in another plane."""
     import numpy as np
 
-    from flinders.planar import PLANES, across
+    from flinders.geometry.plane import PLANES, across
 
     if len(summary) < len(PLANES):
         return

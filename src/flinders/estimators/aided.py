@@ -49,7 +49,7 @@ from flinders.estimators.joint import (
 )
 from flinders.estimators.pretence import pretence_of, without
 from flinders.estimators.scatter import scatter_of, span_of, walk_of
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms import prior, turning
 
 if TYPE_CHECKING:

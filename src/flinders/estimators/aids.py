@@ -45,8 +45,8 @@ from flinders.estimators.mistakes import (
     without_gaps,
 )
 from flinders.estimators.readings import Readings
+from flinders.geometry.quaternions import of_matrix
 from flinders.heading import level_error, level_turn
-from flinders.quaternions import of_matrix
 from flinders.result import Aid, Aids, Mistake
 from flinders.terms import prior
 
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.samples import Samples
     from flinders.terms.parameters import Parameters
     from flinders.terms.site import Site

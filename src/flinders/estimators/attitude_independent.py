@@ -40,7 +40,7 @@ from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, UsageError, 
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.estimate import FINEST, Estimate
 from flinders.estimators.sphere import Sphere
-from flinders.quadric import Ellipsoid, symmetric, upper
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.samples import Joined, Samples, Wrapped
 from flinders.terms import magnitude
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.uncertainty import AXES_ALIGNED, algebraic_covariance, algebraic_noise
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.estimators.readings import Readings

@@ -9,8 +9,8 @@ import numpy as np
 
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.uncertainty import algebraic_covariance
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.moments import EXPONENTS, packed, unpacked
-from flinders.quadric import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

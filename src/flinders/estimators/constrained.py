@@ -14,7 +14,7 @@ from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.algebraic import fit_error
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

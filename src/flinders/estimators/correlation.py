@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 FEW: Final = 50
 """Fewer readings than this say nothing of their correlation."""

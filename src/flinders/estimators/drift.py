@@ -28,9 +28,9 @@ import numpy as np
 from flinders.coverage import directions_of
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.estimate import FINEST
+from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading import level_error
 from flinders.pooling import chance_of, chi_square_of
-from flinders.quadric import Ellipsoid, upper
 from flinders.result import Drift
 from flinders.terms import magnitude
 from flinders.terms.support import Support, turning

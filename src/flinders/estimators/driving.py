@@ -43,8 +43,8 @@ from flinders.estimators.lags import kept, lagging, lags_of, residuals_of
 from flinders.estimators.logged import Logged
 from flinders.estimators.meters import Meter, alike, attenuation, noise_of, one_way, pooled, rounding, widened
 from flinders.estimators.settling import Problem, Solver, settle
+from flinders.geometry.plane import down_of
 from flinders.heading import HeadingError, level_error
-from flinders.planar import down_of
 from flinders.result import Driven
 from flinders.samples import singles
 from flinders.terms import driver as term
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from flinders.estimators.lags import Lag
     from flinders.estimators.meters import Noise
     from flinders.estimators.settling import Solved
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.result import Fit
     from flinders.samples import Recording
 

@@ -23,7 +23,7 @@ from flinders.estimators.attitude_independent import (
 )
 from flinders.estimators.convergence import Convergence, spread_counts
 from flinders.estimators.sphere import Sphere
-from flinders.quadric import symmetric, upper
+from flinders.geometry.ellipsoid import symmetric, upper
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from flinders.errors import UsageError
 from flinders.estimators.in_plane import fitted_flat, laid_flat, raised, require_turn
-from flinders.planar import Plane, order_of
+from flinders.geometry.plane import Plane, order_of
 from flinders.terms import prior
 
 if TYPE_CHECKING:

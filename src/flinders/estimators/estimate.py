@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.correlation import Correlation
     from flinders.estimators.readings import Readings
-    from flinders.planar import Plane
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.geometry.plane import Plane
     from flinders.result import Stray
 
 FINEST: Final = 1e-6

@@ -19,7 +19,7 @@ import numpy as np
 from flinders.errors import FitError
 from flinders.estimators.aided import parameters_of
 from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms import inclination, magnitude
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from flinders.estimators.level import THINNEST, ellipse_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.readings import FARTHEST, SMALLEST
 from flinders.estimators.robust import SEED, Robust, asks_for_it
-from flinders.planar import PlaneEllipse, order_of
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.plane import PlaneEllipse, order_of
 from flinders.samples import Wrapped
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
-    from flinders.planar import Plane
+    from flinders.geometry.plane import Plane
     from flinders.samples import Recording, Samples
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

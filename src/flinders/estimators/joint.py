@@ -18,7 +18,7 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.mounting import TURNS
 from flinders.estimators.readings import Readings
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms import inclination, pointing, prior, turning
 from flinders.terms.equations import NormalEquations
 from flinders.terms.parameters import Layout, Parameters, across
@@ -303,7 +303,7 @@ def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
 
     Examples
     --------
-    >>> from flinders.quaternions import of_angles
+    >>> from flinders.geometry.quaternions import of_angles
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     >>> attitudes = pointing.body_to_world(of_angles(angles))
     >>> upturned = np.swapaxes(attitudes, 1, 2) @ [0.6, 0.0, 0.8] * [1.0, -1.0, -1.0]

@@ -24,8 +24,8 @@ from flinders.estimators.uncertainty import (
     algebraic_covariance,
     algebraic_noise,
 )
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.moments import Moments
-from flinders.quadric import Ellipsoid
 from flinders.units import MICROTESLA
 
 if TYPE_CHECKING:

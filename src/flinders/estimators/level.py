@@ -11,7 +11,7 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED, Robust, asks_for_it
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.samples import Wrapped
 from flinders.terms import prior
 from flinders.terms.equations import ROUNDING

@@ -14,7 +14,7 @@ from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.correlation import FEW, Correlation, correlation_of
 from flinders.estimators.estimate import FINEST, Estimate
-from flinders.quadric import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.terms import magnitude, prior
 from flinders.terms.equations import NormalEquations
 from flinders.terms.support import Support, pretended

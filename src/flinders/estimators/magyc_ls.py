@@ -11,7 +11,7 @@ from flinders.errors import NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.estimate import FINEST, Estimate
 from flinders.estimators.turned import cut, require_two_axes, steps_of
 from flinders.estimators.uncertainty import algebraic_noise
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

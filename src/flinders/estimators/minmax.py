@@ -16,7 +16,7 @@ from flinders.estimators.near import NO_RUN
 from flinders.estimators.robust import Robust
 from flinders.estimators.strays import strays_among
 from flinders.estimators.uncertainty import algebraic_noise
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.summary import Summary
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ each is named, and how often wrongly, is measured by ``python -m benchmarks.wron
 
 >>> from dataclasses import replace
 >>> from flinders import simulate
->>> from flinders.quadric import Ellipsoid
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> true = simulate.tumble(seed=1, motion="swayed", n=500)
 >>> ellipsoid = Ellipsoid(true.sensor.offset, true.field_strength * true.sensor.matrix)
 >>> in_degrees = replace(true.samples, rate=np.rad2deg(true.samples.rate))
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.axes import Axes
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.terms.site import Site
 
 CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
@@ -162,7 +162,7 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
 def astray(found: Aided, aid: str) -> Mistake | None:
     """Whether a vertical, or an attitude, does not go with the readings however the magnetometer sits.
 
-    >>> from flinders.quaternions import inverse, of_angles, rotated
+    >>> from flinders.geometry.quaternions import inverse, of_angles, rotated
     >>> attitude = of_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
     >>> field = rotated(inverse(attitude), np.tile([25.0, 0.0, 43.0], (300, 1)))
     >>> astray(solve(Samples.of(field, attitude=attitude), ("tilt",)), "tilt")

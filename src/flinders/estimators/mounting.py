@@ -14,7 +14,7 @@ less than that.
 
 >>> import dataclasses
 >>> from flinders import simulate
->>> from flinders.quadric import Ellipsoid
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> flight = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> swapped = dataclasses.replace(flight.samples, rate=flight.samples.rate[:, [1, 0, 2]] * [1, 1, -1])
 >>> sensor = flight.sensor
@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.axes import Axes
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms import inclination, turning
 
 if TYPE_CHECKING:

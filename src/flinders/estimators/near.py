@@ -4,7 +4,7 @@ What passes by fades in and out, and its field crosses zero along the surface's 
 strays and shortly before and after them are no better. Single strays, of a bus that drops bits, say
 nothing of their neighbours; so a run is where more of eleven readings are far than chance would put there.
 
->>> from flinders.quadric import Ellipsoid
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> near = Near(Samples(np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 0, 51.0]])), sphere, 5.0)
 >>> [block.field for block in near.blocks()]
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 WINDOW: Final = 11
 """Readings in a row that are looked at together: a fifth of a second at 50 Hz, and what passes by hand takes longer."""

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.samples import Recording
 
 SMALLEST, LARGEST = 1e-12, 1e15

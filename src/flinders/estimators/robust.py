@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
 
     Start: TypeAlias = Callable[[Floats, Generator], Ellipsoid]
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from flinders.coverage import directions_of
 from flinders.estimators.robust import TO_SIGMA
-from flinders.quadric import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.terms import driver as term
 from flinders.terms import magnitude, prior
 from flinders.terms.equations import NormalEquations

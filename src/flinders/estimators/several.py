@@ -45,7 +45,7 @@ from flinders.estimators.correlation import Residuals
 from flinders.estimators.estimate import FINEST, Estimate
 from flinders.estimators.joint import solved
 from flinders.estimators.readings import Readings
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms import prior
 from flinders.terms.equations import NormalEquations
 from flinders.terms.parameters import Layout, Parameters, across

@@ -49,7 +49,7 @@ import numpy as np
 
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import ENOUGH
-from flinders.quadric import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.samples import frame_of
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.uncertainty import SPHERICAL, algebraic_covariance, algebraic_noise
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.estimators.readings import Readings

@@ -1,6 +1,6 @@
 """Readings that do not belong: which, when, and how far off.
 
->>> from flinders.quadric import Ellipsoid
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> from flinders.samples import Samples
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.estimators.readings import Readings
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.samples import Samples
 
 TOGETHER: Final = 5

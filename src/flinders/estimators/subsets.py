@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms.equations import ROUNDING
 
 if TYPE_CHECKING:

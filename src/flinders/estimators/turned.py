@@ -30,7 +30,7 @@ import numpy as np
 from flinders.errors import NeedsRate, NeedsSamples, NotAnEllipsoid, OneAxisTurned, UsageError
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.uncertainty import SPHERICAL, algebraic_noise
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,15 +10,15 @@ import numpy as np
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, raised, require_turn
 from flinders.estimators.likelihood import ENOUGH
-from flinders.planar import Plane, PlaneEllipse, order_of
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
+from flinders.geometry.plane import Plane, PlaneEllipse, order_of
 from flinders.terms import magnitude, prior
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 IN_PLANE: Final = [0, 1, 3, 4, 6]
 """Parameters that the readings of a plane tell, in its frame: b₁, b₂, S₁₁, S₂₂, S₁₂."""

@@ -10,7 +10,7 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.uncertainty import AXES_ALIGNED, EVERYTHING, algebraic_covariance, algebraic_noise
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -9,7 +9,7 @@ import numpy as np
 from flinders.coverage import directions_of
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.estimate import FINEST
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms import magnitude
 from flinders.terms.support import Support, pretended
 

@@ -28,7 +28,7 @@ from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.quadric import Ellipsoid
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.samples import Samples
 
 MOST: Final = 5_000

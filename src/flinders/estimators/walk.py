@@ -18,7 +18,7 @@ the offset that it ends with is as uncertain as few readings make it. A single s
 Source: Kalman (1960); smoothing after Rauch, Tung, Striebel (1965); the variance of a walk by its innovations as in
 Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989), §3.4.
 
->>> from flinders.quadric import Ellipsoid
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(6000, 3))
 >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -44,14 +44,14 @@ from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.in_plane import equator
 from flinders.estimators.settling import spread_of
-from flinders.planar import PlaneEllipse, order_of
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.plane import PlaneEllipse, order_of
 from flinders.samples import singles
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.planar import Plane
+    from flinders.geometry.plane import Plane
     from flinders.samples import Recording
 
 SPANS: Final = 200

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.geometry.ellipsoid import GATHER
 from flinders.heading import level_turn
 from flinders.pooling import DEPENDENT
-from flinders.quadric import GATHER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.arrays import floats
-from flinders.quaternions import between, known
+from flinders.geometry.quaternions import between, known
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders import quaternions
 from flinders.errors import NoMagnetometer, UsageError
+from flinders.geometry import quaternions
 from flinders.readers._beside import shares
 from flinders.readers._lengths import advice, ascends, groups
 from flinders.readers._log import FIRST, Choice, numbered

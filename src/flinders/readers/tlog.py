@@ -37,7 +37,7 @@ import numpy as np
 
 from flinders.conventions.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, Parameters, compasses
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
-from flinders.quaternions import of_angles
+from flinders.geometry.quaternions import of_angles
 from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, device_id, mounting_told, stored, unused
 from flinders.readers._beside import Beside, Turning, numbered, shares
 from flinders.readers._extras import needs

@@ -39,7 +39,7 @@ import numpy as np
 
 from flinders.conventions import px4
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
-from flinders.quaternions import of_matrix, product
+from flinders.geometry.quaternions import of_matrix, product
 from flinders.readers._beside import Beside, Turning, along, numbered, shares
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored

@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import counted, figures
-from flinders.quadric import upper
+from flinders.geometry.ellipsoid import upper
 from flinders.report.text import COLOURS, FINEST, MARKS, degrees, on_the_point
 from flinders.result import VERDICTS
 from flinders.units import label

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.angles import shown_heading
 from flinders.deviation import NAMES
+from flinders.geometry.angles import shown_heading
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

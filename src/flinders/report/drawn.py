@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.estimators.walk import Walk
-    from flinders.planar import Plane
+    from flinders.geometry.plane import Plane
     from flinders.report.view import View
     from flinders.result import Fit
     from flinders.samples import Recording

@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import figures
+from flinders.geometry.sphere import tiles
 from flinders.report.beside import called
 from flinders.report.colours import LEGEND, class_of, seen_ends, seen_level
-from flinders.tiles import tiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.drivers import Driver
     from flinders.estimators.walk import Walk
-    from flinders.planar import Plane
+    from flinders.geometry.plane import Plane
     from flinders.report.drawn import Drawn
     from flinders.report.view import View
     from flinders.result import Fit

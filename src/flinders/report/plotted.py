@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import MissingExtra, UsageError
+from flinders.geometry.sphere import tiles
 from flinders.report import figures as drawing
 from flinders.report.colours import LEGEND, ROLES, SEEN, error_colour, seen_ends, seen_level
-from flinders.tiles import tiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

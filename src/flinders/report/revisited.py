@@ -22,8 +22,8 @@ import numpy as np
 from flinders.cloud import Cloud
 from flinders.comparison import Strength
 from flinders.coverage import Coverage
+from flinders.geometry.plane import down_of
 from flinders.heading import level_error
-from flinders.planar import down_of
 from flinders.result import Finding, Fit, gravest_first
 from flinders.verdict import Z_ELSEWHERE, Z_OPEN
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.planar import PlaneEllipse, Turn
+    from flinders.geometry.plane import PlaneEllipse, Turn
     from flinders.result import Fit
 
 WIDE, HIGH, RADIUS = 800, 524, 152

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.angles import folded, shown_heading
 from flinders.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.errors import counted
+from flinders.geometry.angles import folded, shown_heading
 from flinders.report.curve import dotted, scale
 from flinders.report.text import COLOURS, MARKS, with_uncertainty
 from flinders.rests import hard_iron

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.coverage import around_z, cells_of
-from flinders.tiles import tile_of
+from flinders.geometry.sphere import tile_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,6 +1,6 @@
 """A turn in one plane as a page for the terminal: the recipe's table beside least squares, and how points are spaced.
 
->>> from flinders.planar import PlaneEllipse, Turn
+>>> from flinders.geometry.plane import PlaneEllipse, Turn
 >>> heading = np.radians(np.arange(0, 360, 10))
 >>> points = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5], axis=1)
 >>> turn = Turn.of("xy", points, PlaneEllipse.of_points(points))
@@ -18,7 +18,7 @@ import numpy as np
 
 from flinders.composing import ANY_ANGLE, in_words
 from flinders.errors import counted, figures
-from flinders.planar import across
+from flinders.geometry.plane import across
 from flinders.report.text import COLOURS, degrees, listed, numbers
 from flinders.report.text import page as fit_page
 from flinders.units import label
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.composing import Composed
-    from flinders.planar import PlaneEllipse, Turn
+    from flinders.geometry.plane import PlaneEllipse, Turn
     from flinders.result import Fit
 
 NOTHING: Final = 0.1

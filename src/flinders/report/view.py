@@ -26,11 +26,11 @@ import numpy as np
 from msgspec import Struct
 
 from flinders.errors import figures
+from flinders.geometry.plane import down_of
+from flinders.geometry.sphere import tile_of, tiles
 from flinders.guidance import guide
 from flinders.heading import direction_gradients, level_gradients, level_turn, upright
 from flinders.health import Health
-from flinders.planar import down_of
-from flinders.tiles import tile_of, tiles
 from flinders.units import label
 from flinders.verdict import UPSIDE_DOWN, WORTH_IT, movement
 
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
+    from flinders.geometry.plane import Plane
     from flinders.guidance import Frame, Goal, Guidance
-    from flinders.planar import Plane
     from flinders.result import Fit
     from flinders.samples import Samples
 

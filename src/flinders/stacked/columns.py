@@ -22,7 +22,7 @@ import numpy as np
 from flinders import fitting
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators import unfollowed_of
-from flinders.quadric import Ellipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.result import Fit, Refused
 from flinders.samples import Samples
 from flinders.stacked.lane import MOST, UPPER, Lane, through

@@ -43,7 +43,7 @@ class Ellipsoids:
     ----------
     centre : (U, 3)
     shape : (U, 3, 3)
-        As of `flinders.quadric.Ellipsoid`.
+        As of `flinders.geometry.ellipsoid.Ellipsoid`.
     """
 
     centre: Array

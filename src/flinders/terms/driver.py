@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.quadric import Ellipsoid, upper
+from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.quaternions import inverse, rotated
+from flinders.geometry.quaternions import inverse, rotated
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -125,7 +125,7 @@ def by_bias(down: Floats, bias: Floats) -> Floats:
 def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
     """Take the vertical from (N, 4) logged attitudes, which turns it into body axes without regard to yaw.
 
-    >>> from flinders.quaternions import of_angles
+    >>> from flinders.geometry.quaternions import of_angles
     >>> down, _ = verticals_of(of_angles([[0.0, 0.0, 0.5], [0.0, 0.0, 2.5]]))       # level, on two headings
     >>> down.round(9) + 0.0
     array([[0., 0., 1.],

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.quadric import GATHER, Ellipsoid, centred, gathered
+from flinders.geometry.ellipsoid import GATHER, Ellipsoid, centred, gathered
 from flinders.samples import BLOCK
 from flinders.terms.equations import NormalEquations
 

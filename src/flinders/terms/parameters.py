@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.quadric import symmetric
+from flinders.geometry.ellipsoid import symmetric
 from flinders.terms.turning import grown, rotations
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Parameters:
     direction : (3,) float
         Unit vector: the site's field in the axes that a logged attitude turns into.
     gyro_scale : (6,) float
-        Upper triangle of Γ, in the order of `flinders.quadric.symmetric`: the body turns by (1 + Γ)(ω − d).
+        Upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the body turns by (1 + Γ)(ω − d).
     gyro_turn : (3,) float, rad
         ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d).
     acceleration_bias : (3,) float, of gravity

@@ -25,7 +25,7 @@ and nothing in its residuals shows it. Without yaw, take the vertical alone, see
 Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016): y = D R m + o + noise; W. A. Fuller, *Measurement Error
 Models* (1987) §3.2, for errors in both sides of a non-linear relation.
 
->>> from flinders.quaternions import of_angles
+>>> from flinders.geometry.quaternions import of_angles
 >>> body_to_world(of_angles([[0.0, 0.0, np.pi / 2]])).round(9)[0] + 0.0
 array([[ 0., -1.,  0.],
        [ 1.,  0.,  0.],
@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.quaternions import rotated
+from flinders.geometry.quaternions import rotated
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

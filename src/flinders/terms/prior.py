@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.quadric import Ellipsoid, upper
+from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.terms.equations import NormalEquations
 
 if TYPE_CHECKING:

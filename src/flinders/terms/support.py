@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.quadric import GATHER, Ellipsoid
+from flinders.geometry.ellipsoid import GATHER, Ellipsoid
 from flinders.terms.equations import ROUNDING
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.quadric import symmetric
+from flinders.geometry.ellipsoid import symmetric
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

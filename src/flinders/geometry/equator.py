@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.planar import order_of
-from flinders.quadric import Ellipsoid, symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.plane import order_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.planar import Plane
+    from flinders.geometry.plane import Plane
 
 
 def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
