@@ -41,11 +41,11 @@ from benchmarks.datasets import (
 )
 from benchmarks.recordings import FOLDER, text_recordings
 from flinders import simulate
+from flinders.core.samples import Joined, Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Auto, Readings
 from flinders.geometry.ellipsoid import upper
 from flinders.result import Refused
-from flinders.samples import Joined, Samples
 from flinders.simulate import Sensor, Simulated, angle_error_deg
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders import simulate
-from flinders.samples import Samples
+from flinders.core.samples import Samples
 from flinders.simulate import Sensor, Simulated
 
 if TYPE_CHECKING:

@@ -28,15 +28,15 @@ import flinders
 from benchmarks.datasets import parameter_error
 from benchmarks.recordings import FOLDER
 from flinders import simulate
-from flinders.calibration import Calibration
-from flinders.driven import Settler
-from flinders.drivers import lagged, motors
+from flinders.core.calibration import Calibration
+from flinders.core.compensation import Settler
+from flinders.core.disturbance import lagged, motors
+from flinders.core.samples import Samples
 from flinders.estimators import Likelihood, Readings
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:

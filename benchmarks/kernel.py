@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from flinders.arrays import Floats
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
 
 LIMIT: Final = 1.5
 """Of the sums to ``D @ D.T``."""

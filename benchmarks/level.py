@@ -25,9 +25,9 @@ import flinders
 from benchmarks.datasets import FIELD_STRENGTH, dataset, heading_error_deg
 from benchmarks.terms import swayed, tilted_error_deg
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.simulate.rotations import rates
 from flinders.terms.site import Site
 

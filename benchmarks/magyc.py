@@ -40,12 +40,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.aided import solve
 from flinders.estimators.magyc_ls import Windows, settled
 from flinders.estimators.turned import steps_of
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders import fitting
+from flinders.core.units import Unit
 from flinders.result import Refused
 from flinders.simulate.fleet import unit as specimen
 from flinders.stacked import Stack, fit_stack, lane
@@ -30,7 +31,6 @@ from flinders.stacked.lane import UPPER
 from flinders.stacked.likelihood import likelihood
 from flinders.stacked.sums import Sums
 from flinders.stacked.surfaces import Ellipsoids, of_units, products_at
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

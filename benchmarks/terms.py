@@ -36,6 +36,7 @@ from benchmarks.magyc import MOTIONS as MOTIONS_DEG
 from benchmarks.magyc import OFFSET_MG, SEED, wrapped_rms
 from flinders import simulate
 from flinders.attitude import magnetic_heading_deg
+from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.aided import solve
@@ -43,7 +44,6 @@ from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading import level_error, level_turn
-from flinders.samples import Samples
 from flinders.simulate.rotations import rotation_vectors
 from flinders.terms.parameters import Parameters, across
 from flinders.terms.site import Site

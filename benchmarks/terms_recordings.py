@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.estimators.aided import Aided
-    from flinders.samples import Samples
 
 WITH_ACCELEROMETER: Final = ("ckexplorer_acc_mag/acc_mag_log.csv", "timspi_imu_gnss/imu_gnss_data.csv")
 WITH_GYRO: Final = (

@@ -25,10 +25,10 @@ import numpy as np
 
 from flinders import fit, simulate
 from flinders.attitude import magnetic_heading_deg
+from flinders.core.geomag import site_field
 from flinders.errors import FitError
 from flinders.estimators.aids import aided_by
 from flinders.estimators.mounting import TURNS
-from flinders.geomag import site_field
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.result import Refused
 from flinders.simulate.rotations import rates
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
     from flinders.simulate import Simulated
 
 SEED: Final = 20261121

@@ -11,7 +11,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
 
 DOCS: Final = Path(__file__).parents[1] / "docs"
 SHAPES: Final[list[dict[str, Any]]] = tomllib.loads((DOCS / "line-shapes.toml").read_text(encoding="utf-8"))["shape"]

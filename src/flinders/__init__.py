@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from flinders import errors as errors
     from flinders import estimators as estimators
     from flinders import simulate as simulate
-    from flinders import units as units
-    from flinders.axes import Axes as Axes
-    from flinders.calibration import Calibration as Calibration
     from flinders.comparison import compare as compare
     from flinders.contest import compare_methods as compare_methods
+    from flinders.core import units
+    from flinders.core.axes import Axes as Axes
+    from flinders.core.calibration import Calibration as Calibration
+    from flinders.core.samples import Samples as Samples
+    from flinders.core.units import Unit as Unit
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.fitting import fit as fit
@@ -35,22 +37,20 @@ if TYPE_CHECKING:
     from flinders.readers import read as read
     from flinders.result import Finding as Finding
     from flinders.result import Fit as Fit
-    from flinders.samples import Samples as Samples
     from flinders.summary import Summary as Summary
     from flinders.together import fit_together as fit_together
-    from flinders.units import Unit as Unit
 
 _HOMES: Final = {
-    "Axes": "axes",
-    "Calibration": "calibration",
+    "Axes": "core.axes",
+    "Calibration": "core.calibration",
     "Finding": "result",
     "Fit": "result",
     "FitError": "errors",
     "FlindersError": "errors",
     "Judged": "judged",
-    "Samples": "samples",
+    "Samples": "core.samples",
     "Summary": "summary",
-    "Unit": "units",
+    "Unit": "core.units",
     "compare": "comparison",
     "compare_methods": "contest",
     "errors": "errors",
@@ -63,7 +63,7 @@ _HOMES: Final = {
     "open_recording": "readers",
     "read": "readers",
     "simulate": "simulate",
-    "units": "units",
+    "units": "core.units",
 }
 """Public names and the module each lives in; a module of that name is the thing itself."""
 

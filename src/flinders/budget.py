@@ -25,8 +25,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
 
+from flinders.core.units import PER_UNIT, SPELLINGS
 from flinders.errors import UnitError, UsageError
-from flinders.units import PER_UNIT, SPELLINGS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
+from flinders.core.units import label
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.geometry.quaternions import of_matrix
@@ -27,11 +28,10 @@ from flinders.heading import HeadingError, level_error, level_turn
 from flinders.judged import refuse_unlike, rescaled, without_scale
 from flinders.pooling import chance_of, chi_square_of
 from flinders.simulate import fibonacci
-from flinders.units import label
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.judged import Judged
 
 Agreement = Literal["agree", "differ", "contradict"]

@@ -2,7 +2,7 @@
 
 >>> from flinders import simulate
 >>> from flinders.geometry.angles import folded
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> tumble = simulate.tumble(seed=1)
 >>> samples = tumble.samples
 >>> level = Compass(Calibration.identity(field_strength=50.0, raw=samples.unit), formula="level", declination_deg=10.0)
@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.attitude import FORMULAS, dip_deg, level_heading_deg, roll_pitch_deg
-from flinders.axes import Axes
+from flinders.core.axes import Axes
 from flinders.errors import NoAccelerometer, UsageError
 from flinders.frames import Frames
 from flinders.geometry.angles import wrapped
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
-    from flinders.samples import Samples
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Samples
 
 LEVEL: Final = "level"
 """The name of the heading from two axes."""

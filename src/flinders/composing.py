@@ -23,20 +23,20 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import msgspec
 import numpy as np
 
+from flinders.core.units import label
 from flinders.errors import UsageError, figures
 from flinders.geometry.plane import PLANES, order_of
 from flinders.heading import HeadingError, level_turn
 from flinders.judged import Judged
 from flinders.result import Finding, Outcome, error_record, gravest_first
-from flinders.units import label
 from flinders.verdict import of_calibration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
-    from flinders.document import Document, Fitted, Provenance
+    from flinders.core.calibration import Calibration
+    from flinders.core.calibration_file import Document, Fitted, Provenance
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane, Turn
     from flinders.result import Fit

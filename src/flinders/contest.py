@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimator
     from flinders.heading import HeadingError
     from flinders.result import Fit, Verdict
-    from flinders.samples import Recording, Samples
     from flinders.validation import Validation
 
 VALIDATED: Final = 20_000

@@ -18,16 +18,16 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 
 from flinders.comparison import CHANCE, DIRECTIONS
+from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
 from flinders.heading import HeadingError, direction_error_deg, level_error, level_gradients, level_turn
 from flinders.pooling import chance_of, chi_square_of
 from flinders.simulate.angle_error import best_rotation
-from flinders.units import label
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.axes import Axes
-    from flinders.calibration import Calibration
+    from flinders.core.axes import Axes
+    from flinders.core.calibration import Calibration
     from flinders.judged import Judged
     from flinders.simulate.truth import Truth
 
@@ -235,7 +235,7 @@ def evaluate(
 def mapped(truth: Truth, axes: Axes) -> tuple[Floats, Floats]:
     """(3, 3) matrix and (3,) offset of the true sensor once its axes are turned: P A Pᵀ and P b.
 
-    >>> from flinders.axes import Axes
+    >>> from flinders.core.axes import Axes
     >>> from flinders.simulate import Sensor, truth, tumble
     >>> plain = truth.Truth.of(tumble(n=10, sensor=Sensor(matrix=np.diag([1.0, 2.0, 3.0]), offset=[4, 5, 6])))
     >>> matrix, offset = mapped(plain, Axes.of("-y,x,z"))

@@ -20,9 +20,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.arrays import floats
-from flinders.axes import Axes
-from flinders.calibration import Calibration
-from flinders.document import Fitted
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Fitted
+from flinders.core.units import Unit, label
 from flinders.errors import UsageError, figures
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.minmax import MinMax, spanned, strength_of
@@ -30,14 +31,13 @@ from flinders.estimators.readings import LARGEST, SMALLEST
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading import level_error
 from flinders.result import Finding, Outcome, gravest_first
-from flinders.units import Unit, label
 from flinders.verdict import of_calibration
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.document import Document, Provenance
+    from flinders.core.calibration_file import Document, Provenance
     from flinders.estimators.minmax import Variant
 
 TYPED: Final = "typed-extremes"

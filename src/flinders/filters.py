@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 
+from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import UsageError, counted
-from flinders.samples import Joined, Samples, Wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.samples import Recording
+    from flinders.core.samples import Recording
 
 Name: TypeAlias = Literal["moving-average", "median", "kalman"]
 NAMES: Final[tuple[Name, ...]] = get_args(Name)

@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from flinders.axes import Axes
-from flinders.calibration import Calibration
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.samples import Samples, frame_of
+from flinders.core.units import Unit
 from flinders.coverage import Coverage
 from flinders.errors import FitError, UsageError
 from flinders.estimators import (
@@ -42,10 +44,8 @@ from flinders.geometry.plane import down_of
 from flinders.heading import alignment_error_deg, level_error
 from flinders.repeats import Part, compared
 from flinders.result import Aid, Aids, Fit, Refused
-from flinders.samples import Samples, frame_of
 from flinders.terms.prior import SPREAD
 from flinders.terms.support import is_flat
-from flinders.units import Unit
 from flinders.unmoved import require_moved
 from flinders.verdict import judge
 
@@ -54,12 +54,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from flinders.core.samples import Recording
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.driving import Driving
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats
     from flinders.result import Drift, Slip, Unfollowed
-    from flinders.samples import Recording
     from flinders.summary import Summary
     from flinders.terms.site import Site
 

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.arrays import table
-from flinders.axes import Axes
+from flinders.core.axes import Axes
 from flinders.errors import InputError
 
 if TYPE_CHECKING:

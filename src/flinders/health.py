@@ -3,7 +3,7 @@
 None of it is a verdict; `flinders.verdict` turns these counts into findings. They add up in the order of
 recording, like everything a `Summary` holds; recordings of their own are put `beside` each other.
 
->>> from flinders.samples import Samples
+>>> from flinders.core.samples import Samples
 >>> Health.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
 1
 """
@@ -17,7 +17,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.samples import Samples, Skipped
+    from flinders.core.samples import Samples, Skipped
 
 
 RAIL_SHARE, RAIL_COUNT, RAIL_WIDTH = 0.01, 8, 0.25

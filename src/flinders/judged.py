@@ -18,16 +18,16 @@ import numpy as np
 from msgspec import UNSET
 
 from flinders.arrays import floats
-from flinders.calibration import Calibration
-from flinders.document import PARAMETERS, read
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import PARAMETERS, read
+from flinders.core.units import label
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.geometry.equator import equator, to_equator
-from flinders.units import label
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.document import Document, Fitted, SourceFile
+    from flinders.core.calibration_file import Document, Fitted, SourceFile
     from flinders.result import Fit
 
 

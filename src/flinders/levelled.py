@@ -32,20 +32,20 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.calibration import Calibration
 from flinders.comparison import IN_PLANE, compare_level
+from flinders.core.calibration import Calibration
+from flinders.core.samples import singles
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.sited import Heights
 from flinders.geometry.equator import equator, to_equator
 from flinders.geometry.plane import root
 from flinders.heading import upright
 from flinders.judged import Judged
-from flinders.samples import singles
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.comparison import Comparison
-    from flinders.samples import Recording
+    from flinders.core.samples import Recording
 
 STEP: Final = 1e-6
 """Of the radius: by how much a number is changed to see what becomes of the ellipse."""

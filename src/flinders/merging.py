@@ -30,8 +30,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
-from flinders.calibration import Calibration
-from flinders.document import Fitted
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Fitted
+from flinders.core.units import Unit, label
 from flinders.errors import FitError, UsageError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading import HeadingError, direction_error_deg, level_error
@@ -39,14 +40,13 @@ from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without
 from flinders.pooling import chi_square_of, pool
 from flinders.repeats import Part, compared
 from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first
-from flinders.units import Unit, label
 from flinders.verdict import REFUSED_AT, contradiction, of_calibration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.document import Document, Provenance, SourceFile
+    from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.repeats import Repeats
     from flinders.result import Severity
 

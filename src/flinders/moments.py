@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from flinders.arrays import Floats, column, table
-from flinders.samples import BLOCK
+from flinders.core.samples import BLOCK
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 import numpy as np
 from msgspec import UNSET
 
+from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, beside_record, write
+from flinders.core.notebook import SIGNS, correction, refusal
+from flinders.core.units import label
 from flinders.coverage import CELLS
-from flinders.document import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, beside_record, write
 from flinders.errors import FitError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import down_of
 from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
-from flinders.notebook import SIGNS, correction, refusal
-from flinders.units import label
 
 if TYPE_CHECKING:
     import os
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from msgspec import UnsetType
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
+    from flinders.core.calibration_file import BesideRecord, Document, Provenance
+    from flinders.core.disturbance import Driver
     from flinders.coverage import Coverage
-    from flinders.document import BesideRecord, Document, Provenance
-    from flinders.drivers import Driver
     from flinders.geometry.plane import Plane
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 from flinders.cloud import Cloud, natural_side
+from flinders.core.samples import Samples
 from flinders.health import Health
 from flinders.moments import Moments
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.samples import Recording
+    from flinders.core.samples import Recording
 
 _STRETCH: Final = 65536
 """Readings summarised at a time: few enough to need little memory, enough to make adding up cheap."""

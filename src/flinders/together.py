@@ -27,17 +27,17 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from flinders.agreement import Departure, departures, heading_deg, length_scatter, scatter
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import Samples
+from flinders.core.time_alignment import Paired, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
 from flinders.estimators.kept import concatenated
 from flinders.estimators.near import dense_in, left_out
-from flinders.estimators.paired import Paired, paired
 from flinders.estimators.several import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.fitting import fit, judged_as
 from flinders.result import Aids, Finding, Fit, Refused, Stray, gravest_first
-from flinders.samples import Samples
 from flinders.terms.magnitude import distances
 from flinders.terms.prior import SPREAD
 
@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.estimators import Estimate
-    from flinders.samples import Recording
     from flinders.terms.site import Site
 
 COPY: Final = 0.1

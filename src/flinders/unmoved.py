@@ -30,9 +30,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import Unmoved
 from flinders.summary import Summary  # noqa: TC001 - the example above makes some
-from flinders.units import EARTH_UT, MICROTESLA
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

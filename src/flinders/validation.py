@@ -25,13 +25,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.samples import Joined
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, at_one_strength
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.equator import equator
 from flinders.geometry.plane import order_of
 from flinders.heading import level_error
-from flinders.samples import Joined
 from flinders.terms import magnitude
 from flinders.terms.equations import NormalEquations
 from flinders.terms.prior import SPREAD
@@ -42,10 +42,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimate, Estimator
     from flinders.geometry.plane import Plane
     from flinders.heading import HeadingError
-    from flinders.samples import Recording, Samples
 
 BLOCKS: Final = 10
 """Of ten a training set misses a tenth, and a minute of tumbling gives blocks that are longer than its memory."""

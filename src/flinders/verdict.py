@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
-from flinders.driven import beyond_words
-from flinders.drivers import known, motor
+from flinders.core.compensation import beyond_words
+from flinders.core.disturbance import known, motor
+from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import order_of
 from flinders.guidance import guide
 from flinders.health import RAIL_SHARE
 from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.terms.support import flatness_limit, is_flat
-from flinders.units import COUNTS, EARTH_UT, MICROTESLA, label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
+    from flinders.core.disturbance import Driver
     from flinders.coverage import Coverage
-    from flinders.drivers import Driver
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.guidance import Guidance
     from flinders.health import Health
@@ -302,12 +302,12 @@ def _of_range(driver: Driver) -> Iterator[Finding]:
 
 
 def of_extrapolation(calibration: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
-    """What lies beyond the range that a driver was found in, by `beyond` of `flinders.driven.Settler`.
+    """What lies beyond the range that a driver was found in, by `beyond` of `flinders.core.compensation.Settler`.
 
     Examples
     --------
-    >>> from flinders.calibration import Calibration
-    >>> from flinders.drivers import Driver
+    >>> from flinders.core.calibration import Calibration
+    >>> from flinders.core.disturbance import Driver
     >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
     >>> followed = Calibration(np.eye(3), [0.0, 0.0, 0.0], 50.0, drivers=(motors,))
     >>> [(finding.code, finding.number) for finding in of_extrapolation(followed, {"current": 0.25})]

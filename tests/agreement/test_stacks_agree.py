@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from flinders import fitting
+from flinders.core.samples import Samples
 from flinders.errors import FitError
 from flinders.estimators.slips import SLIPS
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.stacked import Stack, columns, fit_stack
 from flinders.stacked.algebra import symmetric, with_ones
 from flinders.stacked.lane import UPPER, through

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders import document
-from flinders.calibration import Calibration
+from flinders.core import calibration_file
+from flinders.core.calibration import Calibration
 
 FILES = Path(__file__).with_name("files")
 
@@ -42,12 +42,12 @@ def test_a_file_of_an_earlier_release_gives_the_same_correction(name: str) -> No
 
 @pytest.mark.parametrize("name", WANTED)
 def test_a_file_of_an_earlier_release_can_be_written_again_without_loss(name: str) -> None:
-    kept = document.read(FILES / name)
-    assert document.loads(document.dumps(kept)) == kept
+    kept = calibration_file.read(FILES / name)
+    assert calibration_file.loads(calibration_file.dumps(kept)) == kept
 
 
 def test_the_first_release_kept_its_fit_and_provenance() -> None:
-    kept = document.read(FILES / "calibration-0.1.0.json")
+    kept = calibration_file.read(FILES / "calibration-0.1.0.json")
     assert kept.fit is not None
     assert kept.provenance is not None
     assert (kept.fit.method, kept.fit.samples, kept.fit.verdict) == ("auto", 3000, "limited")

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from playwright.sync_api import Error, Locator, expect
 from tests.browser.visitor import Visitor, grave, until, visiting
 
-from flinders import document
 from flinders.cli import main
+from flinders.core import calibration_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser, Page
 
-    from flinders.document import Document
+    from flinders.core.calibration_file import Document
 
 GOOD_MS = 30_000
 SETTLED = "flinders.store.state.used + flinders.store.state.rejected + flinders.store.state.excluded_readings === 3000"
@@ -66,7 +66,7 @@ def calibrated(path: Path, out: Path) -> Document:
     """What the command line makes of a file."""
     done = CliRunner().invoke(main, ["calibrate", str(path), "-o", str(out)])
     assert done.exit_code == 0, done.output
-    return document.read(out)
+    return calibration_file.read(out)
 
 
 def same(one: Document, other: Document, tolerance: float = 1e-9) -> bool:
@@ -120,8 +120,8 @@ def test_what_is_downloaded_is_what_the_server_has_and_flinders_reads_it(
             page.locator("#finish-panel").get_by_role("button", name=button, exact=True).click()
         files[button] = tmp_path / started.value.suggested_filename
         started.value.save_as(files[button])
-    downloaded = document.read(files["Calibration"])
-    assert same(downloaded, document.loads(page.request.get(f"{program.address}calibration.json").body()))
+    downloaded = calibration_file.read(files["Calibration"])
+    assert same(downloaded, calibration_file.loads(page.request.get(f"{program.address}calibration.json").body()))
     assert same(downloaded, calibrated(program.recording, tmp_path / "by-command.json"))
     assert files["Readings"].read_bytes() == program.recording.read_bytes()
     assert same(downloaded, calibrated(files["Readings"], tmp_path / "again.json"))

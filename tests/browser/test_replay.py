@@ -10,8 +10,8 @@ from benchmarks.stage import Program
 from click.testing import CliRunner
 from tests.browser.visitor import Visitor, until
 
-from flinders import document
 from flinders.cli import main
+from flinders.core import calibration_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +34,7 @@ def test_a_log_played_back_gives_the_calibration_of_the_command_line(
     log, plain = recordings(name), tmp_path / "plain.json"
     done = CliRunner().invoke(main, ["calibrate", str(log), "-o", str(plain)])
     assert done.exit_code in (0, LIMITED), done.output
-    expected = document.read(plain)
+    expected = calibration_file.read(plain)
     assert expected.fit is not None
     with Program(tmp_path, "--replay", str(log), "--speed", "2000") as program:
         visitor = Visitor(browser, program)
@@ -45,7 +45,7 @@ def test_a_log_played_back_gives_the_calibration_of_the_command_line(
             page.locator("#save-calibration").click()
         started.value.save_as(tmp_path / "from-page.json")
         visitor.close()
-    found = document.read(tmp_path / "from-page.json")
+    found = calibration_file.read(tmp_path / "from-page.json")
     assert found.fit is not None
     assert found.fit.samples == expected.fit.samples
     assert found.fit.verdict == expected.fit.verdict

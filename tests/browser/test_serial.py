@@ -12,7 +12,8 @@ from playwright.sync_api import expect
 from tests.browser.visitor import Visitor, until
 
 import flinders
-from flinders import document, simulate
+from flinders import simulate
+from flinders.core import calibration_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -63,7 +64,7 @@ def test_a_good_board_becomes_good_and_its_calibration_is_true(bench: Bench, tmp
     with page.expect_download() as started:
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
-    assert is_near(document.read(tmp_path / "cal.json").calibration.offset, 0.1)
+    assert is_near(calibration_file.read(tmp_path / "cal.json").calibration.offset, 0.1)
 
 
 def test_a_noisy_board_is_said_to_be_noisy(bench: Bench) -> None:

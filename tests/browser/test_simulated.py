@@ -9,7 +9,7 @@ from benchmarks.stage import Program
 from playwright.sync_api import expect
 from tests.browser.visitor import Visitor, grave, until, visiting
 
-from flinders import document
+from flinders.core import calibration_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,8 +44,8 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
     with page.expect_download() as started:
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
-    saved = document.read(tmp_path / "cal.json")
-    served = document.loads(page.request.get(f"{visitor.program.address}calibration.json").body())
+    saved = calibration_file.read(tmp_path / "cal.json")
+    served = calibration_file.loads(page.request.get(f"{visitor.program.address}calibration.json").body())
     assert saved.calibration == served.calibration
     assert saved.fit is not None
     assert saved.fit.verdict == "good"

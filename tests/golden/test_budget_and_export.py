@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 
-from flinders.calibration import Calibration
-from flinders.units import Unit
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 
 if TYPE_CHECKING:
     from pathlib import Path

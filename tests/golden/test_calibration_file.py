@@ -13,11 +13,11 @@ import numpy.testing as npt
 import pytest
 
 import flinders
-from flinders import document
-from flinders.axes import Axes
-from flinders.calibration import Calibration
-from flinders.document import Document, FindingRecord, Fitted, HeadingErrorRecord, Provenance, SourceFile
-from flinders.units import Unit
+from flinders.core import calibration_file
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Document, FindingRecord, Fitted, HeadingErrorRecord, Provenance, SourceFile
+from flinders.core.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,22 +58,22 @@ def full_document() -> Document:
 
 
 def test_the_text_of_a_full_file_is_as_reviewed(golden: Callable[[str, str], None]) -> None:
-    golden("calibration.json", document.dumps(full_document()))
+    golden("calibration.json", calibration_file.dumps(full_document()))
 
 
 def test_the_reviewed_file_reads_back_to_the_document_it_was_written_from() -> None:
-    assert document.loads(document.dumps(full_document())) == full_document()
+    assert calibration_file.loads(calibration_file.dumps(full_document())) == full_document()
 
 
 def test_the_shipped_json_schema_has_not_drifted() -> None:
-    """If it has: ``python -c "from flinders.document import *; print(lay_out(schema()))"`` into the file."""
-    assert SHIPPED.read_text("utf-8") == document.lay_out(document.schema()) + "\n"
+    """If it has: ``python -c "from flinders.core.calibration_file import *; print(lay_out(schema()))"`` into the file."""
+    assert SHIPPED.read_text("utf-8") == calibration_file.lay_out(calibration_file.schema()) + "\n"
 
 
 def test_written_documents_satisfy_the_shipped_schema() -> None:
     schema = json.loads(SHIPPED.read_text("utf-8"))
     for written in (full_document(), Calibration.identity().to_document()):
-        assert violations(json.loads(document.dumps(written)), schema, schema) == []
+        assert violations(json.loads(calibration_file.dumps(written)), schema, schema) == []
 
 
 @pytest.mark.parametrize(
@@ -93,11 +93,11 @@ def test_written_documents_satisfy_the_shipped_schema() -> None:
 )
 def test_the_schema_and_the_reader_refuse_the_same(part: str, key: str, value: object) -> None:
     schema = json.loads(SHIPPED.read_text("utf-8"))
-    content = json.loads(document.dumps(full_document()))
+    content = json.loads(calibration_file.dumps(full_document()))
     content[part][key] = value
     assert violations(content, schema, schema)
     with pytest.raises(flinders.errors.DocumentError, match=part):
-        document.loads(json.dumps(content))
+        calibration_file.loads(json.dumps(content))
 
 
 def test_the_ellipsoid_of_matlab_s_magcal_example_gives_matlab_s_numbers() -> None:

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.estimators import Estimator, MagycLs, Readings, SarKf, SarLs
-from flinders.samples import Samples
 
 OFFSET_MG: Final = np.array([20.0, 120.0, 90.0])
 IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])

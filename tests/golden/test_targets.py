@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from tests.golden.sessions import ROOT, assert_sessions_are_real, session
 
-from flinders.calibration import Calibration
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.exporters import EXPORTERS
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from tests.golden.sessions import assert_sessions_are_real, session
 
 from flinders import simulate
-from flinders.calibration import Calibration
 from flinders.cli import main
+from flinders.core.calibration import Calibration
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden

@@ -13,9 +13,9 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 import flinders
 from flinders import simulate
+from flinders.core.samples import Joined, Samples
 from flinders.errors import ArrayError, FitError
 from flinders.estimators import METHODS
-from flinders.samples import Joined, Samples
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -10,12 +10,12 @@ import numpy.testing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flinders.calibration import Calibration
 from flinders.conventions.ardupilot import ORIENTATIONS, Parameters, parse, rotation
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.errors import InputError, NotExportable
 from flinders.readers._fmt import read_packed
 from flinders.readers.dataflash import WANTED
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from flinders import document
-from flinders.axes import Axes
-from flinders.calibration import Calibration
+from flinders.core import calibration_file
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.errors import UnitError
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -166,7 +166,7 @@ def test_saving_and_loading_gives_the_same_numbers_to_the_bit(calibration: Calib
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3))
 def test_any_finite_number_survives_the_text_of_a_file(numbers: list[float]) -> None:
     kept = Calibration(np.eye(3), np.array(numbers), 1.0).to_document()
-    assert repr(document.loads(document.dumps(kept)).calibration.offset) == repr(tuple(numbers))
+    assert repr(calibration_file.loads(calibration_file.dumps(kept)).calibration.offset) == repr(tuple(numbers))
 
 
 @pytest.mark.filterwarnings("error")

@@ -12,17 +12,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.conventions.ardupilot import Parameters as ArduPilot
 from flinders.conventions.px4 import Parameters as Px4
-from flinders.document import dumps, loads
-from flinders.driven import Settler, settled
-from flinders.drivers import KINDS, Driver, lagged, motors
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import dumps, loads
+from flinders.core.compensation import Settler, settled
+from flinders.core.disturbance import KINDS, Driver, lagged, motors
+from flinders.core.samples import Joined, Samples
+from flinders.core.units import Unit
 from flinders.errors import ArrayError, UsageError
 from flinders.exporters import Asked, find, read_back
-from flinders.samples import Joined, Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.estimators import METHODS, Estimator, Readings
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flinders.core.samples import Joined, Samples
 from flinders.errors import UsageError
 from flinders.filters import NAMES, WIDEST, Filter, Name, Passed, filtered
-from flinders.samples import Joined, Samples
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.axes import Axes
-    from flinders.units import Unit
+    from flinders.core.axes import Axes
+    from flinders.core.units import Unit
 
 FEW: Final = settings(max_examples=25)
 ALL: Final = pytest.mark.parametrize("name", NAMES)

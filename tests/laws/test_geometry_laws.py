@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders import simulate
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import Samples
+from flinders.core.units import PER_UNIT, SPELLINGS, Unit
 from flinders.coverage import CELLS, Coverage, cells_of, directions_of
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric, upper
 from flinders.heading import level_error, level_turn, raw_error
-from flinders.samples import Samples
 from flinders.terms.equations import NormalEquations
-from flinders.units import PER_UNIT, SPELLINGS, Unit
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -11,6 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flinders import simulate
+from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import Clear, Exclude, Pause, Redo, Restore, Target, Undo, parse
@@ -35,7 +36,6 @@ from flinders.live.session import (
 from flinders.live.snapshot import Evaluated
 from flinders.live.spans import History
 from flinders.live.track import SHOWN, Clock, Track, stride_for
-from flinders.units import Unit
 
 UT = Unit.of("uT")
 ROWS = rows_of(simulate.tumble(seed=1, n=600).samples)

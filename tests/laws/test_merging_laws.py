@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import flinders
 from flinders import simulate
-from flinders.calibration import Calibration
+from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import upper
 from flinders.judged import Judged, rescaled, trace_with, without_scale

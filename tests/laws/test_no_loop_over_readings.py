@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import flinders
-from flinders.calibration import Calibration
 from flinders.cloud import Cloud
+from flinders.core.calibration import Calibration
 from flinders.health import Health
 from flinders.moments import Moments
 from flinders.simulate import tumble

@@ -14,13 +14,13 @@ from hypothesis.extra.numpy import arrays
 
 import flinders.readers
 from flinders import simulate
-from flinders.axes import Axes
 from flinders.conventions._rotations import euler
+from flinders.core.axes import Axes
+from flinders.core.samples import Joined, Samples
 from flinders.errors import ArrayError, AxesError
 from flinders.filters import Filter, filtered
 from flinders.geometry import quaternions
 from flinders.readers._beside import LONGEST_TURN, Turning
-from flinders.samples import Joined, Samples
 from flinders.simulate.rotations import posed
 from flinders.simulate.table import write_csv
 

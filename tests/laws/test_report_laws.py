@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.truth.test_report import Page, fitted
 
-from flinders.document import Provenance, SourceFile
+from flinders.core.calibration_file import Provenance, SourceFile
 from flinders.report.colours import STEPS, THEMES, class_of, error_colour, seen_ends, seen_level
 from flinders.report.figures import dots, ticks
 from flinders.report.html import Listing, page

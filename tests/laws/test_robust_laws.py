@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from flinders.core.samples import Samples
 from flinders.estimators import Readings, Robust, strays_of
 from flinders.estimators.near import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, left_out
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.samples import Samples
 from flinders.simulate import tumble
 from flinders.terms import magnitude
 

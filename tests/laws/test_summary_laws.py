@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from flinders.core.samples import Samples, Skipped
 from flinders.health import Clock, Health, Lows
-from flinders.samples import Samples, Skipped
 from flinders.summary import Summary
 
 if TYPE_CHECKING:

@@ -12,14 +12,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.conventions import motioncal
 from flinders.conventions._affine import nearest_diagonal, symmetric_root
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.errors import FlindersError, NotExportable
 from flinders.exporters import EXPORTERS, Asked, read_back
 from flinders.exporters._sheet import BLOCK, MARKUP, plain_ascii
-from flinders.units import Unit
 
 entries = st.floats(-0.2, 0.2)
 single = st.floats(allow_nan=False, allow_infinity=False, width=32)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from flinders import simulate
 from flinders.agreement import departures
-from flinders.estimators.paired import between
+from flinders.core.time_alignment import between
 from flinders.estimators.several import mirror_or_rotation, solve
 from flinders.terms.turning import rotations
 

@@ -25,8 +25,8 @@ from flinders.terms.turning import rotations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.estimators.aided import Aided
-    from flinders.samples import Samples
     from flinders.simulate import Simulated
 
 IMU = simulate.Imu(gyro_bias=np.array([0.02, -0.01, 0.015]))

@@ -13,10 +13,11 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.calibration import Calibration
 from flinders.conventions import ardupilot
 from flinders.conventions._rotations import euler
 from flinders.conventions.ardupilot import BY_CURRENT, Parameters, parse, rotation
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.errors import (
     ArrayError,
     InputError,
@@ -31,7 +32,6 @@ from flinders.geometry import quaternions
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import open_dataflash, sniff_dataflash
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

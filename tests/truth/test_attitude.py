@@ -9,7 +9,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders.attitude import FORMULAS, an3192, an4248, dip_deg, level_heading_deg, magnetic_heading_deg, roll_pitch_deg
-from flinders.axes import Axes
+from flinders.core.axes import Axes
 from flinders.deviation import largest_error_deg
 from flinders.errors import ArrayError
 from flinders.frames import EVERY, ForeignAxes, Frames

@@ -18,6 +18,7 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import AlonsoShuster, Ekf, Estimator, Readings, Sequential, at_one_strength
 from flinders.estimators import ekf as filters
@@ -39,7 +40,6 @@ from flinders.judged import Judged
 from flinders.readers import read
 from flinders.report.convergence import Settling, drawing
 from flinders.result import Refused
-from flinders.samples import Joined, Samples
 from flinders.summary import Summary
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from flinders.terms.turning import rotations
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from flinders.core.samples import Samples
     from flinders.estimators.aided import Aided
-    from flinders.samples import Samples
     from flinders.simulate import Simulated
 
 IMU: Final = simulate.Imu(gyro_bias=np.array([0.02, -0.01, 0.015]))

@@ -21,9 +21,9 @@ import pytest
 from click.testing import CliRunner
 
 from flinders import simulate
-from flinders.calibration import Calibration
 from flinders.cli import main
-from flinders.units import Unit
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from flinders import document
-from flinders.calibration import Calibration
-from flinders.document import Correction, Document, Fitted, Provenance, Recorded
+from flinders.core import calibration_file
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Correction, Document, Fitted, Provenance, Recorded
+from flinders.core.units import Unit
 from flinders.errors import ArrayError, DocumentError, FlindersError, OutputError, OutputExists, UsageError
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,7 +77,7 @@ MALFORMED: dict[str, tuple[bytes, str]] = {
     "bad UTF-8": (WHOLE.replace(b'"sensor"', b'"\xff\xff"'), "cannot be read as JSON"),
     "gzip": (gzip.compress(WHOLE), "cannot be read as JSON"),
     "too deep": (b"[" * 100_000, "cannot be read as JSON.*recursion"),
-    "too large": (b" " * (document.LARGEST + 1), "more than 16 MB is no calibration file"),
+    "too large": (b" " * (calibration_file.LARGEST + 1), "more than 16 MB is no calibration file"),
     "a number": (b"42", "not a calibration file"),
     "a list": (b"[1, 2, 3]", "not a calibration file"),
     "another program's": (b'{"magnetometer": {"bias": [1, 2, 3]}}', 'lacks "flinders": "calibration"'),
@@ -153,22 +153,22 @@ def test_a_malformed_file_is_refused_in_one_line_that_names_file_and_fault(
 
 def test_the_sound_file_is_read_even_with_a_byte_order_mark() -> None:
     for text in (WHOLE, b"\xef\xbb\xbf" + WHOLE):
-        calibration = Calibration.from_document(document.loads(text))
+        calibration = Calibration.from_document(calibration_file.loads(text))
         assert calibration.offset.tolist() == [1, 2, 3]
         assert calibration.raw == Unit.of("mG")
 
 
 def test_counts_with_and_without_a_scale_are_understood() -> None:
     scaled = changed("raw", {"unit": "counts", "scale": 0.15})
-    assert Calibration.from_document(document.loads(scaled)).raw == Unit.of("counts", 0.15)
+    assert Calibration.from_document(calibration_file.loads(scaled)).raw == Unit.of("counts", 0.15)
     bare = Calibration.identity().to_document()
-    assert Calibration.from_document(document.loads(document.dumps(bare))).raw == Unit.of("counts")
+    assert Calibration.from_document(calibration_file.loads(calibration_file.dumps(bare))).raw == Unit.of("counts")
 
 
 def test_a_newer_file_says_which_release_can_read_it() -> None:
     newer = {"flinders": "calibration", "schema": 2, "provenance": {"flinders": "3.1.0"}, "new": "part"}
     with pytest.raises(DocumentError, match=r"install Flinders 3\.1\.0 or newer"):
-        document.loads(json.dumps(newer))
+        calibration_file.loads(json.dumps(newer))
 
 
 @pytest.mark.parametrize(
@@ -272,14 +272,16 @@ def test_a_document_that_could_not_be_read_again_is_not_written(
     content: Correction, words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(DocumentError, match=words):
-        document.write(Document(calibration=content, raw=Recorded(unit="mG", scale=0.1)), tmp_path / "out.json")
+        calibration_file.write(Document(calibration=content, raw=Recorded(unit="mG", scale=0.1)), tmp_path / "out.json")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_numbers_of_numpy_are_written_as_numbers() -> None:
     fit = Fitted(method="auto", samples=np.int64(5), coverage={"seen": np.float32(0.5)})  # type: ignore[arg-type, dict-item]
     provenance = Provenance(flinders="0.1.0", date=datetime(2026, 11, 21, tzinfo=UTC))
-    kept = document.loads(document.dumps(Calibration.identity().to_document(fit=fit, provenance=provenance)))
+    kept = calibration_file.loads(
+        calibration_file.dumps(Calibration.identity().to_document(fit=fit, provenance=provenance))
+    )
     assert kept.fit is not None
     assert (kept.fit.samples, kept.fit.coverage) == (5, {"seen": 0.5})
 

@@ -16,10 +16,11 @@ from msgspec import structs
 from rich.console import Console
 
 import flinders
-from flinders import document, simulate
-from flinders.calibration import Calibration
+from flinders import simulate
 from flinders.cli import main
 from flinders.conventions._rotations import euler
+from flinders.core import calibration_file
+from flinders.core.calibration import Calibration
 from flinders.report.comparison import page
 
 if TYPE_CHECKING:
@@ -304,7 +305,7 @@ def test_bad_input_is_a_line_that_says_what_to_do(line: str, code: int, said: st
 
 def test_numbers_beyond_reason_are_no_fault() -> None:
     edit("monday.json", "huge.json", calibration={"offset": [1e200, 0.0, 0.0]})
-    assert document.read("huge.json").calibration.offset[0] == 1e200
+    assert calibration_file.read("huge.json").calibration.offset[0] == 1e200
     assert flinders_("compare", "monday.json", "huge.json").code == 4
     assert flinders_("check", "huge.json", "monday.csv").code == 4
     assert flinders_("check", "huge.json", "monday.csv", "--json").json["residual"]["calibration"]["spread"] is None
@@ -351,8 +352,8 @@ def calibrated_with_a_turn(home: Path) -> str:
     write_tumble(home / "first.csv", seed=8)
     path = str(home / "turned.json")
     CliRunner().invoke(main, ["calibrate", str(home / "first.csv"), "-o", path])
-    found = document.read(path)
+    found = calibration_file.read(path)
     turn = euler(12.0, 0.0, 0.0) @ np.array(found.calibration.matrix)
     correction = structs.replace(found.calibration, matrix=tuple(map(tuple, turn.tolist())), rotation="estimated")
-    document.write(structs.replace(found, calibration=correction), path, force=True)
+    calibration_file.write(structs.replace(found, calibration=correction), path, force=True)
     return path

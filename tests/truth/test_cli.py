@@ -21,10 +21,11 @@ import pytest
 from click.testing import CliRunner
 
 import flinders
-from flinders import document, simulate
-from flinders.calibration import Calibration
+from flinders import simulate
 from flinders.cli import main
 from flinders.cli._program import EXIT_CODES
+from flinders.core import calibration_file
+from flinders.core.calibration import Calibration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -202,7 +203,7 @@ def test_results_go_to_stdout_and_talk_to_stderr(home: Path) -> None:
 def test_the_file_holds_what_the_fit_found_and_where_it_came_from(home: Path) -> None:
     ended = flinders_("calibrate", "tumble.csv", "-o", "out.json", "--sensor", "hull 7")
     fit = flinders.fit(flinders.read("tumble.csv"), sensor="hull 7")
-    written = document.read("out.json")
+    written = calibration_file.read("out.json")
     assert ended.code == 0
     assert Calibration.load("out.json").isclose(fit.calibration)
     assert (written.raw.sensor, written.raw.unit) == ("hull 7", "uT")
@@ -215,7 +216,7 @@ def test_the_file_holds_what_the_fit_found_and_where_it_came_from(home: Path) ->
 
 def test_the_calibration_can_go_to_standard_output(home: Path) -> None:
     ended = flinders_("calibrate", "tumble.csv", "-o", "-")
-    assert Calibration.from_document(document.loads(ended.out)).isclose(
+    assert Calibration.from_document(calibration_file.loads(ended.out)).isclose(
         flinders.fit(flinders.read("tumble.csv")).calibration
     )
     assert "GOOD" in ended.err
@@ -318,7 +319,7 @@ def test_several_recordings_are_fitted_together(home: Path) -> None:
         Path(f"{part}.csv").write_text(text(FIELD[rows], header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
     together = offset_of("0.csv", "1.csv", "-o", "out.json")
     npt.assert_allclose(together, offset_of("tumble.csv"), rtol=1e-9)
-    provenance = document.read("out.json").provenance
+    provenance = calibration_file.read("out.json").provenance
     assert provenance is not None
     assert [(file.name, file.rows) for file in provenance.files] == [("0.csv", 250), ("1.csv", 350)]
 
@@ -327,7 +328,7 @@ def test_standard_input_is_a_recording(home: Path) -> None:
     piped = Path("tumble.csv").read_bytes()
     ended = flinders_("calibrate", "-", "-o", "out.json", "--json", stdin=piped)
     assert ended.json == flinders_("calibrate", "tumble.csv", "--json").json
-    provenance = document.read("out.json").provenance
+    provenance = calibration_file.read("out.json").provenance
     assert provenance is not None
     assert (provenance.files[0].name, provenance.files[0].bytes) == ("standard input", len(piped))
 

@@ -14,16 +14,16 @@ from scipy import stats
 
 import flinders
 from flinders import simulate
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.comparison import Strength, compare
 from flinders.conventions._rotations import euler
-from flinders.document import PARAMETERS, Fitted, beside_record
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import PARAMETERS, Fitted, beside_record
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.judged import Judged
 from flinders.pooling import chance_of
-from flinders.samples import Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,10 +10,10 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, TooFewSamples, Undetermined, Unmoved
 from flinders.estimators import METHODS
 from flinders.result import Refused
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -10,10 +10,10 @@ import pytest
 from benchmarks.claims import by_hand
 
 import flinders
+from flinders.core.samples import Joined, Samples
 from flinders.estimators import Likelihood, Readings, correlation, drift_of
 from flinders.geometry.ellipsoid import upper
 from flinders.result import Refused
-from flinders.samples import Joined, Samples
 from flinders.simulate import RATE_HZ, Sensor, tumble
 
 if TYPE_CHECKING:

@@ -12,16 +12,16 @@ from click.testing import CliRunner
 
 import flinders
 from flinders import simulate
-from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.conventions.ardupilot import Parameters as ArduPilot
+from flinders.core.calibration import Calibration
+from flinders.core.samples import Samples
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
 from flinders.estimators.meters import noise_of
 from flinders.evaluation import evaluate
 from flinders.judged import Judged
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.simulate import table
 from flinders.simulate.truth import Truth
 from flinders.verdict import CODES, of_column, of_noisy

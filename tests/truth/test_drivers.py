@@ -17,13 +17,15 @@ from scipy.signal import lfilter
 
 import flinders
 from flinders import simulate
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.conventions.ardupilot import Parameters as ArduPilot
 from flinders.conventions.px4 import Parameters as Px4
-from flinders.driven import Settler
-from flinders.drivers import Driver
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.compensation import Settler
+from flinders.core.disturbance import Driver
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators import Likelihood, Readings
 from flinders.estimators.bench import still
@@ -31,10 +33,8 @@ from flinders.estimators.driving import driving_of
 from flinders.estimators.followed import earned
 from flinders.exporters import EXPORTERS, Asked, find
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.simulate import table
 from flinders.terms import magnitude
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,11 +11,11 @@ from benchmarks.datasets import heading_error_deg
 
 import flinders
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples
 from flinders.estimators import Algebraic, Auto, Consistent, Estimator, Li, Likelihood, Readings, kept, likelihood
 from flinders.geometry.ellipsoid import upper
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
 
 if TYPE_CHECKING:

@@ -10,15 +10,15 @@ import numpy.testing as npt
 import pytest
 
 from flinders import fitting, simulate
-from flinders.axes import Axes
-from flinders.calibration import Calibration
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import UnitError, UsageError
 from flinders.evaluation import evaluate
 from flinders.judged import Judged
-from flinders.samples import Samples
 from flinders.simulate import Sensor, tumble
 from flinders.simulate.truth import Truth
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

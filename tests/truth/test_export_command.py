@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from flinders import document, simulate
-from flinders.calibration import Calibration
+from flinders import simulate
 from flinders.cli import main
 from flinders.conventions.adis16480 import NAMES, Registers
+from flinders.core import calibration_file
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.exporters import EXPORTERS
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from click.testing import Result
@@ -117,7 +118,7 @@ def test_json_is_the_same_for_programs() -> None:
 
 
 def test_mapped_axes_and_a_sensor_are_told() -> None:
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
 
     made(np.eye(3), [1, 2, 3], axes=Axes.of("x,-y,-z"), sensor="SN 7").save("turned.json")
     text = export(*TO, "turned.json").stdout
@@ -136,8 +137,8 @@ def test_a_limited_calibration_says_what_it_is_not_good_for() -> None:
 
 
 def test_a_refused_calibration_is_not_exported() -> None:
-    found = document.Fitted(method="auto", samples=100, verdict="refused")
-    document.write(Calibration.load("calibration.json").to_document(fit=found), "refused.json")
+    found = calibration_file.Fitted(method="auto", samples=100, verdict="refused")
+    calibration_file.write(Calibration.load("calibration.json").to_document(fit=found), "refused.json")
     ended = export(*TO, "refused.json", "-o", "registers.txt")
     assert ended.exit_code == 4
     assert "refused as not fit for use" in ended.stderr
@@ -204,12 +205,12 @@ def record(name: str, motion: str) -> None:
 @pytest.mark.parametrize("target", ["ardupilot", "px4", "px4-shell"])
 def test_what_comes_on_top_of_the_onboard_calibration_does_not_replace_it(target: str) -> None:
     """Of a log taken as logged: the autopilot would put these numbers in the place of those that were in force."""
-    raw = document.SourceFile(name="flight.bin", sha256="0" * 64, bytes=1, rows=1)
+    raw = calibration_file.SourceFile(name="flight.bin", sha256="0" * 64, bytes=1, rows=1)
     for as_logged, code in ((False, 0), (True, 4)):
-        file = document.SourceFile(name=raw.name, sha256=raw.sha256, bytes=1, rows=1, as_logged=as_logged)
-        made_from = document.Provenance(flinders="0.1.0", date=datetime(2026, 1, 1, tzinfo=UTC), files=(file,))
+        file = calibration_file.SourceFile(name=raw.name, sha256=raw.sha256, bytes=1, rows=1, as_logged=as_logged)
+        made_from = calibration_file.Provenance(flinders="0.1.0", date=datetime(2026, 1, 1, tzinfo=UTC), files=(file,))
         found = made(np.eye(3), [1, 2, 3]).to_document(provenance=made_from)
-        Path("logged.json").write_text(document.dumps(found), encoding="utf-8")
+        Path("logged.json").write_text(calibration_file.dumps(found), encoding="utf-8")
         ended = export("--to", target, "logged.json")
         assert ended.exit_code == code, ended.output
     assert "come on top of that one" in ended.stderr

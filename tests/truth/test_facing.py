@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from flinders import fitting, simulate
+from flinders.core.samples import Samples
 from flinders.coverage import Coverage
 from flinders.heading import level_error
 from flinders.result import Fit, Refused
-from flinders.samples import Samples
 
 
 def judged(samples: Samples) -> Fit:

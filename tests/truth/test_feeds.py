@@ -15,6 +15,7 @@ import pytest
 
 from flinders import fit, simulate
 from flinders.conventions.ardupilot import Parameters
+from flinders.core.samples import Samples
 from flinders.errors import ArrayError, OutputError, UsageError
 from flinders.live.feeds import AT_ONCE, Feed, Kept, Replay
 from flinders.live.mavlink import ARDUPILOT, PX4, Vehicle
@@ -24,7 +25,6 @@ from flinders.live.sinks import Resumed, ToFile
 from flinders.live.sources import Udp
 from flinders.live.telemetry import Telemetry
 from flinders.readers import open_recording, read
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

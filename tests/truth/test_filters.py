@@ -14,9 +14,9 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.cli._filters import filtered_finding
+from flinders.core.samples import Samples
 from flinders.filters import NAMES, PATIENCE, Filter, Name, filtered
 from flinders.heading import level_turn
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from collections.abc import Callable

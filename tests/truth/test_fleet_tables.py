@@ -10,12 +10,12 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput, UsageError
 from flinders.fleet import Rows, fit_many, plan, work
 from flinders.fleet.plan import plan_of
 from flinders.fleet.run import run
 from flinders.fleet.tables import Asked
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

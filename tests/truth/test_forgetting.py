@@ -13,11 +13,11 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import Consistent, Forgetting, Readings
 from flinders.estimators.convergence import spread_counts
 from flinders.geometry.ellipsoid import upper
-from flinders.samples import Joined, Samples
 from flinders.summary import Summary
 
 if TYPE_CHECKING:

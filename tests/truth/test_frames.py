@@ -13,16 +13,16 @@ from click.testing import CliRunner
 
 import flinders
 from flinders import simulate
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.conventions.ardupilot import parse
 from flinders.conventions.betaflight import MagZero
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.samples import Joined, Samples, frame_of
+from flinders.core.units import Unit
 from flinders.errors import AxesError, NotExportable
 from flinders.exporters import EXPORTERS, find, read_back
 from flinders.fitting import fit
-from flinders.samples import Joined, Samples, frame_of
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from click.testing import Result

@@ -9,8 +9,8 @@ import sys
 import numpy.testing as npt
 import pytest
 
+from flinders.core.geomag import SiteField, place_of, site_field, year_of
 from flinders.errors import UsageError
-from flinders.geomag import SiteField, place_of, site_field, year_of
 
 WMM2025 = """
 2025.0   0  80   0   6521.6   145.9  54791.5  1.28
@@ -133,5 +133,5 @@ def test_what_is_no_place_is_refused(text: str, said: str) -> None:
 
 
 def test_the_model_is_loaded_when_it_is_asked_for_and_not_before() -> None:
-    code = "import sys, flinders.geomag, flinders.cli; assert 'pygeomag' not in sys.modules"
+    code = "import sys, flinders.core.geomag, flinders.cli; assert 'pygeomag' not in sys.modules"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

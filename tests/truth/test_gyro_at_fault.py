@@ -22,7 +22,7 @@ from flinders.terms.turning import bridged, rotations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
     from flinders.simulate import Simulated
 
 

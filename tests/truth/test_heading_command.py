@@ -17,16 +17,16 @@ from click.testing import CliRunner
 
 from flinders import simulate
 from flinders.attitude import magnetic_heading_deg
-from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.compass import Compass
-from flinders.document import Fitted, beside_record
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Fitted, beside_record
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.fitting import fit
 from flinders.geometry.angles import folded
 from flinders.heading import deviation_covariance
 from flinders.judged import Judged
-from flinders.samples import Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

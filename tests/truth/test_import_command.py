@@ -13,10 +13,10 @@ import pytest
 from click.testing import CliRunner
 
 from flinders import simulate
-from flinders.calibration import Calibration
 from flinders.cli import main
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.exporters import EXPORTERS, read_back
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from click.testing import Result

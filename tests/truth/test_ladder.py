@@ -14,10 +14,10 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSamples
 from flinders.estimators import Algebraic, Ladder, Readings, Sphere, fit_error
 from flinders.estimators.ladder import FULL, RUNGS, NothingAccepted, bins_of, solved
-from flinders.samples import Samples
 from flinders.summary import Summary
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ from benchmarks.datasets import FIELD, FIELD_STRENGTH, dataset, heading_error_de
 
 import flinders
 from flinders import simulate
+from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
 from flinders.estimators import Level, Readings, kept
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.heading import level_error
 from flinders.result import Refused
-from flinders.samples import Joined, Samples, Wrapped
 from flinders.simulate import Sensor, Simulated
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.result import Fit
-    from flinders.samples import Recording
 
 TRIALS: Final = 25
 

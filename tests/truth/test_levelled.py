@@ -10,9 +10,9 @@ import pytest
 
 import flinders
 from flinders.conventions._rotations import euler
+from flinders.core.samples import Samples
 from flinders.judged import Judged
 from flinders.levelled import Levelled, compare_turned
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

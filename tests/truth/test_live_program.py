@@ -26,7 +26,7 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.document import loads
+from flinders.core.calibration_file import loads
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -22,8 +22,9 @@ from starlette.websockets import WebSocketDisconnect
 
 import flinders
 from flinders import fitting, simulate
-from flinders.axes import Axes
-from flinders.document import loads
+from flinders.core.axes import Axes
+from flinders.core.calibration_file import loads
+from flinders.core.units import Unit
 from flinders.exporters import EXPORTERS
 from flinders.judged import Judged
 from flinders.live import motioncal, server
@@ -35,7 +36,6 @@ from flinders.live.session import Session, state
 from flinders.live.sinks import ToFile
 from flinders.live.sources import Scripted
 from flinders.live.store import Edits, default_path
-from flinders.units import Unit
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # that its client may be another one some day
@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from starlette.testclient import WebSocketTestSession
 
     from flinders.conventions.motioncal import Packet
+    from flinders.core.samples import Samples
     from flinders.live.sources import ByteSource
-    from flinders.samples import Samples
 
 HOST = "127.0.0.1:8410"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}

@@ -12,7 +12,9 @@ import numpy.testing as npt
 import pytest
 
 from flinders import fitting, simulate
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.judged import Judged
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SetGoal, SourceState, State, Target
@@ -34,8 +36,6 @@ from flinders.live.session import (
     step,
 )
 from flinders.live.track import Track
-from flinders.samples import Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

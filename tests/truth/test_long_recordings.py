@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import flinders
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.estimators import Readings, kept
-from flinders.samples import Samples
 from flinders.simulate import tumble
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,23 +15,24 @@ import pytest
 from click.testing import CliRunner
 
 import flinders
-from flinders import document, simulate
-from flinders.axes import Axes
+from flinders import simulate
 from flinders.cli import main
-from flinders.document import FindingRecord
+from flinders.core import calibration_file
+from flinders.core.axes import Axes
+from flinders.core.calibration_file import FindingRecord
+from flinders.core.units import Unit
 from flinders.errors import AxesError, UnitError, UsageError
 from flinders.geometry.ellipsoid import upper
 from flinders.judged import Judged
 from flinders.merging import NotMerged, merge
 from flinders.pooling import chi_square_of
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
-    from flinders.samples import Samples
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Samples
 
 SENSOR = simulate.Sensor.random(np.random.default_rng(7))
 
@@ -356,7 +357,7 @@ def test_the_file_that_is_written() -> None:
     assert "written to merged.json" in ended.err
     for words in ("tuesday.json", "1,000", "GOOD", "3 calibrations of 3,000 readings"):
         assert words in ended.out
-    found = document.read("merged.json")
+    found = calibration_file.read("merged.json")
     assert found.fit is not None
     assert found.provenance is not None
     assert (found.fit.method, found.fit.samples, found.fit.verdict, found.fit.coverage) == ("merged", 3000, "good", {})
@@ -404,7 +405,7 @@ def test_a_limited_result_is_written() -> None:
 def test_to_standard_output() -> None:
     ended = run("merge monday.json tuesday.json -o -")
     assert ended.code == 0
-    assert document.loads(ended.out).calibration.unit == "uT"
+    assert calibration_file.loads(ended.out).calibration.unit == "uT"
     assert "GOOD" in ended.err
 
 

@@ -12,16 +12,16 @@ from click.testing import CliRunner
 
 import flinders
 from flinders import simulate
-from flinders.axes import Axes
 from flinders.cli import main
 from flinders.cli._program import FIT_KEYS
+from flinders.core.axes import Axes
+from flinders.core.samples import Joined, Samples
+from flinders.core.units import Unit
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators import MinMax, Readings
 from flinders.extremes import from_extremes
 from flinders.judged import Judged
-from flinders.samples import Joined, Samples
 from flinders.summary import Summary
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,12 +11,12 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.estimators.aided import solve
 from flinders.estimators.aids import aided_by, claim_deg
 from flinders.estimators.joint import seated
 from flinders.geometry.quaternions import inverse, of_angles, rotated
-from flinders.samples import Samples
 from flinders.terms.pointing import body_to_world
 from flinders.terms.turning import rotations
 

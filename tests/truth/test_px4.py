@@ -15,10 +15,11 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.conventions._rotations import ROTATIONS, euler, without_turn
 from flinders.conventions.px4 import MOUNTINGS, Parameters, board_mounting, compasses, mounting, of_device
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import Unit
 from flinders.errors import (
     ArrayError,
     FlindersError,
@@ -34,15 +35,14 @@ from flinders.geometry import quaternions
 from flinders.readers._beside import Beside
 from flinders.readers._source import File
 from flinders.readers.ulog import open_ulog, sniff_ulog
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.readers import Instrument, Log
-    from flinders.samples import Samples
 
 GAUSS = Unit.of("G")
 

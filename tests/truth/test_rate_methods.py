@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsRate, NeedsSamples, NotAnEllipsoid, OneAxisTurned, TooFewSamples, UsageError
 from flinders.estimators import METHODS, Estimator, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.magyc_ls import Windows, settled
 from flinders.estimators.turned import Steps, steps_of
 from flinders.result import Refused
-from flinders.samples import Joined, Samples
 
 if TYPE_CHECKING:
     from pathlib import Path

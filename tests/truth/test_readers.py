@@ -23,11 +23,11 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import FlindersError, MissingExtra, NoMagnetometer, UnreadableInput, UsageError
 from flinders.readers import READERS, Instrument, Log, Reader, TableRecording
 from flinders.readers._log import Stored
-from flinders.samples import Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 
 from flinders import simulate
 from flinders.cli import main
+from flinders.core.samples import Samples
 from flinders.errors import OutputError, UnitError
 from flinders.live.readings import Event, Reading, readings_of, samples_of
 from flinders.live.recorder import Recorder
@@ -24,7 +25,6 @@ from flinders.live.sinks import Resumed, ToFile
 from flinders.live.sources import Gone, Quiet, Scripted
 from flinders.live.transcript import LONGEST, Transcript
 from flinders.readers import read
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

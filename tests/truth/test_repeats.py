@@ -15,8 +15,8 @@ from click.testing import CliRunner
 
 import flinders
 from flinders.cli import main
+from flinders.core.samples import Joined, Samples
 from flinders.result import Refused
-from flinders.samples import Joined, Samples
 from flinders.simulate import Sensor, Simulated, tumble
 
 if TYPE_CHECKING:

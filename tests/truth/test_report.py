@@ -16,8 +16,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from flinders import fitting, simulate
-from flinders.calibration import Calibration
-from flinders.drivers import Driver
+from flinders.core.calibration import Calibration
+from flinders.core.disturbance import Driver
+from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, TooFewSamples
 from flinders.estimators.walk import walk_through
 from flinders.geometry.sphere import tile_of, tiles
@@ -32,7 +33,6 @@ from flinders.report.terminal import plot
 from flinders.report.text import degrees
 from flinders.report.view import tile_errors_deg
 from flinders.result import Refused
-from flinders.samples import Joined, Samples
 from flinders.terms.site import Site
 
 if TYPE_CHECKING:
@@ -158,8 +158,8 @@ def test_the_policy_of_the_page_names_its_script_and_style_and_nothing_else() ->
 
 
 def test_the_python_of_a_report_corrects_readings_as_recorded() -> None:
-    from flinders.axes import Axes
-    from flinders.units import Unit
+    from flinders.core.axes import Axes
+    from flinders.core.units import Unit
 
     rng = np.random.default_rng(5)
     recorded = rng.normal(size=(20, 3)) * 400.0

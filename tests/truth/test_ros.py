@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.readers import Instrument, Log
-    from flinders.samples import Samples
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
 rosbag2 = pytest.importorskip("rosbags.rosbag2")

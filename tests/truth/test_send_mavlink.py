@@ -20,17 +20,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.cli import main
 from flinders.conventions import ardupilot, px4
-from flinders.document import Provenance, SourceFile, write
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Provenance, SourceFile, write
+from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed, NotExportable, NotSent, UsageError
 from flinders.live import mavlink
 from flinders.live.mavlink import Vehicle
 from flinders.live.plan import Plan
 from flinders.live.sources import Udp
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

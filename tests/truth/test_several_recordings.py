@@ -9,15 +9,15 @@ import numpy.testing as npt
 import pytest
 
 import flinders
+from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.estimators import Likelihood, Readings, Robust, kept
 from flinders.estimators.correlation import correlation_of
-from flinders.samples import Joined, Samples, Wrapped
 from flinders.simulate import Sensor, tumble
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.samples import Recording
+    from flinders.core.samples import Recording
 
 SENSOR: Final = Sensor(
     np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5

@@ -15,11 +15,11 @@ from click.testing import CliRunner, Result
 
 import flinders
 from flinders.cli import main
+from flinders.core.samples import Samples
 from flinders.estimators import Level, Readings
 from flinders.estimators.level import turned_level
 from flinders.estimators.sited import Heights, conditioned, sited
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.terms.site import Site
 
 if TYPE_CHECKING:

@@ -18,15 +18,15 @@ import pytest
 
 from flinders import simulate
 from flinders.arrays import Floats, floats
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.conventions import motioncal, vectornav
 from flinders.conventions._affine import nearest_diagonal, symmetric_root
 from flinders.conventions._rotations import euler
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import PER_UNIT, Unit
 from flinders.errors import DocumentError, InputError, NotExportable, UnitError, UsageError
 from flinders.exporters import EXPORTERS, Asked, find, read_back
 from flinders.exporters._sheet import BLOCK, HASH, HOLDS, MARKUP, WHERE, digits, plain_ascii
-from flinders.units import PER_UNIT, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

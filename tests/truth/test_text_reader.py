@@ -22,9 +22,9 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
+from flinders.core.samples import BLOCK, Joined
 from flinders.errors import AxesError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers import READERS, TextRecording, open_recording, read
-from flinders.samples import BLOCK, Joined
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

@@ -12,12 +12,12 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.agreement import departures, heading_deg
+from flinders.core.samples import Samples
+from flinders.core.time_alignment import between, paired
 from flinders.errors import FitError, InputError, UsageError
 from flinders.estimators import several
-from flinders.estimators.paired import between, paired
 from flinders.geometry.ellipsoid import upper
 from flinders.result import Fit, Refused
-from flinders.samples import Samples
 from flinders.terms.turning import rotations
 from flinders.together import Member, fit_together, nearest_axes
 

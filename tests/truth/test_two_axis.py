@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
-    from flinders.document import HeadingErrorRecord
+    from flinders.core.calibration import Calibration
+    from flinders.core.calibration_file import HeadingErrorRecord
+    from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
-    from flinders.samples import Samples
 
 COMPASS: Final = TwoAxis((1.1, 0.9), (10.0, -5.0), 4.0)
 NOISY: Final = TwoAxis((1.0, 1.0), (10.0, -5.0), 0.0, 0.25)

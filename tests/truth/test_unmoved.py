@@ -13,11 +13,11 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.core.samples import Samples
 from flinders.errors import FitError, Unmoved
 from flinders.live.evaluation import evaluate
 from flinders.live.snapshot import Snapshot
 from flinders.result import Refused
-from flinders.samples import Samples
 from flinders.summary import Summary
 from flinders.unmoved import unmoved_deg
 

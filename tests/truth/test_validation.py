@@ -11,9 +11,9 @@ import pytest
 from benchmarks.datasets import dataset, heading_error_deg
 
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.estimators import METHODS, Consistent, Level, Likelihood, MinMax, Readings, Sphere
-from flinders.samples import Samples
 from flinders.validation import NotValidated, cross_validated
 
 if TYPE_CHECKING:

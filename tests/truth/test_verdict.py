@@ -14,13 +14,13 @@ from benchmarks.claims import by_hand
 
 import flinders
 from flinders import simulate
-from flinders.axes import Axes
-from flinders.document import Provenance, SourceFile
+from flinders.core.axes import Axes
+from flinders.core.calibration_file import Provenance, SourceFile
+from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, StuckAxis, TooFewSamples
 from flinders.report.plain import page
 from flinders.report.words import FINDINGS, REFUSALS
 from flinders.result import Refused
-from flinders.samples import Joined, Samples
 from flinders.simulate import Sensor, tumble
 from flinders.verdict import CODES, advised
 

@@ -16,12 +16,12 @@ import numpy.testing as npt
 import pytest
 
 from flinders import fitting, simulate
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import figures
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.report.view import matrix_sigma, tile_errors_deg, view
 from flinders.result import Fit, Refused
-from flinders.samples import Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

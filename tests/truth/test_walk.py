@@ -12,15 +12,15 @@ from scipy.linalg import block_diag
 
 import flinders
 from flinders import simulate
-from flinders.driven import Settler
+from flinders.core.compensation import Settler
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.driving import driving_of
 from flinders.estimators.walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.result import Refused
 
 if TYPE_CHECKING:
+    from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.samples import Samples
 
 
 def settled(samples: Samples) -> Ellipsoid:

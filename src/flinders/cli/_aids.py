@@ -10,7 +10,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from flinders.geomag import SiteField
+    from flinders.core.geomag import SiteField
 
 
 def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:

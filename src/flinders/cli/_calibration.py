@@ -14,10 +14,10 @@ from flinders.errors import DocumentError, FlindersError, NotExportable, UnitErr
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Recording
     from flinders.judged import Judged
     from flinders.readers import Choice
-    from flinders.samples import Recording
 
 
 sensor_option = click.option(
@@ -118,7 +118,7 @@ def only(judged: Judged, known: set[int], what: str, option: str) -> int | None:
 
 def is_calibration(path: str) -> bool:
     """Whether a path leads to a calibration file; standard input is left unread."""
-    from flinders.document import read
+    from flinders.core.calibration_file import read
 
     with contextlib.suppress(DocumentError):
         return path != "-" and bool(read(path))
@@ -166,7 +166,7 @@ def say_sensor(path: str, calibration: Calibration, recording: Recording, asked:
 
 def made_from(calibration: str, recordings: Iterable[Recording]) -> list[str]:
     """Which of these recordings a calibration was made from, as its file says: their names."""
-    from flinders.document import read
+    from flinders.core.calibration_file import read
 
     provenance = read(calibration).provenance
     known = {file.sha256 for file in provenance.files} if provenance else set()

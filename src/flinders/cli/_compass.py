@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.cli._filters import Smoother
     from flinders.compass import Compass, Headings, Voyage
-    from flinders.driven import Settler
-    from flinders.geomag import SiteField
+    from flinders.core.compensation import Settler
+    from flinders.core.geomag import SiteField
+    from flinders.core.samples import Recording, Samples
     from flinders.judged import Judged
-    from flinders.samples import Recording, Samples
 
 ENOUGH_TO_JUDGE: Final = 1000
 """Readings of a stream after which the axes are looked at for the first time; at its end fewer will do."""
@@ -204,8 +204,8 @@ def open_log(
     InputError
         For what cannot be read.
     """
-    from flinders.axes import Axes
     from flinders.compass import LEVEL, Compass
+    from flinders.core.axes import Axes
     from flinders.readers import TextRecording, open_recording
 
     _refuse_contradictions(
@@ -240,7 +240,7 @@ def site_of(place: str, date: str | None, recording: Recording | None = None) ->
     UsageError
         For no place, no day, or one without a model.
     """
-    from flinders.geomag import place_of, site_field, year_of
+    from flinders.core.geomag import place_of, site_field, year_of
 
     where = place_of(place)
     return site_field(*where, year=year_of(_day(date, recording)))

@@ -10,8 +10,8 @@ from flinders.cli._talk import say
 from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
+    from flinders.core.samples import Recording
     from flinders.estimators import Convergence
-    from flinders.samples import Recording
 
 KINDS: Final = (".svg", ".csv")
 
@@ -50,7 +50,7 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
     OutputError
         Where it cannot be written.
     """
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.report.convergence import Settling, drawing, table
 
     if path is None:

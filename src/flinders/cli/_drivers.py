@@ -14,11 +14,11 @@ from flinders.errors import UsageError, figures
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from flinders.calibration import Calibration
-    from flinders.driven import Settler
+    from flinders.core.calibration import Calibration
+    from flinders.core.compensation import Settler
+    from flinders.core.samples import Recording
     from flinders.estimators.bench import Still
     from flinders.judged import Judged
-    from flinders.samples import Recording
 
 hold = click.option(
     "--hold", "held", multiple=True, metavar="NAME=VALUE",
@@ -39,7 +39,7 @@ def values_of(held: Iterable[str]) -> dict[str, float]:
     >>> values_of(["current=12.5", "throttle1=0"])
     {'current': 12.5, 'throttle1': 0.0}
     """
-    from flinders.drivers import BY_KEY, KINDS
+    from flinders.core.disturbance import BY_KEY, KINDS
 
     names = set(BY_KEY.values())
 
@@ -57,7 +57,7 @@ def values_of(held: Iterable[str]) -> dict[str, float]:
 
 def settler_of(judged: Judged, held: Iterable[str]) -> tuple[Judged, Settler]:
     """A calibration of settled readings, and what settles them; at fixed values where ``--hold`` says so."""
-    from flinders.driven import Settler
+    from flinders.core.compensation import Settler
 
     settler = Settler(holding(judged.calibration, held))
     return replace(judged, calibration=settler.calibration.at()), settler
@@ -122,7 +122,7 @@ def asked_for(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     >>> asked_for(["currents,rate", "temperature,throttle2"])
     (('currents', 'temperature', 'throttle2'), ('rate',))
     """
-    from flinders.drivers import BY_KEY, MOTORS
+    from flinders.core.disturbance import BY_KEY, MOTORS
 
     known = {*BY_KEY.values(), *MOTORS.values()}
 
@@ -139,7 +139,7 @@ def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> 
     UsageError
         For what nothing is known of, or ``--previous`` with no driver.
     """
-    from flinders.drivers import KINDS, MOTORS
+    from flinders.core.disturbance import KINDS, MOTORS
 
     drivers, others = asked_for(words)
     if others:
@@ -170,11 +170,11 @@ def bench(
     UsageError
         For a calibration of another unit or other axes.
     """
+    from flinders.core.samples import singles
+    from flinders.core.units import label
     from flinders.errors import NotTurned
     from flinders.estimators.bench import described, still
     from flinders.judged import Judged
-    from flinders.samples import singles
-    from flinders.units import label
     from flinders.verdict import of_alike, of_column, of_noisy
 
     parts = list(singles(recording))
@@ -243,12 +243,12 @@ def _left_deg(found: Still, calibration: Calibration, name: str) -> float:
 
 def _save(calibration: Calibration, known: Judged, output: str | None, *, force: bool) -> None:
     """Write a calibration with the drivers it follows now, and all else that is known of it."""
-    from flinders.document import dumps, write
+    from flinders.core.calibration_file import dumps, write
 
     if output is None:
         say("nothing was written: name a file with -o calibration.json")
         return
-    from flinders.document import read
+    from flinders.core.calibration_file import read
 
     before = read(known.name)
     document = calibration.to_document(fit=before.fit, provenance=before.provenance)
@@ -262,8 +262,8 @@ def _save(calibration: Calibration, known: Judged, output: str | None, *, force:
 def seen(recording: Recording, settler: Settler) -> Settler:
     """Go through a recording for what lies outside the range that a driver was found in."""
     if settler.calibration.drivers:
-        from flinders.driven import Settler
-        from flinders.samples import singles
+        from flinders.core.compensation import Settler
+        from flinders.core.samples import singles
 
         for part in singles(recording):
             watch = Settler(settler.calibration, settler.beyond)

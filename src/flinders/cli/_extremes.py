@@ -15,7 +15,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.document import Provenance
+    from flinders.core.calibration_file import Provenance
     from flinders.extremes import Extremes
 
 OF_READINGS: Final = {
@@ -50,11 +50,11 @@ def calibrate(
     OutputError
         Where the file is in the way, or cannot be written.
     """
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
+    from flinders.core.units import Unit
     from flinders.estimators import METHODS
     from flinders.estimators.minmax import MinMax
     from flinders.extremes import from_extremes
-    from flinders.units import Unit
 
     method = options.pop("method")
     if recordings:
@@ -105,7 +105,7 @@ def _check_output(output: str | None, *, force: bool, as_json: bool) -> None:
     OutputError
         Where a file is in the way.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if output == "-" and as_json:
         raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
@@ -126,7 +126,7 @@ def _show(found: Extremes, *, err: bool) -> None:
 
 def _write(found: Extremes, output: str | None, *, force: bool) -> None:
     """Write the calibration where it was asked for."""
-    from flinders.document import dumps
+    from flinders.core.calibration_file import dumps
 
     if output == "-":
         click.echo(dumps(found.to_document(_provenance())), nl=False)
@@ -139,6 +139,6 @@ def _provenance() -> Provenance:
     from datetime import UTC, datetime
     from importlib.metadata import version
 
-    from flinders.document import Provenance
+    from flinders.core.calibration_file import Provenance
 
     return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=())

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
     from flinders.filters import Filter
     from flinders.result import Finding, Fit
-    from flinders.samples import Recording, Samples
 
 UNKNOWN_DEG: Final = 180.0
 """What a filter may have moved the heading by, where there is nothing to hold it against."""
@@ -211,7 +211,7 @@ def _within_range(part: Recording) -> Recording:
 
 
 def _joined(parts: Sequence[Recording]) -> Recording:
-    from flinders.samples import Joined
+    from flinders.core.samples import Joined
 
     return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
 

@@ -14,8 +14,8 @@ import click
 
 from flinders.cli import _aids
 from flinders.cli._talk import print_fit, print_json, say
+from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
-from flinders.files import reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

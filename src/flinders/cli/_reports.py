@@ -17,12 +17,12 @@ from flinders.cli._talk import drawn
 from flinders.errors import FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.document import Provenance
+    from flinders.core.calibration_file import Provenance
+    from flinders.core.samples import Recording
     from flinders.errors import FitError
     from flinders.judged import Judged
     from flinders.report.html import Listing
     from flinders.result import Fit
-    from flinders.samples import Recording
 
 FIRST: Final = ("c",)
 """Targets that stand first among the listings of a report, open."""
@@ -65,7 +65,7 @@ def write(
     OutputError
         Where it cannot be written.
     """
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.judged import Judged
     from flinders.report.html import page
     from flinders.result import Fit

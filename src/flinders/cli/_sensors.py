@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
+    from flinders.core.samples import Recording
     from flinders.filters import Filter
     from flinders.readers import Instrument, Log
     from flinders.result import Fit
-    from flinders.samples import Recording
     from flinders.together import Together
 
 Outcome: TypeAlias = "Fit | FlindersError"
@@ -40,8 +40,8 @@ def opened(recordings: Sequence[str], options: dict[str, Any], **reading: Any) -
     UsageError
         For a magnetometer that there is not, and for columns that are one in one file and another in the next.
     """
+    from flinders.core.samples import Joined
     from flinders.readers import Choice, open_recording
-    from flinders.samples import Joined
 
     found = open_recording(recordings, sensor=Choice(options["sensor"], is_name=True), **reading)
     parts = found.recordings if isinstance(found, Joined) else (found,)
@@ -93,7 +93,7 @@ def calibrate(
     int
         The exit code: that of the worst.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
     from flinders.readers import open_log
 
     for option, value in beside.items():

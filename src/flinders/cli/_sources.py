@@ -13,9 +13,9 @@ from flinders.errors import FlindersError, TooFewSamples, counted
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from flinders.document import Provenance, SourceFile
+    from flinders.core.calibration_file import Provenance, SourceFile
+    from flinders.core.samples import Recording, Samples, Skipped
     from flinders.readers._source import File
-    from flinders.samples import Recording, Samples, Skipped
 
 
 def sha256(recording: Recording) -> str:
@@ -61,7 +61,7 @@ class Counted:
     """
 
     def __init__(self, recording: Recording) -> None:
-        from flinders.samples import frame_of
+        from flinders.core.samples import frame_of
 
         self.recording, self.source = recording, recording.source
         self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
@@ -89,7 +89,7 @@ class Counted:
 def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
     """Say how many readings there are, and what is none, with the first such line.
 
-    >>> from flinders.samples import Skipped
+    >>> from flinders.core.samples import Skipped
     >>> read_and_left_out(600, [Skipped("other", 3, (1, 2, 3), "LIS3MDL found"), Skipped("not finite", 1, (9,))])
     "600 readings, 3 other lines (line 1: 'LIS3MDL found'), 1 not finite line (line 9)"
     """
@@ -106,7 +106,7 @@ def provenance(parts: Sequence[Counted]) -> Provenance:
     from datetime import UTC, datetime
     from importlib.metadata import version
 
-    from flinders.document import Provenance
+    from flinders.core.calibration_file import Provenance
 
     return Provenance(
         flinders=version("flinders"),
@@ -117,7 +117,7 @@ def provenance(parts: Sequence[Counted]) -> Provenance:
 
 def _source_file(part: Counted) -> SourceFile:
     """Name, hash and size of a file, and how many readings it gave."""
-    from flinders.document import SourceFile
+    from flinders.core.calibration_file import SourceFile
 
     recording = part.recording
     size = file_of(recording).size

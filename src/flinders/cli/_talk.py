@@ -37,7 +37,7 @@ def say(message: str) -> None:
 
 def print_json(fields: dict[str, Any]) -> None:
     """Print a result for programs."""
-    from flinders.document import lay_out
+    from flinders.core.calibration_file import lay_out
 
     click.echo(lay_out(plain(fields)))
 

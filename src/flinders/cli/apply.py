@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
-    from flinders.driven import Settler
+    from flinders.core.calibration import Calibration
+    from flinders.core.compensation import Settler
+    from flinders.core.samples import Recording, Samples
     from flinders.filters import Filter
     from flinders.readers import TextRecording
-    from flinders.samples import Recording, Samples
 
 FOREIGN: Final = 3.0
 """Readings that come out so many times too long or too short are of another sensor or unit: refused."""
@@ -73,7 +73,7 @@ def command(
     vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
     calibration follows, such as a current, has to be among the columns.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
     from flinders.readers import TextRecording, open_recording
 
     if output == "-" and as_json:
@@ -220,7 +220,7 @@ def _doubt(calibration: str, recording: str) -> str:
 @contextlib.contextmanager
 def _output(path: str, encoding: str, *, force: bool, live: bool) -> Iterator[IO[str]]:
     """Open the output: a file that appears when it is complete, or standard output; if live, line by line."""
-    from flinders.files import replacing
+    from flinders.core.files import replacing
 
     if path != "-":
         with replacing(path, force=force, encoding=encoding, newline="") as file:

@@ -17,9 +17,9 @@ from flinders.errors import FitError, NotTurned, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flinders.core.samples import Recording
     from flinders.filters import Filter
     from flinders.result import Fit
-    from flinders.samples import Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,7 +286,7 @@ def _fit(
     FitError
         Where no calibration can be given.
     """
-    from flinders.samples import Joined
+    from flinders.core.samples import Joined
 
     with progress("reading") as watch:
         opened = _sensors.opened(recordings, options, progress=watch, **reading)
@@ -338,8 +338,8 @@ def _check(recordings: tuple[str, ...], options: dict[str, Any]) -> None:
     UsageError
         For options that are not known or contradict each other, or a recording given twice.
     """
+    from flinders.core.units import Unit
     from flinders.estimators import METHODS
-    from flinders.units import Unit
 
     method, prior = options["method"], "prior" in options
     if method not in METHODS:
@@ -384,7 +384,7 @@ def _check_outputs(recordings: tuple[str, ...], results: _Results) -> None:
     OutputError
         Where a file is in the way, or could not be written.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     printed = ["--json"] * results.as_json + [name for name, path in results.paths if path == "-"]
     if len(printed) > 1:
@@ -404,7 +404,7 @@ def _check_outputs(recordings: tuple[str, ...], results: _Results) -> None:
 
 def _write(fit: Fit, parts: list[Counted], results: _Results) -> None:
     """Write the calibration where it was asked for."""
-    from flinders.document import dumps
+    from flinders.core.calibration_file import dumps
 
     if results.calibration == "-":
         click.echo(dumps(fit.to_document(provenance(parts))), nl=False)
@@ -416,7 +416,7 @@ def _report(
     outcome: Fit | FitError, parts: list[Counted], by: Filter | None, results: _Results, asked: dict[str, Any]
 ) -> None:
     """Write the page of plain words, and the one with figures, where they were asked for."""
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.report.plain import page
 
     if results.words == "-":

@@ -16,12 +16,12 @@ from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import NeedsSamples, TooFewSamples, UsageError
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
     from flinders.comparison import Comparison, Strength
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Joined
     from flinders.estimators.walk import Walk
     from flinders.judged import Judged
     from flinders.result import Fit, Refused
-    from flinders.samples import Joined
 
 
 @click.command(
@@ -65,7 +65,7 @@ def command(
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
-    from flinders.driven import settled
+    from flinders.core.compensation import settled
     from flinders.fitting import fit
     from flinders.report.comparison import page
     from flinders.result import Refused
@@ -131,8 +131,8 @@ def opened(
     UnitError
         For one that states another kind of unit.
     """
+    from flinders.core.samples import Joined
     from flinders.readers import open_recording
-    from flinders.samples import Joined
 
     _options.refuse_twice(recordings)
     for each in recordings:
@@ -198,8 +198,8 @@ def _refused(refused: Refused, walk: Walk, *, target_deg: float, dip_deg: float,
 def _told(walk: Walk, unit: str, *, target_deg: float, dip_deg: float, under: str = "") -> str:
     """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
     from flinders.cli._reports import can_show
+    from flinders.core.units import label
     from flinders.estimators.walk import BARS
-    from flinders.units import label
 
     words = walk.words(label(unit), level_deg=target_deg, dip_deg=abs(dip_deg))
     bars = f"\n{walk.drawn()}  0 to {walk.moved:.2g}" if walk.is_proven and can_show(sys.stdout.encoding, BARS) else ""

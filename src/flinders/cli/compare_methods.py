@@ -71,9 +71,9 @@ def command(
     why. Nothing is written; of several recordings of one sensor the blocks follow each other.
     """
     from flinders.contest import compare_methods, known
+    from flinders.core.samples import Joined
     from flinders.readers import open_recording
     from flinders.report.contest import page
-    from flinders.samples import Joined
 
     known(methods)
     _options.refuse_twice(recordings)

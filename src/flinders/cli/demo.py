@@ -49,7 +49,7 @@ def command(seed: int, path: str | None, target_deg: float, dip_deg: float, forc
 
 def _write(path: str, simulated: Simulated, *, force: bool) -> None:
     """Write the recording the way a logger would, and what is true of it beside it."""
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
     from flinders.simulate import truth, write_csv
 
     beside = truth.beside(path)

@@ -113,7 +113,7 @@ def _check_outputs(report: str | None, out: str | None, tables: Sequence[str], *
         Where a file is named for two of them, or is read.
     OutputError
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if report is not None and out is not None and os.path.realpath(report) == os.path.realpath(out):
         raise UsageError(f"the table and the report are both to be {out}: name two files")
@@ -125,7 +125,7 @@ def _check_outputs(report: str | None, out: str | None, tables: Sequence[str], *
 
 
 def _write_report(drift: Drift, tables: Sequence[str], report: str, batch: str | None, *, force: bool) -> None:
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.fleet.overview import overview_of
     from flinders.report.fleet import page
 

@@ -16,7 +16,7 @@ from flinders.errors import FlindersError, UsageError, figures
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.document import SourceFile
+    from flinders.core.calibration_file import SourceFile
     from flinders.exporters import Export, Exporter
     from flinders.judged import Judged
     from flinders.result import Fit
@@ -126,7 +126,7 @@ def _check_output(output: str | None, calibration: str, *, force: bool, as_json:
     OutputError
         Where a file is in the way, or could not be written.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if output == "-" and as_json:
         raise UsageError("--json and the text would both go to standard output: name a file with -o")
@@ -275,7 +275,7 @@ def _kept(calibration: str | None) -> str:
 
 def save(export: Export, path: str, *, force: bool) -> None:
     """Write the file, whole or not at all; raises as `files.replacing`."""
-    from flinders.files import write_bytes, write_text
+    from flinders.core.files import write_bytes, write_text
 
     if export.data is None:
         write_text(export.text, path, force=force)

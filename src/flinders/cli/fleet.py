@@ -116,7 +116,7 @@ def _check_outputs(out: str, report: str | None, log_file: str | None, *, force:
     ------
     UsageError, OutputError
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
     from flinders.fleet.store import is_remote
 
     asked = [name for name in (out, report, log_file) if name is not None]
@@ -129,7 +129,7 @@ def _check_outputs(out: str, report: str | None, log_file: str | None, *, force:
 
 def _write_report(out: str, report: str, *, force: bool) -> None:
     """Write the report of a fleet."""
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.fleet.overview import overview_of
     from flinders.fleet.store import Member, fetched
     from flinders.report.fleet import page

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.compass import Voyage
+    from flinders.core.samples import Samples
     from flinders.filters import Filter
-    from flinders.samples import Samples
 
 
 @click.command(
@@ -74,7 +74,7 @@ def command(
     accelerometer in LOG at any attitude. With --at it is also counted from true north. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if output == "-" and as_json:
         raise UsageError("--json and headings would both go to standard output: name a file with -o")
@@ -210,7 +210,7 @@ def _tell(log: _compass.Log, voyage: Voyage, told: dict[str, Any], *, plausible:
 @contextlib.contextmanager
 def _output(path: str, *, force: bool, live: bool) -> Iterator[IO[str]]:
     """Open the output: a file that appears when it is complete, or standard output; if live, line by line."""
-    from flinders.files import replacing
+    from flinders.core.files import replacing
 
     if path != "-":
         with replacing(path, force=force) as file:

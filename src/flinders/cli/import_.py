@@ -9,12 +9,12 @@ import click
 
 from flinders.cli import _options
 from flinders.cli._talk import print_json, say
+from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, UsageError, figures
-from flinders.units import label
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
-    from flinders.document import Provenance
+    from flinders.core.calibration import Calibration
+    from flinders.core.calibration_file import Provenance
 
 LARGEST: Final = 4 * 2**20
 """Bytes; files of parameters have some ten thousand."""
@@ -55,9 +55,9 @@ def command(
     or INAV, an airframe of Paparazzi, VectorNav's register 23, or parameters of magnetometer_pipeline. It knows no
     uncertainty, and nothing of the recording.
     """
-    from flinders.document import dumps, write
+    from flinders.core.calibration_file import dumps, write
+    from flinders.core.files import read_bytes, refuse_existing
     from flinders.exporters import read_back
-    from flinders.files import read_bytes, refuse_existing
 
     if as_json and output in {None, "-"}:
         raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
@@ -91,7 +91,7 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
     from datetime import UTC, datetime
     from importlib.metadata import version
 
-    from flinders.document import Provenance, SourceFile
+    from flinders.core.calibration_file import Provenance, SourceFile
     from flinders.exporters import find
 
     reader = find(name).reader

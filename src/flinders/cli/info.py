@@ -15,12 +15,12 @@ from flinders.errors import FitError, InputError, Unmoved, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.geomag import SiteField
+    from flinders.core.geomag import SiteField
+    from flinders.core.samples import Samples
     from flinders.health import Rail
     from flinders.readers import Instrument, Log
     from flinders.report.info import Sensor
     from flinders.result import Fit
-    from flinders.samples import Samples
     from flinders.summary import Summary
 
 BESIDE = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
@@ -136,7 +136,7 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
     UsageError
         For a place or day that is given and is none.
     """
-    from flinders.geomag import FIRST_YEAR, LAST_YEAR, site_field, year_of
+    from flinders.core.geomag import FIRST_YEAR, LAST_YEAR, site_field, year_of
 
     if place is not None:
         day = date or (held.begun.date().isoformat() if held.begun else None)
@@ -190,9 +190,9 @@ def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: s
 
 def _likeness(instrument: Instrument, first: Samples | None) -> str:
     """What columns without telling names look like, if not like a magnetometer's."""
+    from flinders.core.units import COUNTS
     from flinders.readers._lengths import likeness
     from flinders.readers._names import meaning
-    from flinders.units import COUNTS
 
     columns, names = instrument.name.partition("columns ")[1:]
     is_told = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))

@@ -21,7 +21,7 @@ from flinders.errors import MissingExtra, OutputError, UsageError, counted
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
     from flinders.judged import Judged
     from flinders.live.access import Tokens
     from flinders.live.feeds import Feed
@@ -119,7 +119,7 @@ def command(
     _refuse_unclear(source, output, resume, host)
     sys.setswitchinterval(SWITCH_S)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
     from flinders.live.access import Gate, Tokens
     from flinders.live.server import Hub, application, listening, serve
 
@@ -188,7 +188,7 @@ def _refuse_unclear(source: dict[str, Any], output: str | None, resume: str | No
         if wrong:
             raise UsageError(f"{', '.join(wrong)} goes with lines and recordings: {options[0]} knows its unit")
     if source["unit"]:
-        from flinders.units import Unit
+        from flinders.core.units import Unit
 
         Unit.of(source["unit"], source["scale"])
     if not host:

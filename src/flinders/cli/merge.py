@@ -14,7 +14,7 @@ from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.document import Provenance
+    from flinders.core.calibration_file import Provenance
     from flinders.judged import Judged
     from flinders.merging import Merged, NotMerged
 
@@ -90,7 +90,7 @@ def _check_outputs(calibrations: tuple[str, ...], output: str | None, *, force: 
     OutputError
         Where a file is in the way, or could not be written.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if output == "-" and as_json:
         raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
@@ -144,7 +144,7 @@ def _show(merged: Merged, *, err: bool) -> None:
 
 def _write(merged: Merged, output: str | None, *, force: bool) -> None:
     """Write the calibration where it was asked for."""
-    from flinders.document import dumps
+    from flinders.core.calibration_file import dumps
 
     if output == "-":
         click.echo(dumps(merged.to_document(_provenance(merged))), nl=False)
@@ -157,6 +157,6 @@ def _provenance(merged: Merged) -> Provenance:
     from datetime import UTC, datetime
     from importlib.metadata import version
 
-    from flinders.document import Provenance
+    from flinders.core.calibration_file import Provenance
 
     return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=merged.files)

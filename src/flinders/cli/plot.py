@@ -45,7 +45,7 @@ def command(
 
     Needs matplotlib: pip install 'flinders[plot]'. RECORDING is a file, or - for standard input.
     """
-    from flinders.files import refuse_existing, write_bytes
+    from flinders.core.files import refuse_existing, write_bytes
     from flinders.report.drawn import Drawn
     from flinders.report.html import claims_nothing
     from flinders.report.plotted import matplotlib_of, plotted, saved

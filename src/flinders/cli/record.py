@@ -67,7 +67,7 @@ def command(
     describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
     port that goes away is waited for.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
     from flinders.live.recorder import Recorder
     from flinders.live.sinks import Resumed, ToFile, ToStandardOutput
 

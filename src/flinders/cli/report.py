@@ -15,9 +15,9 @@ from flinders.cli.check import opened
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.core.samples import Joined
     from flinders.judged import Judged
     from flinders.result import Fit
-    from flinders.samples import Joined
 
 OTHER = (
     "The recording shown is not one that the calibration was made from: what is claimed is that of its file, what is "
@@ -65,8 +65,8 @@ def command(
     What is claimed is what the calibration file says; nothing is fitted anew. RECORDING is the one that it was made
     from, or another of the same sensor: a file, or - for standard input. With --pdf alone no HTML is written.
     """
-    from flinders.document import Provenance, read
-    from flinders.files import write_bytes, write_text
+    from flinders.core.calibration_file import Provenance, read
+    from flinders.core.files import write_bytes, write_text
     from flinders.report.html import page
 
     path = output or (None if pdf else "report.html")
@@ -113,7 +113,7 @@ def pictured(
     DocumentError, InputError, UnitError
         For what cannot be read, or does not belong together.
     """
-    from flinders.driven import settled
+    from flinders.core.compensation import settled
     from flinders.report.revisited import doubts, revisited
 
     judged = load(name, calibration, recordings)
@@ -140,7 +140,7 @@ def _check_outputs(path: str | None, pdf: str | None, inputs: tuple[str, ...], *
     """
     from pathlib import Path
 
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if pdf == "-":
         raise UsageError("--pdf goes into a file: name one, such as report.pdf")

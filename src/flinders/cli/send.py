@@ -14,7 +14,7 @@ from flinders.cli._talk import print_json, say
 from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters import Export
     from flinders.judged import Judged
     from flinders.live.mavlink import Vehicle
@@ -219,7 +219,7 @@ def _to_vehicle(
     as_json: bool,
 ) -> None:
     """Set the compass parameters of a vehicle, or show what they would be."""
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.live.mavlink import PX4, Vehicle
     from flinders.live.plan import Plan
 
@@ -262,7 +262,7 @@ def _refuse_backup(path: str) -> None:
     ------
     UsageError, OutputError
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if path in ("", "-"):
         raise UsageError(f"--backup {path!r}: need the name of a file, which is there when all else fails")

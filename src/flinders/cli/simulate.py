@@ -372,7 +372,7 @@ def _check(output: str, truth: str | None, sensor: str | None, *others: str | No
     OutputError
         Where a file is in the way, or could not be written.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
     from flinders.simulate.truth import beside
 
     if output == "-" and as_json:
@@ -434,7 +434,7 @@ def _print_truth(simulated: Simulated, output: str, truth: str | None) -> None:
 
 def _write_polar(found: _Swung, path: str, *, force: bool) -> None:
     """Write a swing in polar coordinates."""
-    from flinders.files import replacing
+    from flinders.core.files import replacing
 
     columns: dict[str, Iterable[float]] = found.polar.as_dict()  # type: ignore[assignment]
     with replacing(path, force=force) as file:

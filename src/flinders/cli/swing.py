@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.compass import Voyage
+    from flinders.core.geomag import SiteField
     from flinders.deviation import Deviation, Expected
-    from flinders.geomag import SiteField
     from flinders.rests import HalfTurn, Rest
 
 OF_A_RECORDING = ("headings", "rest_s", "is_level", "acceleration", "columns")
@@ -145,7 +145,7 @@ def _check_outputs(
     OutputError
         Where a file could not be written.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if (output == "-") + (svg == "-") + as_json > 1:
         raise UsageError("two results would go to standard output: give all but one of them a file")
@@ -331,7 +331,7 @@ def _write(
     UsageError
         Where there is no curve to write, or the step does not go round.
     """
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.report.curve import drawing
     from flinders.report.swing import card
 

@@ -17,11 +17,11 @@ from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
     from flinders.composing import Composed
-    from flinders.document import Document
+    from flinders.core.calibration_file import Document
+    from flinders.core.samples import Recording
     from flinders.geometry.plane import Turn
     from flinders.judged import Judged
     from flinders.result import Fit
-    from flinders.samples import Recording
     from flinders.summary import Summary
 
 PLANES: Final = ("xy", "yz", "zx")
@@ -122,7 +122,7 @@ def _check(
     OutputError
         Where a file is in the way, or could not be written.
     """
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     if (output == "-") + (polar == "-") + as_json > 1:
         raise UsageError("two results would go to standard output: give all but one of them a file")
@@ -271,7 +271,7 @@ def _document(fit: Fit, composed: Composed | None, first: Judged | None, source:
     from datetime import UTC, datetime
     from importlib.metadata import version
 
-    from flinders.document import Provenance, SourceFile
+    from flinders.core.calibration_file import Provenance, SourceFile
 
     size = file_of(source).size
     own = SourceFile(name=source.source, sha256=sha256(source), bytes=size, rows=rows)
@@ -285,8 +285,8 @@ def _document(fit: Fit, composed: Composed | None, first: Judged | None, source:
 
 def _write(document: Document, output: str, *, force: bool) -> None:
     """Write the calibration."""
-    from flinders.document import dumps
-    from flinders.files import write_text
+    from flinders.core.calibration_file import dumps
+    from flinders.core.files import write_text
 
     if output == "-":
         click.echo(dumps(document), nl=False)
@@ -296,7 +296,7 @@ def _write(document: Document, output: str, *, force: bool) -> None:
 
 def _draw(turn: Turn, fit: Fit, polar: str | None, *, force: bool) -> None:
     """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
-    from flinders.files import write_text
+    from flinders.core.files import write_text
     from flinders.report.rose import drawing
 
     if polar == "-":

@@ -1,6 +1,6 @@
 """What most conventions share: a matrix and an offset in the target's unit, ``corrected = matrix @ (raw - offset)``.
 
->>> from flinders.units import Unit
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
 >>> in_gauss = Affine.of(found, "G", who="this device")
 >>> in_gauss.offset.round(6), in_gauss.apply([0.5, -0.2, 0.3]).round(6)
@@ -17,17 +17,17 @@ from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.calibration import Calibration
 from flinders.conventions._recorded import in_recorded_axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import COUNTS, PER_UNIT, Unit
 from flinders.errors import NotExportable, UnitError
-from flinders.units import COUNTS, PER_UNIT, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from numpy.typing import ArrayLike
 
-    from flinders.document import Rotation
+    from flinders.core.calibration_file import Rotation
 
 Acts: TypeAlias = Literal["recorded", "mapped", "across"]
 """In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),

@@ -3,7 +3,7 @@
 A radius is what an axis reads along the field: with D the diagonal that comes nearest to the matrix and F the length of
 corrected readings, F / D. Radii alone tell no F: without one it is their geometric mean, where D has determinant 1.
 
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
 >>> offset, radii = offset_and_radii(found, who="a board")
 >>> radii
@@ -22,13 +22,13 @@ import numpy as np
 from flinders.arrays import Floats, floats
 from flinders.conventions._affine import Affine, nearest_diagonal, whole
 from flinders.conventions._parsing import decoded, keyed, numbers
+from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
-from flinders.units import COUNTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 LOWEST, HIGHEST = -(2**15), 2**15 - 1
 ADVICE: Final = "take away or demagnetise what is near the sensor, and check the unit of the recording"

@@ -1,7 +1,7 @@
 """Motors in the parameters of an autopilot, which has room for one of current and throttle.
 
->>> from flinders.calibration import Calibration
->>> from flinders.drivers import Driver
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.disturbance import Driver
 >>> both = (Driver("current", [0.5, 0, 0], highest=20), Driver("throttle", [3, 0, 0], highest=1))
 >>> plain, motor = followed(Calibration(np.eye(3), [10, 0, 0], 50.0, drivers=both))
 >>> plain.offset, motor.name
@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.drivers import Driver
+from flinders.core.disturbance import Driver
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 MOTORS: Final = ("current", "throttle")
 """What autopilots follow, the better witness first."""

@@ -1,7 +1,7 @@
 """A calibration in the axes as recorded, where a sensor's own registers act.
 
->>> from flinders.axes import Axes
->>> from flinders.calibration import Calibration
+>>> from flinders.core.axes import Axes
+>>> from flinders.core.calibration import Calibration
 >>> upside_down = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, axes=Axes.of("y,x,-z"))
 >>> matrix, offset = in_recorded_axes(upside_down)
 >>> np.diag(matrix), offset
@@ -16,7 +16,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 
 def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:

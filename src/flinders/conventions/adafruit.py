@@ -1,8 +1,8 @@
 """The calibration file of Adafruit's SensorLab, ``sensor_calib.json``: ``c = S (m − h)``, in µT.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
->>> from flinders.units import Unit
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
 >>> read(dumps(of(found)).encode(), "sensor_calib.json").isclose(found, tolerance=1e-6)
 True
@@ -21,7 +21,7 @@ from flinders.conventions._affine import Affine
 from flinders.conventions._parsing import listed, loaded, numbers
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "SensorLab"
 

@@ -5,7 +5,7 @@ Twelve registers of 16 bits on page 2, two's complement: the hard iron H in step
 
     S = W − I,   H = −W b
 
->>> from flinders.units import Unit
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.75]), [10.0, -20.0, 0.005], 50.0, raw=Unit.of("mG"))
 >>> registers = Registers.of(found)
 >>> for register in registers.rows[:4]:
@@ -30,17 +30,17 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.calibration import Calibration
 from flinders.conventions._recorded import in_recorded_axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
-from flinders.units import MICROTESLA, PER_UNIT, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import ArrayLike
 
-    from flinders.document import Rotation
+    from flinders.core.calibration_file import Rotation
 
 PAGE: Final = 2
 FIRST_ADDRESS: Final = 0x28

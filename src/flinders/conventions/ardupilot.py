@@ -6,7 +6,7 @@ it. Ours is corrected = A (raw − b), so
 
     SCALE = mean of the diagonal of A,   DIA, ODI = A / SCALE,   OFS = −b
 
->>> from flinders.units import Unit
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
 >>> for name, value in Parameters.of(found, compass=2).rows()[:5]:
 ...     print(f"{name},{value:g}")
@@ -35,15 +35,15 @@ from typing import TYPE_CHECKING, Final, Literal, Self
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.axes import Axes
-from flinders.calibration import Calibration
 from flinders.conventions._affine import VEHICLE, listed, single
 from flinders.conventions._driven import followed, read_motor
 from flinders.conventions._driven import in_recorded_axes as driven_in_recorded_axes
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.conventions._rotations import ROTATIONS, euler, symmetric
+from flinders.core.axes import Axes
+from flinders.core.calibration import Calibration
+from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, InputError, NotExportable, UnitError, UsageError, counted, figures
-from flinders.units import MICROTESLA, PER_UNIT, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -425,7 +425,7 @@ class Parameters:
 def in_vehicle_axes(calibration: Calibration) -> Calibration:
     """A calibration whose recorded axes are those of the vehicle: they were, or those it maps them to are.
 
-    >>> from flinders.axes import Axes
+    >>> from flinders.core.axes import Axes
     >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
     >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
     array([1., 2., 3.])

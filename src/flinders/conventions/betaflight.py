@@ -1,7 +1,7 @@
 """Betaflight's ``mag_calibration``: ``m = aligned − magZero``, three whole numbers of raw counts, and no soft iron.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> zero = MagZero.of(Calibration(np.eye(3), [120.4, -31.6, 7.0], 400.0))
 >>> zero.counts, zero.apply([520.0, -32.0, 7.0])
 ((120, -32, 7), array([400.,   0.,   0.]))
@@ -24,13 +24,13 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.conventions._affine import VEHICLE, Affine, acting
 from flinders.conventions._counts import counts, in_16_bits, settings
+from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
-from flinders.units import COUNTS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "Betaflight"
 SETTING: Final = "mag_calibration"

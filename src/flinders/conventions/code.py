@@ -5,7 +5,7 @@ axes is in the matrix. In single precision the recorded unit becomes µT where t
 output are whole numbers of the recorded unit: the entries of A are kept in 15 or 31 bits, b in 2⁻⁸ or 2⁻⁴ of a unit.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
 >>> code = FixedPoint.of(found, Q15)
 >>> code.entries[0], code.shift, code.offset
@@ -24,13 +24,13 @@ import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
 from flinders.conventions._affine import RECORDED, Affine, whole
+from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import NotExportable
-from flinders.units import COUNTS, MICROTESLA
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "generated code"
 ADVICE: Final = "readings are too large for this format: use the one in single precision"

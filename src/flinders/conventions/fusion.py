@@ -5,7 +5,7 @@ From 1.2.0 on (September 2023) it is ``c = S (u − h)``, which is `Affine`. Our
     S = W,   h = W b   (up to 1.1),   h = b   (from 1.2)
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> found = Calibration(np.diag([1.25, 1.0, 0.5]), [10.0, -20.0, 30.0], 50.0)
 >>> old = OldModel.of(found)
 >>> old.offset
@@ -29,7 +29,7 @@ from flinders.conventions._affine import OWN, Affine, single
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "Fusion"
 

@@ -4,7 +4,7 @@ A gain is the radius of its axis in counts, so that corrected readings are 1024 
 nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> settings = Settings.of(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0))
 >>> settings.zero, settings.gain
 ((120, -32, 7), (320, 400, 500))
@@ -33,7 +33,7 @@ from flinders.errors import DocumentError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "INAV"
 UNITY: Final = 1024

@@ -3,8 +3,8 @@
 V is the offset in µT, subtracted; W is symmetric, with determinant 1; B is the radius in µT. All are float32, little
 endian, with zeros for accelerometer and gyroscope and a CRC at the end.
 
->>> from flinders.calibration import Calibration
->>> from flinders.units import Unit
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
 >>> packet = Packet.of(found).encode()
 >>> packet[:2].hex(), len(packet), crc16(packet)                   # over all of it the CRC is 0
@@ -31,7 +31,7 @@ from flinders.errors import DocumentError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 SIGNATURE: Final = bytes((117, 84))
 LAYOUT: Final = struct.Struct("<2s16fH")

@@ -4,7 +4,7 @@ Corrected readings are 2048 long, 1 in fixed point with eleven bits; with D the 
 matrix and F the length of corrected readings in counts, sens = 2048 D / F.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> defines = Defines.of(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0))
 >>> defines.neutral, defines.sensitivity
 ((120, -32, 7), (6.4, 5.12, 4.096))
@@ -36,7 +36,7 @@ from flinders.errors import DocumentError, NotExportable
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "Paparazzi"
 UNITY: Final = 2**11

@@ -7,7 +7,7 @@ CAL_MAG_COMP_TYP says. Ours is corrected = A (raw − b), so
 
     S = A,   OFF = b
 
->>> from flinders.units import Unit
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
 >>> for name, value in Parameters.of(found, compass=1).rows()[:4]:
 ...     print(f"{name} {value:g}")
@@ -37,14 +37,14 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.calibration import Calibration
 from flinders.conventions._affine import listed, single
 from flinders.conventions._driven import followed, read_motor
 from flinders.conventions._driven import in_recorded_axes as driven_in_recorded_axes
 from flinders.conventions._recorded import in_recorded_axes
 from flinders.conventions._rotations import ROTATIONS, euler, symmetric
+from flinders.core.calibration import Calibration
+from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
-from flinders.units import MICROTESLA, PER_UNIT, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

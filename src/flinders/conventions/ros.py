@@ -1,8 +1,8 @@
 """Parameters of two ROS packages in tesla: ``m − b`` of imu_filter_madgwick, ``S (m − b)`` of magnetometer_pipeline.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
->>> from flinders.units import Unit
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
 >>> print(*madgwick_lines(Bias.of(found)), sep=chr(10))
 /**:
@@ -36,7 +36,7 @@ from flinders.errors import DocumentError, NotExportable
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 MADGWICK: Final = "imu_filter_madgwick"
 PIPELINE: Final = "magnetometer_pipeline"

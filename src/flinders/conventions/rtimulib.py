@@ -4,8 +4,8 @@ With extremes of −R and +R on all axes off is 0 and scale is 1, and O and Corr
 them unless the extremes are valid too.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
->>> from flinders.units import Unit
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
 >>> settings = Settings.of(found)
 >>> print(*settings.lines()[:3], settings.lines()[-1], sep=chr(10))
@@ -35,7 +35,7 @@ from flinders.errors import DocumentError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "RTIMULib"
 PLACES: Final = 6

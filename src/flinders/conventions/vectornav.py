@@ -1,8 +1,8 @@
 """Register 23 of VectorNav's sensors, magnetometer compensation: ``X = C (M − B)``, in gauss.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
->>> from flinders.units import Unit
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
 >>> print(sentence(of(found)))
 $VNWRG,23,1.2500000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000,0.0000000,0.0000000,0.8000000,0.1000000,\
@@ -25,7 +25,7 @@ from flinders.conventions._parsing import decoded, numbers
 from flinders.errors import DocumentError
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "register 23"
 PLACES: Final = 7

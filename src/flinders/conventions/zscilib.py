@@ -18,7 +18,7 @@ from flinders.conventions._affine import OWN, Affine
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 WHO: Final = "zscilib"
 

@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.samples import Samples
     from flinders.terms.parameters import Parameters
     from flinders.terms.site import Site
 
@@ -188,7 +188,7 @@ def _of_site(bent: Aided, told: Aids, site: Site) -> Mistake | None:
 def available(samples: Samples) -> tuple[str, ...]:
     """The aids that a recording has the columns for.
 
-    >>> from flinders.samples import Samples
+    >>> from flinders.core.samples import Samples
     >>> available(Samples.of([[1.0, 2.0, 3.0]], time=[0.0], acceleration=[[0.0, 0.0, -9.8]]))
     ('dip',)
     """

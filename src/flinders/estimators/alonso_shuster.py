@@ -96,7 +96,7 @@ class AlonsoShuster:
     Examples
     --------
     >>> from flinders.estimators.readings import Readings
-    >>> from flinders.samples import Samples
+    >>> from flinders.core.samples import Samples
     >>> rng = np.random.default_rng(1)
     >>> directions = rng.normal(size=(2000, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)

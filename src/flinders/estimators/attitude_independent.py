@@ -36,20 +36,20 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self, TypeAlias
 
 import numpy as np
 
+from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, UsageError, figures
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.estimate import FINEST, Estimate
 from flinders.estimators.sphere import Sphere
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.samples import Joined, Samples, Wrapped
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.estimators.readings import Readings
-    from flinders.samples import Recording
 
 Weights: TypeAlias = Literal["estimate", "prior"]
 

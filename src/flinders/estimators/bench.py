@@ -13,7 +13,7 @@ the driver, as one that the motor lifts, leaves nothing in the readings; an acce
 
 Source: CompassMot of ArduPilot, by regression in place of its filter.
 
->>> from flinders.samples import Samples
+>>> from flinders.core.samples import Samples
 >>> rng = np.random.default_rng(1)
 >>> current = 10.0 - 10.0 * np.cos(np.linspace(0.0, 20.0, 400))
 >>> field = [20.0, -5.0, 43.0] + np.outer(current, [0.5, 0.0, -0.3]) + rng.normal(scale=0.2, size=(400, 3))
@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.drivers import Driver
+from flinders.core.disturbance import Driver
 from flinders.errors import counted, figures
 from flinders.estimators.correlation import Residuals
 from flinders.estimators.curves import curvature
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Recording
     from flinders.estimators.lags import Lag
-    from flinders.samples import Recording
 
 UNMOVED: Final = 0.03
 """Of the length of the mean reading: what is left of a recording of a still sensor, once its drivers are taken off."""

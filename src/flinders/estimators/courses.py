@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.drivers import lagged
+from flinders.core.disturbance import lagged
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -33,9 +33,10 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.calibration import Calibration
-from flinders.driven import settled
-from flinders.drivers import Driver, motor
+from flinders.core.calibration import Calibration
+from flinders.core.compensation import settled
+from flinders.core.disturbance import Driver, motor
+from flinders.core.samples import singles
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.bench import still
 from flinders.estimators.curves import curvature
@@ -46,7 +47,6 @@ from flinders.estimators.settling import Problem, Solver, settle
 from flinders.geometry.plane import down_of
 from flinders.heading import HeadingError, level_error
 from flinders.result import Driven
-from flinders.samples import singles
 from flinders.terms import driver as term
 from flinders.terms import prior
 from flinders.terms.equations import NormalEquations
@@ -57,12 +57,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.estimators.lags import Lag
     from flinders.estimators.meters import Noise
     from flinders.estimators.settling import Solved
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.result import Fit
-    from flinders.samples import Recording
 
 
 LEANT: Final = 0.5

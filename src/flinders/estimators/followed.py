@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.driven import settled
-from flinders.drivers import KINDS, MOTORS, motor
+from flinders.core.compensation import settled
+from flinders.core.disturbance import KINDS, MOTORS, motor
+from flinders.core.samples import Samples, singles
 from flinders.errors import FitError, InputError, figures
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
@@ -31,7 +32,6 @@ from flinders.estimators.held_out import folds
 from flinders.estimators.kept import concatenated
 from flinders.estimators.logged import Logged
 from flinders.result import Aid
-from flinders.samples import Samples, singles
 from flinders.terms import magnitude, prior
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.samples import Recording
+    from flinders.core.samples import Recording
 
 PIECES: Final = 4
 """Stretches of each fold: a motor runs for a while, and has to run in what is fitted and in what is left out."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 import numpy as np
 
 from flinders.cloud import Cloud, keys_of
+from flinders.core.samples import BLOCK
 from flinders.errors import FitError, TooFewSamples, UsageError
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.convergence import Convergence, spread_counts
@@ -17,7 +18,6 @@ from flinders.estimators.estimate import Estimate
 from flinders.estimators.readings import Readings
 from flinders.estimators.uncertainty import algebraic_covariance
 from flinders.moments import Moments
-from flinders.samples import BLOCK
 from flinders.summary import Summary
 
 if TYPE_CHECKING:

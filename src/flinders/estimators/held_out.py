@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.estimators.aided import Aided
-    from flinders.samples import Samples
     from flinders.terms.parameters import Parameters
 
 FOLDS: Final = 3

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flinders.core.samples import Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, Unmoved
 from flinders.estimators.level import THINNEST, ellipse_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
@@ -19,16 +20,15 @@ from flinders.estimators.readings import FARTHEST, SMALLEST
 from flinders.estimators.robust import SEED, Robust, asks_for_it
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
-from flinders.samples import Wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
     from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
     from flinders.geometry.plane import Plane
-    from flinders.samples import Recording, Samples
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.samples import Joined, Samples, Wrapped
+from flinders.core.samples import Joined, Samples, Wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.samples import Recording
+    from flinders.core.samples import Recording
 
 HELD: Final = 500_000
 """Readings that are kept in memory, 16 MB with times, 76 MB with all columns; what is longer is gone through again."""

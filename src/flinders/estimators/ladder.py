@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
+from flinders.core.units import MICROTESLA
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid
 from flinders.estimators.algebraic import fit_error
 from flinders.estimators.convergence import Convergence, spread_counts
@@ -26,7 +27,6 @@ from flinders.estimators.uncertainty import (
 )
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.moments import Moments
-from flinders.units import MICROTESLA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.drivers import motor
+from flinders.core.disturbance import motor
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.settling import Problem, settle
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
+from flinders.core.samples import Wrapped
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED, Robust, asks_for_it
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.samples import Wrapped
 from flinders.terms import prior
 from flinders.terms.equations import ROUNDING
 from flinders.terms.support import FLAT_NOISE, is_flat
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
     from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
-    from flinders.samples import Recording, Samples
 
 DRAWS: Final = 256
 SCORED: Final = 600

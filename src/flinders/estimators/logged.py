@@ -1,6 +1,6 @@
 """What was logged beside the readings: the columns of the drivers, with a lag where one is asked for.
 
->>> from flinders.samples import Samples
+>>> from flinders.core.samples import Samples
 >>> time = np.arange(40) / 10.0
 >>> one = Samples.of(np.ones((40, 3)), time=time, current=10.0 * time)
 >>> logged = Logged.of([one], ("current",))
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.drivers import MOTORS, known, lagged, place_of
+from flinders.core.disturbance import MOTORS, known, lagged, place_of
 from flinders.errors import InputError, TooFewSamples
 from flinders.estimators.courses import Track
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.samples import Recording, Samples
+    from flinders.core.samples import Recording, Samples
 
 MOST: Final = 20_000
 """Readings of a longer recording that are looked at, spread evenly over it."""
@@ -170,7 +170,7 @@ def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[
 
     Examples
     --------
-    >>> from flinders.samples import Samples
+    >>> from flinders.core.samples import Samples
     >>> spelled_out([Samples.of([[1, 2, 3]], currents=[[4.0, 5.0]])], ["temperature", "currents"])
     ('temperature', 'current1', 'current2')
     """

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.samples import Samples
 from flinders.errors import figures
 from flinders.estimators.aided import FAR_SCALES, Aided, solve
 from flinders.estimators.joint import SCALE_SIGMA
@@ -40,14 +41,13 @@ from flinders.estimators.mounting import (
 from flinders.heading import level_error
 from flinders.health import RAIL_SHARE, Health
 from flinders.result import Mistake
-from flinders.samples import Samples
 from flinders.terms import inclination, pointing, turning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.terms.site import Site
 

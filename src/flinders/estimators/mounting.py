@@ -31,13 +31,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.terms import inclination, turning
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
 
 STRETCHES_S: Final = (0.4, 0.8, 1.6, 3.2, 6.4)
 """How long a body may be followed."""

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.samples import Recording, Samples, Wrapped
+from flinders.core.samples import Recording, Samples, Wrapped
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:

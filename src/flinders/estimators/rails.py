@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.samples import Recording, Samples, Wrapped
+from flinders.core.samples import Recording, Samples, Wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Final, Self, TypeGuard, cast
 import numpy as np
 
 from flinders.cloud import keys_of
+from flinders.core.samples import Samples, singles
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.estimators import kept
 from flinders.estimators.kept import Kept, concatenated, together
 from flinders.estimators.near import NO_RUN, Near
-from flinders.samples import Samples, singles
 from flinders.summary import Summary
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.samples import Recording
 
 SMALLEST, LARGEST = 1e-12, 1e15
 """Between these sizes, in any unit, fourth powers and their inverses are numbers."""

@@ -47,10 +47,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
+from flinders.core.samples import frame_of
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.samples import frame_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -29,11 +29,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.samples import BLOCK
 from flinders.errors import FitError
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.readings import Readings
 from flinders.result import Slip
-from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

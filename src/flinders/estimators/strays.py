@@ -1,7 +1,7 @@
 """Readings that do not belong: which, when, and how far off.
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
->>> from flinders.samples import Samples
+>>> from flinders.core.samples import Samples
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> strays_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.estimators.readings import Readings
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.samples import Samples
 
 TOGETHER: Final = 5
 """Rows from one reading that is left out to the next, up to which they are told as one run: a tenth of a second."""

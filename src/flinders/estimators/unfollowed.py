@@ -21,15 +21,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.disturbance import known
 from flinders.coverage import directions_of
-from flinders.drivers import known
 from flinders.result import Unfollowed
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.samples import Samples
 
 MOST: Final = 5_000
 """Readings that are looked at, spread evenly over the recording."""

@@ -39,6 +39,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from flinders.core.samples import singles
 from flinders.coverage import directions_of
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.correlation import Residuals, time_of
@@ -46,13 +47,12 @@ from flinders.estimators.in_plane import equator
 from flinders.estimators.settling import spread_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
-from flinders.samples import singles
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.geometry.plane import Plane
-    from flinders.samples import Recording
 
 SPANS: Final = 200
 """Spans that a recording is cut into."""

@@ -1,7 +1,7 @@
 """Exporters: a calibration in, a file for another tool out, and back where that can be. The caller writes the file.
 
->>> from flinders.calibration import Calibration
->>> from flinders.units import Unit
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
 >>> export = find("adis16480").render(Calibration.identity(field_strength=50.0, raw=Unit.of("uT")))
 >>> [register["code"] for register in export.fields["values"]["registers"]]
 [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
@@ -48,7 +48,7 @@ from flinders.exporters._sheet import Sheet
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 __all__ = ["EXPORTERS", "Asked", "Deviation", "Export", "Exporter", "Reader", "Sheet", "Written", "find", "read_back"]
 

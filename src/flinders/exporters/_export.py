@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from flinders.core.units import label
 from flinders.coverage import fibonacci
 from flinders.errors import NotExportable, figures
-from flinders.units import label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
     from flinders.conventions._affine import Acts
+    from flinders.core.calibration import Calibration
 
 DIRECTIONS = 400
 """Test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""

@@ -21,16 +21,16 @@ import numpy as np
 from flinders.conventions._affine import OWN, RECORDED, VEHICLE, Acts, acting, per_unit, refuse_mounted
 from flinders.conventions._driven import followed
 from flinders.conventions._recorded import in_recorded_axes
+from flinders.core.units import label
 from flinders.errors import figures
 from flinders.exporters._export import DIP_DEG, Deviation, Export
-from flinders.units import label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
-    from flinders.drivers import Driver
+    from flinders.core.calibration import Calibration
+    from flinders.core.disturbance import Driver
     from flinders.exporters._export import Asked, Written
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]

@@ -10,7 +10,7 @@ from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

@@ -1,8 +1,8 @@
 """Registers of the ADIS16480 and ADIS16488 as a table to copy: name, page, address, code, sixteen bits.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
->>> from flinders.units import Unit
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.75]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
 >>> from flinders.exporters import find
 >>> export = find("adis16480").render(found)
@@ -25,7 +25,7 @@ from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

@@ -1,9 +1,9 @@
 """Parameters of ArduPilot, ``NAME,value`` a line: ``m = I ((r + OFS) SCALE)``, in mG and in the axes of the vehicle.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> from flinders.exporters import Asked
->>> from flinders.units import Unit
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
 >>> print(*write(found, Asked(compass=2)).body[-4:], sep=chr(10))
 COMPASS_ODI2_X,0
@@ -25,7 +25,7 @@ from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

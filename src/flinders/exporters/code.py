@@ -1,7 +1,7 @@
 """Code to compile in: a C99 header in single precision or fixed point, an Arduino sketch, a MicroPython module.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> from flinders.exporters import Asked
 >>> found = Calibration(np.diag([1.25, 1.0, 0.5]), [10.0, -20.0, 30.0], 50.0)
 >>> module: dict[str, object] = {}
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
     from flinders.conventions._affine import Affine
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 HEADER: Final = Sheet(

@@ -10,7 +10,7 @@ from flinders.exporters._sheet import Sheet, digits
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

@@ -1,7 +1,7 @@
 """The magnetometer model of x-io's Fusion, for C and Python, and as it was up to version 1.1.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> from flinders.exporters import Asked
 >>> found = Calibration(np.diag([1.25, 1.0, 0.5]), [10.0, -20.0, 30.0], 50.0)
 >>> print(write_old(found, Asked()).body[-1])
@@ -23,8 +23,8 @@ from flinders.exporters._sheet import BLOCK, HASH, Sheet, digits
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from flinders.calibration import Calibration
     from flinders.conventions._affine import Affine
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

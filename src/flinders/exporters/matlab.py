@@ -10,7 +10,7 @@ from flinders.exporters._names import begun
 from flinders.exporters._sheet import PERCENT, Sheet
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

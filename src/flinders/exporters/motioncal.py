@@ -1,9 +1,9 @@
 """MotionCal's packet of 68 bytes, which is also what PJRC's and Adafruit's sketches keep in EEPROM.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> from flinders.exporters import Asked
->>> from flinders.units import Unit
+>>> from flinders.core.units import Unit
 >>> packet = write(Calibration(np.eye(3), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT")), Asked()).data
 >>> packet[:2].hex(), len(packet)
 ('7554', 68)
@@ -18,7 +18,7 @@ from flinders.exporters._export import Written
 from flinders.exporters._sheet import Sheet
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

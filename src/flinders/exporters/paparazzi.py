@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.conventions.paparazzi import NEUTRALS, SENSITIVITIES, Defines
+from flinders.core.units import COUNTS
 from flinders.exporters._export import Written
 from flinders.exporters._sheet import MARKUP, Sheet
-from flinders.units import COUNTS
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

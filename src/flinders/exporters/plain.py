@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.conventions._affine import OWN, Affine
 from flinders.conventions._driven import in_recorded_axes
 from flinders.conventions._parsing import listed, loaded, numbers
-from flinders.drivers import BY_KEY, Driver
+from flinders.core.disturbance import BY_KEY, Driver
+from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
 from flinders.exporters._export import Written
 from flinders.exporters._sheet import HASH, Sheet
-from flinders.units import COUNTS, MICROTESLA
 
 if TYPE_CHECKING:
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 JSON: Final = Sheet(

@@ -1,9 +1,9 @@
 """Parameters of PX4, as QGroundControl's file or as lines for its shell: ``m = R S (r − OFF)``, in gauss.
 
 >>> import numpy as np
->>> from flinders.calibration import Calibration
+>>> from flinders.core.calibration import Calibration
 >>> from flinders.exporters import Asked
->>> from flinders.units import Unit
+>>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
 >>> print(*write_shell(found, Asked()).body[:2], sep=chr(10))
 param set CAL_MAG0_XOFF 0.100000001
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.exporters._export import Asked
 
 SHEET: Final = Sheet(

@@ -9,8 +9,8 @@ import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flinders.core.files import reason
 from flinders.errors import OutputError
-from flinders.files import reason
 from flinders.fleet.table import needs_arrow
 from flinders.report.fleet_view import UnitDrift
 
@@ -38,7 +38,7 @@ def writing(
     arrow = needs_arrow()
     from pyarrow import parquet
 
-    from flinders.files import refuse_existing
+    from flinders.core.files import refuse_existing
 
     refuse_existing(path, force=force)
     target = Path(path)

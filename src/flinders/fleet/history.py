@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.files import reason
 from flinders.errors import DocumentError
-from flinders.files import reason
 from flinders.fleet.batches import of_units
 from flinders.fleet.changes import Calibrations
 from flinders.fleet.dates import arranged, is_date

@@ -18,8 +18,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from flinders.core.files import reason, write_all
 from flinders.errors import OutputError
-from flinders.files import reason, write_all
 
 if TYPE_CHECKING:
     import io

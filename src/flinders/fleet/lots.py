@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from flinders.drivers import KINDS, MOTORS
+from flinders.core.disturbance import KINDS, MOTORS
 from flinders.errors import UnitError
 from flinders.estimators.kept import concatenated
 from flinders.fleet.table import Row
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
+    from flinders.core.units import Unit
     from flinders.fleet.plan import Partition, Piece
     from flinders.fleet.tables import KeyedTable, Pair
-    from flinders.samples import Recording, Samples
-    from flinders.units import Unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from flinders.core.samples import Samples
 from flinders.errors import FlindersError, UsageError
 from flinders.fleet.lots import Job
 from flinders.fleet.plan import Partition, Piece
@@ -12,7 +13,6 @@ from flinders.fleet.store import Member
 from flinders.fleet.table import Row, Rows, needs_arrow
 from flinders.fleet.tables import BATCH, Asked, KeyedTable, Keys, Tabular
 from flinders.fleet.work import fitted, of_table
-from flinders.samples import Samples
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

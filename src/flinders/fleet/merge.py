@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
+from flinders.core.files import reason
 from flinders.errors import OutputError
-from flinders.files import reason
 from flinders.fleet.table import GROUP, KEY, TEXTS, needs_arrow, schema
 
 if TYPE_CHECKING:

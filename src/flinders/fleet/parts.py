@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.files import reason, write_text
 from flinders.errors import OutputError, UsageError
-from flinders.files import reason, write_text
 from flinders.fleet.store import is_remote
 
 if TYPE_CHECKING:

@@ -26,9 +26,10 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.files import refuse_existing
+from flinders.core.units import COUNTS, Unit
 from flinders.errors import UsageError
-from flinders.files import refuse_existing
 from flinders.fleet import work
 from flinders.fleet.counts import Counts
 from flinders.fleet.engine import Lost, map_units, reach
@@ -42,7 +43,6 @@ from flinders.fleet.table import Rows, needs_arrow
 from flinders.fleet.tables import PARQUET
 from flinders.fleet.told import told_of
 from flinders.readers._columns import asked_columns
-from flinders.units import COUNTS, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.core.files import reason, write_all
 from flinders.errors import MissingExtra, OutputError, OutputExists, UnreadableInput
-from flinders.files import reason, write_all
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

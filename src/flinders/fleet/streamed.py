@@ -14,11 +14,11 @@ from flinders.fleet.tables import KeyedTable
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
+    from flinders.core.samples import Samples
+    from flinders.core.units import Unit
     from flinders.fleet.plan import Partition
     from flinders.fleet.tables import Asked, Pair
-    from flinders.samples import Samples
-    from flinders.units import Unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)

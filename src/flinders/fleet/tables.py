@@ -25,7 +25,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
 from flinders.errors import FlindersError, UnreadableInput, UsageError
 from flinders.fleet import store
 from flinders.fleet.table import needs_arrow
@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.fleet.store import Member
     from flinders.readers import TableRecording
-    from flinders.samples import Samples
 
 Pair: TypeAlias = tuple[str, str]
 """Unit and recording."""

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from flinders import fitting
+from flinders.core.samples import Samples, frame_of
 from flinders.errors import FlindersError, InputError, OutputError, UnreadableInput, counted
 from flinders.fleet import store
 from flinders.fleet.gaps import NOT_PLANNED, Gaps, opened_as_planned
@@ -31,7 +32,6 @@ from flinders.fleet.streamed import Streamed
 from flinders.fleet.table import LONGEST, NAMES, VERDICTS, Row, Rows, objects
 from flinders.fleet.tables import Asked, KeyedTable, Keys, Names, batch_in, counts_of, opened, refuse_empty
 from flinders.readers import open_log
-from flinders.samples import Samples, frame_of
 from flinders.stacked import Lined, fit_stack
 from flinders.summary import Summary
 
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.fleet.tables import Pair, Tabular
     from flinders.readers import Instrument, Log
-    from flinders.samples import Recording
     from flinders.stacked import Columns
 
 Found = TypeVar("Found")

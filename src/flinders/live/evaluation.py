@@ -19,6 +19,8 @@ import msgspec
 import numpy as np
 
 from flinders.comparison import compare
+from flinders.core.samples import Samples  # noqa: TC001 - the example above makes some
+from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import FitError, FlindersError, counted, figures
 from flinders.fitting import fit
 from flinders.judged import Judged
@@ -27,8 +29,6 @@ from flinders.live.snapshot import Evaluated
 from flinders.live.way import led
 from flinders.report.view import view
 from flinders.result import Refused
-from flinders.samples import Samples  # noqa: TC001 - the example above makes some
-from flinders.units import EARTH_UT, MICROTESLA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

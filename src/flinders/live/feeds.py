@@ -18,17 +18,17 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
+from flinders.core.units import MICROTESLA
 from flinders.errors import OutputError, UsageError
 from flinders.live.readings import Event, Reading, readings_of
 from flinders.live.sinks import title
-from flinders.units import MICROTESLA
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
     from flinders.live.sinks import Resumed, Sink
-    from flinders.samples import Recording, Samples
 
 AT_ONCE: Final = 500
 """Readings handed on together at most."""

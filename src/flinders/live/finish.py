@@ -16,7 +16,9 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.document import SourceFile
+from flinders.core.calibration_file import SourceFile
+from flinders.core.samples import Wrapped, frame_of
+from flinders.core.units import Unit
 from flinders.errors import FlindersError, UnreadableInput, counted, figures
 from flinders.fitting import fit
 from flinders.live.session import rows_of, snapshot
@@ -24,17 +26,15 @@ from flinders.live.store import Edits, Without
 from flinders.live.track import Clock, Track
 from flinders.readers import open_recording
 from flinders.result import Refused
-from flinders.samples import Wrapped, frame_of
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
+    from flinders.core.samples import Recording, Samples
     from flinders.live.session import Session
     from flinders.result import Fit
-    from flinders.samples import Recording, Samples
 
 CHUNK: Final = 1 << 20
 

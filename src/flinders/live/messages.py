@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
-from flinders.document import in_words
+from flinders.core.calibration_file import in_words
 from flinders.errors import UsageError
 from flinders.report.view import TilesView, View
 

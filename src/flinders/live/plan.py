@@ -29,7 +29,7 @@ from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Held, Vehic
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
 
 COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}
 """How they number them."""
@@ -235,7 +235,7 @@ def refuse_armed(vehicle: Vehicle) -> None:
 def device_of(calibration: Calibration) -> int | None:
     """The device id in the name of the calibration's sensor, where there is one.
 
-    >>> from flinders.calibration import Calibration
+    >>> from flinders.core.calibration import Calibration
     >>> device_of(Calibration.identity(sensor="sensor_mag 1 (device 396809)")), device_of(Calibration.identity())
     (396809, None)
     """

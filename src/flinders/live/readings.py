@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from flinders.core.samples import Samples
+from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import UnitError
-from flinders.samples import Samples
-from flinders.units import MICROTESLA, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

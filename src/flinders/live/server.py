@@ -38,8 +38,9 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from flinders.core.files import reason
+from flinders.core.units import Unit
 from flinders.errors import DocumentError, FitError, FlindersError, LinkError, NotSent, OutputError, UsageError
-from flinders.files import reason
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_of, set_cookie, shown_name
 from flinders.live.messages import LONGEST, FitMessage, Hello, Limits, Notice, TargetInfo, encode, parse
 from flinders.live.pump import Pump
@@ -68,7 +69,6 @@ from flinders.live.store import Edits
 from flinders.live.track import Clock
 from flinders.report.script import joined
 from flinders.report.view import tiles_view
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable, Iterator
@@ -78,8 +78,8 @@ if TYPE_CHECKING:
     from starlette.websockets import WebSocket
 
     from flinders.arrays import Floats
-    from flinders.axes import Axes
-    from flinders.document import Provenance
+    from flinders.core.axes import Axes
+    from flinders.core.calibration_file import Provenance
     from flinders.live.feeds import Feed
     from flinders.live.finish import Finished
     from flinders.live.messages import Link
@@ -359,7 +359,7 @@ def _timed(session: Session) -> tuple[Evaluated, float]:
 def rows_of_readings(readings: list[Reading], axes: Axes, clock: Clock) -> tuple[Floats, Clock]:
     """(N, 7) readings as rows of a session's track, in its axes and on its timeline.
 
-    >>> from flinders.axes import Axes
+    >>> from flinders.core.axes import Axes
     >>> from flinders.live.readings import Reading
     >>> rows, clock = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Clock())
     >>> rows[0, :4]
@@ -523,7 +523,7 @@ def _joined(entry: str) -> str:
 
 async def _calibration(request: Request) -> Response:
     """The calibration file of all readings."""
-    from flinders.document import dumps
+    from flinders.core.calibration_file import dumps
 
     hub: Hub = request.app.state.hub
     found = await hub.final()
@@ -554,7 +554,7 @@ async def _report(request: Request) -> Response:
 
 def _provenance(found: Finished) -> Provenance:
     """Which release made a calibration, when, of which file."""
-    from flinders.document import Provenance
+    from flinders.core.calibration_file import Provenance
 
     return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=found.files)
 
@@ -634,7 +634,7 @@ async def _saved(request: Request, path: Path) -> int | None:
 
 async def _previous(request: Request) -> Response:
     """Take a calibration file to compare with."""
-    from flinders.document import loads
+    from flinders.core.calibration_file import loads
     from flinders.judged import Judged
 
     hub: Hub = request.app.state.hub

@@ -32,7 +32,9 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import Samples
+from flinders.core.units import Unit, label
 from flinders.errors import figures
 from flinders.live.messages import (
     BackToLive,
@@ -57,8 +59,6 @@ from flinders.live.messages import (
 from flinders.live.snapshot import Evaluated, Snapshot
 from flinders.live.spans import History, Span, merged
 from flinders.live.track import COLUMNS, Track
-from flinders.samples import Samples
-from flinders.units import Unit, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

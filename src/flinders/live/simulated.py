@@ -22,9 +22,9 @@ import numpy as np
 
 from flinders.arrays import floats
 from flinders.arrays import matrix as square
+from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.live.readings import Event, Reading, readings_of
-from flinders.samples import Samples
 from flinders.simulate import (
     Imu,
     Sensor,

@@ -37,8 +37,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
+from flinders.core.files import reason, refuse_existing
 from flinders.errors import OutputError, OutputExists
-from flinders.files import reason, refuse_existing
 from flinders.live.transcript import escaped
 
 if TYPE_CHECKING:

@@ -9,12 +9,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from flinders.core.samples import Samples
     from flinders.guidance import Frame, Goal
     from flinders.judged import Judged
     from flinders.live.messages import PreviousState, Reason
     from flinders.report.view import View
     from flinders.result import Fit
-    from flinders.samples import Samples
 
 
 @dataclass(frozen=True, slots=True, eq=False)

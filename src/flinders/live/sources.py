@@ -26,8 +26,8 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from flinders.core.files import reason
 from flinders.errors import LinkError, MissingExtra, UsageError
-from flinders.files import reason
 from flinders.readers._extras import needs
 
 if TYPE_CHECKING:

@@ -22,19 +22,19 @@ from typing import TYPE_CHECKING, Final, Literal
 import msgspec
 import numpy as np
 
+from flinders.core.files import reason
+from flinders.core.samples import Wrapped
 from flinders.errors import OutputError
-from flinders.files import reason
 from flinders.live.track import Clock
-from flinders.samples import Wrapped
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Iterator
     from datetime import datetime
 
+    from flinders.core.samples import Recording, Samples
     from flinders.live.session import Session
     from flinders.live.spans import Span
-    from flinders.samples import Recording, Samples
 
 FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "
@@ -142,7 +142,7 @@ class Without(Wrapped):
 
     Examples
     --------
-    >>> from flinders.samples import Samples
+    >>> from flinders.core.samples import Samples
     >>> samples = Samples.of(np.ones((5, 3)), time=[0, 1, 2, 3, 4])
     >>> [block.time.tolist() for block in Without(samples, ((1.0, 2.0),)).blocks()]
     [[0.0, 3.0, 4.0]]

@@ -27,7 +27,8 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.lines import is_marked, settle
 from flinders.live.readings import Event, readings_of
@@ -35,12 +36,11 @@ from flinders.readers._lines import shown
 from flinders.readers._numbers import rows_of
 from flinders.readers._sniff import COMMENTS, Layout, sniff
 from flinders.readers.text import unit_of
-from flinders.units import label
 
 if TYPE_CHECKING:
+    from flinders.core.units import Unit
     from flinders.live.lines import Form
     from flinders.live.readings import Kind, Reading
-    from flinders.units import Unit
 
 SETTLE_S: Final = 0.9
 """Seconds that the first lines are held back until their layout is settled; less than a second, which a crash may

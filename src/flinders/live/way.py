@@ -25,10 +25,10 @@ from flinders.report.view import GuidanceView, Shown
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.guidance import Frame, Goal
     from flinders.report.view import Triple, View
     from flinders.result import Fit
-    from flinders.samples import Samples
 
 SPEED_DEG: Final = 90.0
 """Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""

@@ -26,7 +26,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 
 import numpy as np
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import Joined, Recording, Samples, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._log import FIRST, Choice, Instrument, Log, Position, Stored
@@ -43,7 +44,6 @@ from flinders.readers.text import Progress, TextRecording, open_text, sniff_text
 from flinders.readers.tlog import open_tlog, sniff_tlog
 from flinders.readers.ulog import open_ulog, sniff_ulog
 from flinders.readers.zipped import open_zip, sniff_zip
-from flinders.samples import Joined, Recording, Samples, frame_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

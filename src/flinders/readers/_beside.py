@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
 
 LONGEST: Final = 2.5
 """Seconds between two measurements over which nothing is interpolated."""

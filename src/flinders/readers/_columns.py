@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.geometry import quaternions
 from flinders.readers._beside import shares
@@ -40,14 +42,12 @@ from flinders.readers._names import (
     tells_nothing,
 )
 from flinders.readers._several import Vector, beside, instruments, passed_over, vectors
-from flinders.samples import Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from flinders.arrays import Floats
-    from flinders.axes import Axes
+    from flinders.core.axes import Axes
 
 OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds of which each motor may have a column
 IN_SAMPLES: Final = (  # kinds that stand beside the field, as `Samples` calls them

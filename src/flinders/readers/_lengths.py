@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from flinders.core.units import unit_of_the_earth
 from flinders.errors import figures
-from flinders.units import unit_of_the_earth
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

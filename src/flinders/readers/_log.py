@@ -3,8 +3,8 @@
 Every magnetometer in it is an `Instrument`, which is a `Recording`: what was measured, before the calibration that was
 in force on board was applied, or as it was logged.
 
->>> from flinders.samples import Samples
->>> from flinders.units import Unit
+>>> from flinders.core.samples import Samples
+>>> from flinders.core.units import Unit
 >>> level = Instrument("flight.bin", "MAG 0", Unit.of("mG"), lambda _: iter([Samples.of([[1, 2, 3]], unit="mG")]))
 >>> log = Log("flight.bin", "ArduPilot DataFlash", (level,))
 >>> log.sensor("1").name, log.sensor("mag 0") is log.sensor("1")
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
 from flinders.errors import UnreadableInput, UsageError
 from flinders.readers._span import Span
 
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.core.units import Unit
     from flinders.readers._source import Source
     from flinders.readers.text import Progress
-    from flinders.samples import Samples
-    from flinders.units import Unit
 
 
 MOST_NAMED: Final = 8

@@ -17,7 +17,7 @@ import math
 import re
 from typing import Final, NamedTuple
 
-from flinders.units import SPELLINGS
+from flinders.core.units import SPELLINGS
 
 FIELD: Final = "field"
 ACCELERATION: Final = "acceleration"

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.samples import Skipped
 from flinders.errors import UnreadableInput
 from flinders.readers._lines import Lines, shown
-from flinders.samples import Skipped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, TypeAlias, cast
 
+from flinders.core.files import REASONS, reason
 from flinders.errors import UnreadableInput, UsageError
-from flinders.files import REASONS, reason
 from flinders.readers._kinds import GZIP, foreign_kind, may_be_log
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
 from flinders.readers._tokenizer import cut

@@ -1,6 +1,6 @@
 """Which part of a recording is read: from one time to another, in seconds from its beginning.
 
->>> from flinders.samples import Samples
+>>> from flinders.core.samples import Samples
 >>> clock = Span(1.0, 2.0).clock("tumble.csv")
 >>> clock.within(Samples.of([[1, 2, 3]] * 4, time=[100.0, 101.0, 102.0, 103.0]))
 array([False,  True,  True, False])
@@ -18,7 +18,7 @@ from flinders.errors import UsageError, figures
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
 
 
 @dataclass(frozen=True, slots=True)

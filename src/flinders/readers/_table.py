@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import BLOCK, Skipped
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Columns, choose
 from flinders.readers._lines import shown
@@ -32,7 +33,6 @@ from flinders.readers._log import FIRST, Choice
 from flinders.readers._sniff import ranges
 from flinders.readers._span import Span
 from flinders.readers.text import unit_of
-from flinders.samples import BLOCK, Skipped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.core.units import Unit
     from flinders.readers._source import Source
     from flinders.readers.text import Progress
-    from flinders.samples import Samples
-    from flinders.units import Unit
 
 SAMPLED: Final = 200
 """Rows looked at to tell times from other numbers."""

@@ -34,6 +34,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from flinders.core.samples import BLOCK
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import names_magnetometer
 from flinders.readers._extras import needs, reading
@@ -41,7 +42,6 @@ from flinders.readers._kinds import MATLAB_7_3, is_hdf5
 from flinders.readers._lines import shown
 from flinders.readers._table import MOST_NAMED, WIDEST, Table, TableRecording, named_part, open_table
 from flinders.readers._unpacking import is_bomb, too_large
-from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.samples import BLOCK
 from flinders.readers._extras import needs, reading
 from flinders.readers._names import TIME, meaning
 from flinders.readers._table import WIDEST, Table, TableRecording, open_table
-from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

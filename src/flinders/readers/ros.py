@@ -36,6 +36,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.samples import BLOCK, Samples
+from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, counted
 from flinders.readers._beside import Beside, along, numbered
 from flinders.readers._columns import LONG
@@ -43,8 +45,6 @@ from flinders.readers._extras import needs, reading
 from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._salvage import BAG, KIND, MCAP, MOST_UNPACKED, SQLITE, salvaged
-from flinders.samples import BLOCK, Samples
-from flinders.units import COUNTS, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import BLOCK
+from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UnreadableInput
 from flinders.readers import _arrow
 from flinders.readers._blackbox import calibration_in_force, is_blackbox
@@ -41,8 +43,6 @@ from flinders.readers.dialects.magcc import is_magcc, table_of_datagrams
 from flinders.readers.dialects.paparazzi import is_paparazzi, table_of_messages
 from flinders.readers.dialects.pattern import Pattern
 from flinders.readers.dialects.replay import FRAME, is_replay, table_of_replay
-from flinders.samples import BLOCK
-from flinders.units import COUNTS, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -50,11 +50,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples, Skipped
     from flinders.readers._columns import Columns
     from flinders.readers._numbers import Grid
     from flinders.readers._source import Source
     from flinders.readers.dialects import Dialect
-    from flinders.samples import Samples, Skipped
 
 Progress: TypeAlias = "Callable[[int, int | None], None]"
 """Called once a block with the bytes read so far and, where it is known, those there are."""

@@ -38,13 +38,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.conventions import px4
+from flinders.core.samples import BLOCK, Samples
+from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
 from flinders.geometry.quaternions import of_matrix, product
 from flinders.readers._beside import Beside, Turning, along, numbered, shares
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored
-from flinders.samples import BLOCK, Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

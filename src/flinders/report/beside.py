@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.drivers import motor
+from flinders.core.disturbance import motor
+from flinders.core.units import label
 from flinders.errors import figures
 from flinders.report.text import degrees, with_uncertainty
-from flinders.units import label
 
 if TYPE_CHECKING:
-    from flinders.drivers import Driver
+    from flinders.core.disturbance import Driver
     from flinders.result import Driven, Fit
 
 WHO: Final = {"rate": "gyro", "dip": "accelerometer", "tilt": "logged tilt", "attitude": "logged attitude"}
@@ -112,7 +112,7 @@ def found_beside(fit: Fit) -> list[tuple[str, str]]:
 def called(driver: Driver) -> str:
     """A driver with its unit, as an axis says it.
 
-    >>> from flinders.drivers import Driver
+    >>> from flinders.core.disturbance import Driver
     >>> called(Driver("current", [0, 0, 0])), called(Driver("throttle", [0, 0, 0]))
     ('current, A', 'throttle')
     """

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.comparison import CHANCE
+from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.report.text import COLOURS, MARKS, degrees, with_uncertainty
-from flinders.units import label
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,18 +9,18 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.geometry.ellipsoid import upper
 from flinders.report.text import COLOURS, FINEST, MARKS, degrees, on_the_point
 from flinders.result import VERDICTS
-from flinders.units import label
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from flinders.calibration import Calibration
     from flinders.contest import Contest, Entry
+    from flinders.core.calibration import Calibration
     from flinders.heading import HeadingError
     from flinders.result import Severity, Verdict
 

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.units import label
 from flinders.errors import counted
 from flinders.heading import level_gradients
 from flinders.report.text import with_uncertainty
-from flinders.units import label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,21 +17,21 @@ from typing import TYPE_CHECKING, Final, Self
 import msgspec
 import numpy as np
 
-from flinders.driven import settled
+from flinders.core.compensation import settled
+from flinders.core.samples import Samples, singles
+from flinders.core.units import label
 from flinders.estimators.walk import FEWEST, walk_of
 from flinders.report.view import lengths_off, view
-from flinders.samples import Samples, singles
-from flinders.units import label
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.estimators.walk import Walk
     from flinders.geometry.plane import Plane
     from flinders.report.view import View
     from flinders.result import Fit
-    from flinders.samples import Recording
 
 MOST: Final = 10_000
 """Readings that are drawn; of a longer recording every k-th."""

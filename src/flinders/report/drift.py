@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.report.fleet import about_order, chance, when
 from flinders.report.fleet_view import STATES
 from flinders.report.text import degrees
-from flinders.units import label
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.units import label
 from flinders.errors import figures
 from flinders.report.comparison import chance
 from flinders.report.text import COLOURS, degrees, with_uncertainty
-from flinders.units import label
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

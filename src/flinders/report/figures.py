@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.drivers import Driver
+    from flinders.core.disturbance import Driver
     from flinders.estimators.walk import Walk
     from flinders.geometry.plane import Plane
     from flinders.report.drawn import Drawn

@@ -19,13 +19,13 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.report import fleet_figures as drawing
 from flinders.report.colours import variables
 from flinders.report.fleet_view import STATES, SUMS_ALONE
 from flinders.report.script import asset, joined
 from flinders.report.text import degrees
-from flinders.units import label
 from flinders.verdict import CODES
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.axes import Axes
 from flinders.compass import AS_THEY_ARE, LEVEL
+from flinders.core.axes import Axes
 from flinders.errors import counted
 from flinders.frames import OPPOSITE, remedy
 from flinders.report.text import MARKS, degrees
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.compass import Voyage
-    from flinders.geomag import SiteField
+    from flinders.core.geomag import SiteField
 
 OFF_DEG: Final = 3.0
 """Degrees by which the dip may differ from the model's before it is worth a line."""

@@ -29,7 +29,8 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 import numpy as np
 
-from flinders.document import Provenance
+from flinders.core.calibration_file import Provenance
+from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.report import beside
 from flinders.report import figures as drawing
@@ -39,7 +40,6 @@ from flinders.report.script import asset, joined
 from flinders.report.text import FINEST, degrees, matrix_entries, with_uncertainty
 from flinders.report.view import tiles_view
 from flinders.result import Fit, Refused
-from flinders.units import label
 from flinders.verdict import UPSIDE_DOWN
 
 if TYPE_CHECKING:
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
 
     from jinja2 import Template
 
-    from flinders.calibration import Calibration
-    from flinders.document import SourceFile
+    from flinders.core.calibration import Calibration
+    from flinders.core.calibration_file import SourceFile
+    from flinders.core.samples import Recording
     from flinders.errors import FitError
     from flinders.estimators.walk import Walk
-    from flinders.samples import Recording
 
 TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
 """What each verdict is called, as on the page."""

@@ -12,16 +12,16 @@ import shlex
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
 from flinders.errors import FitError, counted, figures
 from flinders.report.text import COLOURS, degrees
-from flinders.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import RenderableType
 
-    from flinders.geomag import SiteField
+    from flinders.core.geomag import SiteField
     from flinders.result import Fit
 
 GAP: Final = 5.0

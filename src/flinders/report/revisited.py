@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.arrays import Floats
-    from flinders.document import FindingRecord
+    from flinders.core.calibration_file import FindingRecord
+    from flinders.core.samples import Recording
     from flinders.heading import HeadingError
     from flinders.judged import Judged
     from flinders.result import Severity
-    from flinders.samples import Recording
 
 DIP_DEG: Final = 60.0
 TARGET_DEG: Final = 1.0

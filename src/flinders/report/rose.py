@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.units import label
 from flinders.errors import figures
 from flinders.report.text import degrees
 from flinders.report.two_axis import evenness, is_mean
-from flinders.units import label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
+    from flinders.core.geomag import SiteField
     from flinders.deviation import Deviation, Expected
-    from flinders.geomag import SiteField
     from flinders.rests import HalfTurn, Rest
 
 MEANINGS: Final = (

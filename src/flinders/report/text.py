@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.units import label
 from flinders.verdict import OF_THE_RECORDING, UPSIDE_DOWN, movement
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
+    from flinders.core.calibration import Calibration
     from flinders.result import Finding, Fit
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.composing import ANY_ANGLE, in_words
+from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import across
 from flinders.report.text import COLOURS, degrees, listed, numbers
 from flinders.report.text import page as fit_page
-from flinders.units import label
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -25,13 +25,13 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 import numpy as np
 from msgspec import Struct
 
+from flinders.core.units import label
 from flinders.errors import figures
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.guidance import guide
 from flinders.heading import direction_gradients, level_gradients, level_turn, upright
 from flinders.health import Health
-from flinders.units import label
 from flinders.verdict import UPSIDE_DOWN, WORTH_IT, movement
 
 if TYPE_CHECKING:
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.geometry.plane import Plane
     from flinders.guidance import Frame, Goal, Guidance
     from flinders.result import Fit
-    from flinders.samples import Samples
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]

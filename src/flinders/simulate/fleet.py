@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.samples import Samples
 from flinders.simulate._checks import count, share
 from flinders.simulate.directions import uniform
 from flinders.simulate.rotations import north_and_down, random_attitude, turns

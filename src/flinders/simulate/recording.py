@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.samples import Samples
 from flinders.simulate._checks import count, frozen, not_negative, positive, share, triple
 from flinders.simulate.disturbances import Effect, stray_fields
 from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.files import replacing
+from flinders.core.files import replacing
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator, Mapping
 
     from flinders.arrays import Floats
-    from flinders.samples import Samples
+    from flinders.core.samples import Samples
 
 DIGITS: Final = 4
 """Decimals of all numbers: a tenth of a nanotesla, 0.1 ms, 0.0001 rad/s."""

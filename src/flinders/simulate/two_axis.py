@@ -22,8 +22,8 @@ import numpy as np
 
 from flinders.arrays import Floats, floats
 from flinders.arrays import matrix as square
+from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UsageError
-from flinders.samples import Samples
 from flinders.simulate._checks import count, not_negative, positive
 from flinders.simulate.recording import Simulated
 from flinders.simulate.rotations import north_and_down, posed, seen_from

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders import fitting
+from flinders.core.samples import Samples
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators import unfollowed_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.result import Fit, Refused
-from flinders.samples import Samples
 from flinders.stacked.lane import MOST, UPPER, Lane, through
 from flinders.stacked.stack import Lined, Stack
 from flinders.stacked.surfaces import DOUBTFUL

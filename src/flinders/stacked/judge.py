@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
 from flinders.heading import HEADINGS, level_turn
 from flinders.health import RAIL_COUNT, RAIL_SHARE
 from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
-from flinders.units import EARTH_UT, MICROTESLA
 from flinders.verdict import (
     ALTERNATING,
     AXIS_RATIO,

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.estimators.correlation import FEW as FEW_TO_CORRELATE
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.likelihood import GLANCE
@@ -51,7 +52,6 @@ from flinders.stacked.sums import Sums
 from flinders.stacked.support import Supports, pretended
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
 from flinders.terms.support import FLATTEST
-from flinders.units import EARTH_UT, MICROTESLA
 from flinders.unmoved import NARROW
 
 if TYPE_CHECKING:

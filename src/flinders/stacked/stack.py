@@ -1,6 +1,6 @@
 """Readings of many units, side by side.
 
->>> from flinders.samples import Samples
+>>> from flinders.core.samples import Samples
 >>> stack = Stack.of([Samples.of(np.ones((4, 3))), Samples.of(np.ones((2, 3)))])
 >>> stack, stack.counts
 (Stack(2 units of up to 4 readings), array([4, 2]))
@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from flinders.arrays import column, floats
-from flinders.axes import Axes
+from flinders.core.axes import Axes
+from flinders.core.samples import Samples
+from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnitError
-from flinders.samples import Samples
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

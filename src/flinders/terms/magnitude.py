@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.core.samples import BLOCK
 from flinders.geometry.ellipsoid import GATHER, Ellipsoid, centred, gathered
-from flinders.samples import BLOCK
 from flinders.terms.equations import NormalEquations
 
 if TYPE_CHECKING:

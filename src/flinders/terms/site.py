@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Final, Self
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from flinders.geomag import SiteField
+    from flinders.core.geomag import SiteField
 
 GAIN_SIGMA: Final = 0.05
 """Of the strength: what data sheets give for the gain of a sensor; the crust that no model shows adds a hundredth."""

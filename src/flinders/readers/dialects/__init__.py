@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, Protocol
 
+from flinders.core.samples import Skipped
 from flinders.readers._lines import ENDS_EARLY, shown
 from flinders.readers._source import derived
 from flinders.readers.dialects import hexadecimal, json_lines, labelled, magcc, motioncal, stamped
-from flinders.samples import Skipped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -11,11 +11,11 @@ import json
 import re
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput
 from flinders.readers._lines import EndsEarly, shown
 from flinders.readers._source import Source, derived
 from flinders.readers.dialects.json_lines import JsonLines, parsed
-from flinders.samples import BLOCK
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from flinders.core.units import COUNTS
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
 from flinders.readers._several import instruments, vectors
 from flinders.readers._sniff import COMMENTS
 from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_of
-from flinders.units import COUNTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -20,12 +20,22 @@ import numpy as np
 from msgspec import to_builtins
 
 from flinders.arrays import Floats, floats, matrix, vectors
-from flinders.axes import Axes
-from flinders.document import Correction, Document, DriverRecord, Fitted, Provenance, Recorded, Rotation, read, write
-from flinders.drivers import BY_KEY, Driver, checked, effect, known, named
+from flinders.core.axes import Axes
+from flinders.core.calibration_file import (
+    Correction,
+    Document,
+    DriverRecord,
+    Fitted,
+    Provenance,
+    Recorded,
+    Rotation,
+    read,
+    write,
+)
+from flinders.core.disturbance import BY_KEY, Driver, checked, effect, known, named
+from flinders.core.notebook import correction
+from flinders.core.units import COUNTS, MICROTESLA, Unit, label
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
-from flinders.notebook import correction
-from flinders.units import COUNTS, MICROTESLA, Unit, label
 
 if TYPE_CHECKING:
     import os

@@ -3,8 +3,8 @@
 A calibration with `drivers` is a plain one, `Calibration.at()`, of settled readings. Everything that works on
 readings (a fit, a check, headings, a filter) settles them first, and needs to know of drivers no more.
 
->>> from flinders.calibration import Calibration
->>> from flinders.drivers import Driver
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.disturbance import Driver
 >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
 >>> driven = Calibration(np.eye(3), [10.0, 0.0, 0.0], 50.0, drivers=(motors,))
 >>> flown = Samples.of([[60.0, 0.0, 0.0], [65.0, 0.0, 0.0]], current=[0.0, 10.0])
@@ -23,16 +23,16 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from flinders.drivers import effect, lagged
+from flinders.core.disturbance import effect, lagged
+from flinders.core.samples import Joined, Recording, Samples, Wrapped
 from flinders.errors import InputError, figures
-from flinders.samples import Joined, Recording, Samples, Wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.calibration import Calibration
-    from flinders.drivers import Driver
+    from flinders.core.calibration import Calibration
+    from flinders.core.disturbance import Driver
 
 
 @dataclass(slots=True, eq=False)

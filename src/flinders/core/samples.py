@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from flinders.arrays import Floats, column, floats, table
-from flinders.axes import Axes
-from flinders.drivers import KINDS, MOST, MOTORS, motor, motors, place_of
+from flinders.core.axes import Axes
+from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
+from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, UnitError
 from flinders.geometry.quaternions import attitudes, of_matrix, product
-from flinders.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

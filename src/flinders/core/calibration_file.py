@@ -45,8 +45,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, Typ
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from flinders.core.files import read_bytes, write_text
 from flinders.errors import DocumentError
-from flinders.files import read_bytes, write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
