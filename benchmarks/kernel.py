@@ -23,17 +23,17 @@ import numpy as np
 import flinders
 from benchmarks.readers import write_csv
 from benchmarks.speed import MILLION, blocked_products, readings
-from flinders.cloud import Cloud
-from flinders.coverage import Coverage
 from flinders.estimators import Consistent, Likelihood, Readings
 from flinders.estimators.correlation import correlation_of
 from flinders.estimators.robust import asks_for_it
 from flinders.heading import level_error
-from flinders.health import Health
-from flinders.moments import Moments
 from flinders.simulate import tumble
 from flinders.stacked.sums import Sums
-from flinders.summary import Summary
+from flinders.summary.cloud import Cloud
+from flinders.summary.coverage import Coverage
+from flinders.summary.moments import Moments
+from flinders.summary.quality import Health
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -21,9 +21,9 @@ import numpy as np
 
 import flinders
 from flinders.estimators import Likelihood, Readings
-from flinders.moments import Moments
 from flinders.simulate import tumble
-from flinders.summary import Summary
+from flinders.summary.moments import Moments
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from flinders.readers import read as read
     from flinders.result import Finding as Finding
     from flinders.result import Fit as Fit
-    from flinders.summary import Summary as Summary
+    from flinders.summary.summary import Summary as Summary
     from flinders.together import fit_together as fit_together
 
 _HOMES: Final = {
@@ -49,7 +49,7 @@ _HOMES: Final = {
     "FlindersError": "errors",
     "Judged": "judged",
     "Samples": "core.samples",
-    "Summary": "summary",
+    "Summary": "summary.summary",
     "Unit": "core.units",
     "compare": "comparison",
     "compare_methods": "contest",

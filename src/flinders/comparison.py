@@ -26,8 +26,8 @@ from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading import HeadingError, level_error, level_turn
 from flinders.judged import refuse_unlike, rescaled, without_scale
-from flinders.pooling import chance_of, chi_square_of
 from flinders.simulate import fibonacci
+from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.comparison import compare
-from flinders.coverage import Coverage
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Auto, Readings, within_range
 from flinders.estimators.kept import concatenated
 from flinders.fitting import estimator_of, fit
 from flinders.judged import Judged
 from flinders.result import VERDICTS, Refused
+from flinders.summary.coverage import Coverage
 from flinders.terms import magnitude
 from flinders.validation import BLOCKS, LEAST, NotValidated, cross_validated
 

@@ -24,7 +24,7 @@ import numpy as np
 from flinders.arrays import column, floats, matrix, refuse_gaps, vectors
 from flinders.errors import ArrayError, FitError, UsageError, counted
 from flinders.geometry.angles import folded, wrapped
-from flinders.pooling import chance_of, chi_square_of
+from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

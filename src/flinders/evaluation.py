@@ -21,8 +21,8 @@ from flinders.comparison import CHANCE, DIRECTIONS
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
 from flinders.heading import HeadingError, direction_error_deg, level_error, level_gradients, level_turn
-from flinders.pooling import chance_of, chi_square_of
 from flinders.simulate.angle_error import best_rotation
+from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

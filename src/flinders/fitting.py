@@ -18,7 +18,6 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
-from flinders.coverage import Coverage
 from flinders.errors import FitError, UsageError
 from flinders.estimators import (
     METHODS,
@@ -44,6 +43,7 @@ from flinders.geometry.plane import down_of
 from flinders.heading import alignment_error_deg, level_error
 from flinders.repeats import Part, compared
 from flinders.result import Aid, Aids, Fit, Refused
+from flinders.summary.coverage import Coverage
 from flinders.terms.prior import SPREAD
 from flinders.terms.support import is_flat
 from flinders.unmoved import require_moved
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats
     from flinders.result import Drift, Slip, Unfollowed
-    from flinders.summary import Summary
+    from flinders.summary.summary import Summary
     from flinders.terms.site import Site
 
 LOOKED_AT: Final = 5_000

@@ -38,16 +38,16 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from flinders.coverage import CELLS
 from flinders.heading import direction_gradients, level_gradients, upright
+from flinders.summary.coverage import CELLS
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.coverage import Coverage
     from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.summary.coverage import Coverage
 
 Goal = Literal["heading", "attitude"]
 Frame = Literal["vehicle", "sensor"]
@@ -76,7 +76,7 @@ class Guidance:
     Attributes
     ----------
     errors_deg : (100,) float
-        Direction error of the corrected field to expect in each of `flinders.coverage.CELLS`, 1 σ.
+        Direction error of the corrected field to expect in each of `flinders.summary.coverage.CELLS`, 1 σ.
     worst_deg : float
         The error that matters: of a level heading for the goal ``heading``, of any direction for ``attitude``.
     direction : (3,) float

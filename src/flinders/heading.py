@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.coverage import fibonacci
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
+from flinders.summary.coverage import fibonacci
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -37,9 +37,9 @@ from flinders.errors import FitError, UsageError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading import HeadingError, direction_error_deg, level_error
 from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
-from flinders.pooling import chi_square_of, pool
 from flinders.repeats import Part, compared
 from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first
+from flinders.summary.pooling import chi_square_of, pool
 from flinders.verdict import REFUSED_AT, contradiction, of_calibration
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def merge(parts: Sequence[Judged], *, target_deg: float = 1.0, dip_deg: float | 
         Σ (θᵢ − θ)ᵀ Pᵢ⁻¹ (θᵢ − θ)
 
     which is what a joint fit of all recordings finds, as far as each is linear about its own. To the covariance of
-    the mean is added what the calibrations scatter beyond their claims (`flinders.pooling`).
+    the mean is added what the calibrations scatter beyond their claims (`flinders.summary.pooling`).
 
     The scale: unless all were given the strength of their field, each was recorded in a field of unknown strength,
     which says nothing of the sensor. All are then brought to the geometric mean of their radii, and the scale

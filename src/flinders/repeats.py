@@ -21,7 +21,7 @@ import numpy as np
 
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading import level_error
-from flinders.pooling import chance_of, chi_square_of, each_from_the_others, pool
+from flinders.summary.pooling import chance_of, chi_square_of, each_from_the_others, pool
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -16,11 +16,11 @@ from msgspec import UNSET
 from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, beside_record, write
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
-from flinders.coverage import CELLS
 from flinders.errors import FitError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import down_of
 from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
+from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     import os
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import BesideRecord, Document, Provenance
     from flinders.core.disturbance import Driver
-    from flinders.coverage import Coverage
     from flinders.geometry.plane import Plane
     from flinders.heading import HeadingError
     from flinders.repeats import Repeats
+    from flinders.summary.coverage import Coverage
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]

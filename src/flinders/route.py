@@ -42,11 +42,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 import numpy as np
 
 from flinders.arrays import floats, table
-from flinders.coverage import CELLS, fibonacci
 from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.guidance import SHARPNESS, reading_variance
 from flinders.heading import direction_gradients, level_gradients
+from flinders.summary.coverage import CELLS, fibonacci
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:

@@ -32,11 +32,11 @@ import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import Unmoved
-from flinders.summary import Summary  # noqa: TC001 - the example above makes some
+from flinders.summary.summary import Summary  # noqa: TC001 - the example above makes some
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.cloud import Cloud
+    from flinders.summary.cloud import Cloud
 
 FEWEST: Final = 20
 """Fewer readings than this are too few for a fit to be asked for, and to tell a cloud from a surface."""

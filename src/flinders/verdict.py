@@ -17,8 +17,8 @@ from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import order_of
 from flinders.guidance import guide
-from flinders.health import RAIL_SHARE
 from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
+from flinders.summary.quality import RAIL_SHARE
 from flinders.terms.support import flatness_limit, is_flat
 
 if TYPE_CHECKING:
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Driver
-    from flinders.coverage import Coverage
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.guidance import Guidance
-    from flinders.health import Health
-    from flinders.moments import Moments
     from flinders.repeats import Repeats
     from flinders.result import Driven, Fit, Severity
-    from flinders.summary import Summary
+    from flinders.summary.coverage import Coverage
+    from flinders.summary.moments import Moments
+    from flinders.summary.quality import Health
+    from flinders.summary.summary import Summary
 
 CODES: Final = {
     ONE_PLANE: "the readings are as flat as a level turn: thickness over width is `number`",
@@ -796,7 +796,7 @@ def advised(fit: Fit) -> Guidance:
 def unseen_side(coverage: Coverage) -> str:
     """Name the side or corner of the sensor that lies in the middle of the largest gap.
 
-    >>> from flinders.coverage import Coverage
+    >>> from flinders.summary.coverage import Coverage
     >>> unseen_side(Coverage.of(np.array([[0.0, 0.0, 1.0], [0.0, 0.1, 0.99]])))
     '−z side'
     """

@@ -21,7 +21,7 @@ from flinders.stacked import Stack, columns, fit_stack
 from flinders.stacked.algebra import symmetric, with_ones
 from flinders.stacked.lane import UPPER, through
 from flinders.stacked.support import pretended
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 from flinders.terms import support
 
 if TYPE_CHECKING:

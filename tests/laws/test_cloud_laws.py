@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from flinders.cloud import MAX_CELLS, Cloud, natural_side
 from flinders.errors import ArrayError
+from flinders.summary.cloud import MAX_CELLS, Cloud, natural_side
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -16,10 +16,10 @@ from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import PER_UNIT, SPELLINGS, Unit
-from flinders.coverage import CELLS, Coverage, cells_of, directions_of
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric, upper
 from flinders.heading import level_error, level_turn, raw_error
+from flinders.summary.coverage import CELLS, Coverage, cells_of, directions_of
 from flinders.terms.equations import NormalEquations
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders.errors import ArrayError
-from flinders.moments import EXPONENTS, SMALLEST_UNIT, Moments, packed, power_of_two_above, unpacked
+from flinders.summary.moments import EXPONENTS, SMALLEST_UNIT, Moments, packed, power_of_two_above, unpacked
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

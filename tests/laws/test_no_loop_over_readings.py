@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import flinders
-from flinders.cloud import Cloud
 from flinders.core.calibration import Calibration
-from flinders.health import Health
-from flinders.moments import Moments
 from flinders.simulate import tumble
 from flinders.stacked.sums import Sums
-from flinders.summary import Summary
+from flinders.summary.cloud import Cloud
+from flinders.summary.moments import Moments
+from flinders.summary.quality import Health
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flinders.pooling import chance_of, each_from_the_others, pool
+from flinders.summary.pooling import chance_of, each_from_the_others, pool
 
 
 def some(rng: np.random.Generator, count: int, size: int) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UnitError, UsageError
-from flinders.moments import Moments, power_of_two_above
 from flinders.stacked import Lined, Stack, consistent, fit_stack
 from flinders.stacked.algebra import READINGS_AT_A_TIME, counted_in, put, stretches
 from flinders.stacked.sums import Sums, powers_of_two_above
+from flinders.summary.moments import Moments, power_of_two_above
 
 
 def units(seed: int, many: int) -> list[Samples]:

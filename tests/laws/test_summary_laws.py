@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders.core.samples import Samples, Skipped
-from flinders.health import Clock, Health, Lows
-from flinders.summary import Summary
+from flinders.summary.quality import Clock, Health, Lows
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,8 +7,8 @@ import numpy.testing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flinders.coverage import fibonacci
 from flinders.geometry.sphere import COUNT, tile_of, tiles
+from flinders.summary.coverage import fibonacci
 
 
 def test_areas_are_alike_and_make_up_the_sphere() -> None:

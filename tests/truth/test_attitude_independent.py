@@ -40,7 +40,7 @@ from flinders.judged import Judged
 from flinders.readers import read
 from flinders.report.convergence import Settling, drawing
 from flinders.result import Refused
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -23,7 +23,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.judged import Judged
-from flinders.pooling import chance_of
+from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ from flinders.contest import Contest, compare_methods
 from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import METHODS
 from flinders.heading import HeadingError
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 from flinders.validation import Validation
 
 TUMBLE = simulate.tumble(seed=5, n=1000, motion="uniform")

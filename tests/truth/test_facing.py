@@ -7,9 +7,9 @@ import pytest
 
 from flinders import fitting, simulate
 from flinders.core.samples import Samples
-from flinders.coverage import Coverage
 from flinders.heading import level_error
 from flinders.result import Fit, Refused
+from flinders.summary.coverage import Coverage
 
 
 def judged(samples: Samples) -> Fit:

@@ -18,7 +18,7 @@ from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import Consistent, Forgetting, Readings
 from flinders.estimators.convergence import spread_counts
 from flinders.geometry.ellipsoid import upper
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -61,7 +61,7 @@ def test_sums_are_enough_where_nothing_fades_and_only_there() -> None:
 def test_it_is_the_fit_of_readings_that_are_weighed_by_their_age() -> None:
     """Written out: whole readings, whole weights, and the recursion forgets nothing else."""
     from flinders.estimators.consistent import adjusted
-    from flinders.moments import Moments
+    from flinders.summary.moments import Moments
 
     field, memory = turned(3000, 2), 400.0
     weights = np.exp(-np.arange(3000)[::-1] / memory)

@@ -12,12 +12,12 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.coverage import CELLS
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.guidance import POSES, Guidance, guide
 from flinders.heading import direction_errors_deg, level_turn
 from flinders.result import Refused
 from flinders.simulate import Sensor
+from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -25,7 +25,7 @@ from flinders.errors import AxesError, UnitError, UsageError
 from flinders.geometry.ellipsoid import upper
 from flinders.judged import Judged
 from flinders.merging import NotMerged, merge
-from flinders.pooling import chi_square_of
+from flinders.summary.pooling import chi_square_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

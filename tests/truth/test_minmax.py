@@ -21,7 +21,7 @@ from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSample
 from flinders.estimators import MinMax, Readings
 from flinders.extremes import from_extremes
 from flinders.judged import Judged
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,9 +17,9 @@ import pytest
 from flinders.estimators import Consistent, Readings
 from flinders.estimators.consistent import adjusted_quadric
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.moments import EXPONENTS, Moments, unpacked
 from flinders.simulate import uniform
-from flinders.summary import Summary
+from flinders.summary.moments import EXPONENTS, Moments, unpacked
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

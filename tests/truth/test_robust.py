@@ -11,12 +11,12 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.coverage import Coverage
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Auto, Likelihood, Readings, Robust, kept, likelihood
 from flinders.estimators.robust import asks_for_it
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
+from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,7 +12,6 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.coverage import Coverage
 from flinders.errors import ArrayError, OutputExists, UnreadableInput, UsageError
 from flinders.simulate import (
     MOTIONS,
@@ -30,6 +29,7 @@ from flinders.simulate import (
     truth,
     tumble,
 )
+from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -25,7 +25,7 @@ from flinders.judged import Judged
 from flinders.report.rose import drawing
 from flinders.result import Refused
 from flinders.simulate import TwoAxis, swing
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,7 +18,7 @@ from flinders.errors import FitError, Unmoved
 from flinders.live.evaluation import evaluate
 from flinders.live.snapshot import Snapshot
 from flinders.result import Refused
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 from flinders.unmoved import unmoved_deg
 
 if TYPE_CHECKING:

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Samples
-    from flinders.health import Rail
     from flinders.readers import Instrument, Log
     from flinders.report.info import Sensor
     from flinders.result import Fit
-    from flinders.summary import Summary
+    from flinders.summary.quality import Rail
+    from flinders.summary.summary import Summary
 
 BESIDE = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
 """What may stand beside a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
@@ -150,7 +150,7 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
 def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: str | None) -> Sensor:
     """Go through one magnetometer; where nobody has said its unit or columns, its strength may tell."""
     from flinders.report.info import ENOUGH_SEEN, GAP, Sensor, unit_remark
-    from flinders.summary import Summary
+    from flinders.summary.summary import Summary
 
     watched = _Watched(instrument)
     summary = Summary.through(watched)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flinders.geometry.plane import Turn
     from flinders.judged import Judged
     from flinders.result import Fit
-    from flinders.summary import Summary
+    from flinders.summary.summary import Summary
 
 PLANES: Final = ("xy", "yz", "zx")
 """Those of `flinders.geometry.plane`, so that help needs no NumPy; a test holds the two together."""

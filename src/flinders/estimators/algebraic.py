@@ -19,7 +19,7 @@ from flinders.geometry.ellipsoid import Ellipsoid
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.readings import Readings
-    from flinders.moments import Moments
+    from flinders.summary.moments import Moments
 
 _TRACE_FREE: Final = np.concatenate(
     [[[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], *np.zeros((7, 2))], np.eye(10)[:, 3:]], axis=1

@@ -10,7 +10,7 @@ import numpy as np
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.uncertainty import algebraic_covariance
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.moments import EXPONENTS, packed, unpacked
+from flinders.summary.moments import EXPONENTS, packed, unpacked
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

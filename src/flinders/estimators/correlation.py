@@ -37,9 +37,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.coverage import CELLS, cells_of, directions_of
 from flinders.estimators.estimate import FINEST
-from flinders.pooling import DEPENDENT, chance_of
+from flinders.summary.coverage import CELLS, cells_of, directions_of
+from flinders.summary.pooling import DEPENDENT, chance_of
 from flinders.terms import magnitude
 from flinders.terms.equations import ROUNDING
 

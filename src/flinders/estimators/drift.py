@@ -25,13 +25,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.coverage import directions_of
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.estimate import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading import level_error
-from flinders.pooling import chance_of, chi_square_of
 from flinders.result import Drift
+from flinders.summary.coverage import directions_of
+from flinders.summary.pooling import chance_of, chi_square_of
 from flinders.terms import magnitude
 from flinders.terms.support import Support, turning
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
-from flinders.cloud import Cloud, keys_of
 from flinders.core.samples import BLOCK
 from flinders.errors import FitError, TooFewSamples, UsageError
 from flinders.estimators.consistent import adjusted
@@ -17,8 +16,9 @@ from flinders.estimators.convergence import Convergence, spread_counts
 from flinders.estimators.estimate import Estimate
 from flinders.estimators.readings import Readings
 from flinders.estimators.uncertainty import algebraic_covariance
-from flinders.moments import Moments
-from flinders.summary import Summary
+from flinders.summary.cloud import Cloud, keys_of
+from flinders.summary.moments import Moments
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -26,7 +26,7 @@ from flinders.estimators.uncertainty import (
     algebraic_noise,
 )
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.moments import Moments
+from flinders.summary.moments import Moments
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

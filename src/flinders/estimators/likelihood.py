@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
-from flinders.coverage import directions_of
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.correlation import FEW, Correlation, correlation_of
 from flinders.estimators.estimate import FINEST, Estimate
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.summary.coverage import directions_of
 from flinders.terms import magnitude, prior
 from flinders.terms.equations import NormalEquations
 from flinders.terms.support import Support, pretended

@@ -17,7 +17,7 @@ from flinders.estimators.robust import Robust
 from flinders.estimators.strays import strays_among
 from flinders.estimators.uncertainty import algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

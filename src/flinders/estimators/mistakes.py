@@ -39,8 +39,8 @@ from flinders.estimators.mounting import (
     second_axis,
 )
 from flinders.heading import level_error
-from flinders.health import RAIL_SHARE, Health
 from flinders.result import Mistake
+from flinders.summary.quality import RAIL_SHARE, Health
 from flinders.terms import inclination, pointing, turning
 
 if TYPE_CHECKING:

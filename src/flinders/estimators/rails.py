@@ -2,7 +2,7 @@
 
 At its limit a sensor reads the limit, whatever the field: such a reading says only that the field was stronger.
 
->>> from flinders.health import Rail
+>>> from flinders.summary.quality import Rail
 >>> samples = Samples(np.array([[50.0, 0, 0], [40.0, 9, 0], [50.0, 3, 2]]))
 >>> [block.field.tolist() for block in WithinRange(samples, (Rail(0, "highest", 50.0, 0.66),)).blocks()]
 [[[40.0, 9.0, 0.0]]]
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.estimators.readings import Readings
-    from flinders.health import Rail
+    from flinders.summary.quality import Rail
 
 
 @dataclass(frozen=True, slots=True, eq=False)

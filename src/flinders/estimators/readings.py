@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Final, Self, TypeGuard, cast
 
 import numpy as np
 
-from flinders.cloud import keys_of
 from flinders.core.samples import Samples, singles
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.estimators import kept
 from flinders.estimators.kept import Kept, concatenated, together
 from flinders.estimators.near import NO_RUN, Near
-from flinders.summary import Summary
+from flinders.summary.cloud import keys_of
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

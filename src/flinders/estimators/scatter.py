@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.estimators.correlation import Residuals, time_of
-from flinders.pooling import chance_of
+from flinders.summary.pooling import chance_of
 from flinders.terms import walked
 from flinders.terms.parameters import across
 from flinders.terms.shared import Group, Rows, inverse_of, mixed_of, residuals_of, rows_of

@@ -27,9 +27,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.coverage import directions_of
 from flinders.estimators.robust import TO_SIGMA
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.summary.coverage import directions_of
 from flinders.terms import driver as term
 from flinders.terms import magnitude, prior
 from flinders.terms.equations import NormalEquations

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.coverage import directions_of
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.estimate import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.summary.coverage import directions_of
 from flinders.terms import magnitude
 from flinders.terms.support import Support, pretended
 

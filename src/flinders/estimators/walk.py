@@ -40,13 +40,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from flinders.core.samples import singles
-from flinders.coverage import directions_of
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.in_plane import equator
 from flinders.estimators.settling import spread_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
+from flinders.summary.coverage import directions_of
 from flinders.terms import magnitude
 
 if TYPE_CHECKING:

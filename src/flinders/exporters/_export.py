@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from flinders.core.units import label
-from flinders.coverage import fibonacci
 from flinders.errors import NotExportable, figures
+from flinders.summary.coverage import fibonacci
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

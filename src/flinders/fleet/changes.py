@@ -20,7 +20,7 @@ import numpy as np
 
 from flinders.geometry.ellipsoid import GATHER
 from flinders.heading import level_turn
-from flinders.pooling import DEPENDENT
+from flinders.summary.pooling import DEPENDENT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.fleet.changes import chances
 from flinders.fleet.scatter import MEDIAN, Scatter
-from flinders.pooling import chance_of
+from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

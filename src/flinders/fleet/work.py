@@ -33,7 +33,7 @@ from flinders.fleet.table import LONGEST, NAMES, VERDICTS, Row, Rows, objects
 from flinders.fleet.tables import Asked, KeyedTable, Keys, Names, batch_in, counts_of, opened, refuse_empty
 from flinders.readers import open_log
 from flinders.stacked import Lined, fit_stack
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator, Mapping, Sequence

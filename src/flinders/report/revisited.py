@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.cloud import Cloud
 from flinders.comparison import Strength
-from flinders.coverage import Coverage
 from flinders.geometry.plane import down_of
 from flinders.heading import level_error
 from flinders.result import Finding, Fit, gravest_first
+from flinders.summary.cloud import Cloud
+from flinders.summary.coverage import Coverage
 from flinders.verdict import Z_ELSEWHERE, Z_OPEN
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.guidance import guide
 from flinders.heading import direction_gradients, level_gradients, level_turn, upright
-from flinders.health import Health
+from flinders.summary.quality import Health
 from flinders.verdict import UPSIDE_DOWN, WORTH_IT, movement
 
 if TYPE_CHECKING:

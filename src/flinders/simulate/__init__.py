@@ -54,7 +54,6 @@ from __future__ import annotations
 
 import numpy as np  # noqa: F401  for the examples above
 
-from flinders.coverage import fibonacci as fibonacci
 from flinders.simulate import fleet as fleet
 from flinders.simulate import truth as truth
 from flinders.simulate.angle_error import angle_error_deg as angle_error_deg
@@ -104,3 +103,4 @@ from flinders.simulate.sensor import soft_iron as soft_iron
 from flinders.simulate.table import write_csv as write_csv
 from flinders.simulate.two_axis import TwoAxis as TwoAxis
 from flinders.simulate.two_axis import swing as swing
+from flinders.summary.coverage import fibonacci as fibonacci

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from flinders.arrays import matrix as square
-from flinders.coverage import fibonacci
 from flinders.simulate._checks import triple
 from flinders.simulate.sensor import symmetric_power
+from flinders.summary.coverage import fibonacci
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

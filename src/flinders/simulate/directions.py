@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.coverage import around_z
+from flinders.summary.coverage import around_z
 
 if TYPE_CHECKING:
     from numpy.random import Generator

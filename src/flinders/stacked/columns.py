@@ -28,7 +28,7 @@ from flinders.result import Fit, Refused
 from flinders.stacked.lane import MOST, UPPER, Lane, through
 from flinders.stacked.stack import Lined, Stack
 from flinders.stacked.surfaces import DOUBTFUL
-from flinders.summary import Summary
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.coverage import BANDS, CELLS, EDGES, STARTS
 from flinders.estimators import correlation
 from flinders.estimators.drift import FEWEST, FEWEST_INDEPENDENT
 from flinders.estimators.slips import BROKEN
@@ -48,6 +47,7 @@ from flinders.stacked.algebra import (
     weighed,
 )
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units, surface, weighing
+from flinders.summary.coverage import BANDS, CELLS, EDGES, STARTS
 from flinders.terms.support import WELL_CONDITIONED
 from flinders.verdict import CHANGED
 
@@ -71,7 +71,7 @@ class Residuals:
     distances : (U, N)
         Zero where there is no reading.
     cells : (U, N) int
-        Of `flinders.coverage.CELLS`, into which their directions fall.
+        Of `flinders.summary.coverage.CELLS`, into which their directions fall.
     gradients : (U, 8, 9)
         Σ z s/l over each of eight blocks, where T z/l are the rows of the Jacobian, see `carriers`.
     squares : (U, 8, 9, 9)
@@ -139,7 +139,7 @@ def _of_blocks(rows: Array, others: Array, count: Array) -> Array:
 
 
 def cells_of(directions: Array) -> Array:
-    """(u, N) int cells of (u, 3, N) directions, as `flinders.coverage.cells_of`."""
+    """(u, N) int cells of (u, 3, N) directions, as `flinders.summary.coverage.cells_of`."""
     xp = namespace(directions)
     x, y, z = directions[:, 0, :], directions[:, 1, :], directions[:, 2, :]
     band = xp.zeros(z.shape, dtype=xp.int8, device=z.device)
@@ -367,9 +367,9 @@ def _creep(inverse: Array, whole: Array, left: Residuals) -> Array:
 def standard_deviations(chi_square: Array, freedom: Array, others: Array | float = np.inf) -> Array:
     """(U,) of a normal distribution that chance exceeds as often as it makes chi-square as large.
 
-    As `flinders.pooling.chance_of`, whose parameters these are; minus infinity where there is no freedom.
+    As `flinders.summary.pooling.chance_of`, whose parameters these are; minus infinity where there is no freedom.
 
-    >>> from flinders.pooling import chance_of
+    >>> from flinders.summary.pooling import chance_of
     >>> deviation = standard_deviations(np.array([16.919]), np.array([9.0]))[0]
     >>> bool(np.isclose(NormalDist().cdf(-deviation), chance_of(16.919, 9)))
     True

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
-from flinders.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
 from flinders.heading import HEADINGS, level_turn
-from flinders.health import RAIL_COUNT, RAIL_SHARE
 from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
+from flinders.summary.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
+from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
 from flinders.verdict import (
     ALTERNATING,
     AXIS_RATIO,
@@ -56,7 +56,7 @@ FOUND: Final[tuple[tuple[str, Severity], ...]] = (
 
 @dataclass(frozen=True, eq=False)
 class Health:
-    """Counts over the readings of U units, see `flinders.health.Health`.
+    """Counts over the readings of U units, see `flinders.summary.quality.Health`.
 
     Attributes
     ----------
@@ -118,7 +118,7 @@ def _are_many(same: Array, there: Array | None, count: Array) -> Array:
 def facings(counts: Array, dip_deg: float) -> tuple[Array, Array]:
     """(U,) dip with the sign that (U, 100) readings by direction show, and (U,) whether they leave the other one open.
 
-    As `flinders.coverage.Coverage.facings`.
+    As `flinders.summary.coverage.Coverage.facings`.
     """
     xp = namespace(counts)
     readings = xp.maximum(xp.sum(counts, axis=1), 1.0)

@@ -1,15 +1,15 @@
 """Which places the readings of many units take, in raw space and on the sphere.
 
 Cells of raw space tell which readings count where a clump of them shall not (`flinders.estimators.readings`), and their
-means tell which directions were seen (`flinders.coverage`). Both come from one sort of whole numbers: a reading's cell,
-then its rank in the order in which `Readings.spread_out` draws, then its place.
+means tell which directions were seen (`flinders.summary.coverage`). Both come from one sort of whole numbers: a
+reading's cell, then its rank in the order in which `Readings.spread_out` draws, then its place.
 
 >>> from flinders.stacked.algebra import with_ones
 >>> rng = np.random.default_rng(1)
 >>> readings = with_ones(rng.normal(size=(2, 3, 300)))
 >>> count = np.full(2, 300)
 >>> side = natural_sides(readings, count)
->>> from flinders.cloud import natural_side
+>>> from flinders.summary.cloud import natural_side
 >>> [float(side[0]), natural_side(readings[0, :3].T)]
 [0.125, 0.125]
 >>> sorted_in = Sorted.of(readings, count, side)
@@ -25,8 +25,6 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.cloud import LOOKED_AT, SMALLEST_SIDE
-from flinders.coverage import CELLS, cells_of, fibonacci
 from flinders.estimators.readings import PER_CELL
 from flinders.estimators.robust import SEED
 from flinders.stacked import hung
@@ -41,6 +39,8 @@ from flinders.stacked.algebra import (
     squares,
     turned,
 )
+from flinders.summary.cloud import LOOKED_AT, SMALLEST_SIDE
+from flinders.summary.coverage import CELLS, cells_of, fibonacci
 from flinders.verdict import HOLE_DEG
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def ranks(count: int) -> NDArray[np.int64]:
 
 
 def natural_sides(readings: Array, count: Array) -> Array:
-    """(u,) edges of the cells of (u, 4, N) readings, as `flinders.cloud.natural_side`; NaN where there is none."""
+    """(u,) edges of the cells of (u, 4, N) readings, as `flinders.summary.cloud.natural_side`; NaN where there is none."""
     xp = namespace(readings)
     if int(xp.min(count)) == readings.shape[2] < 2 * LOOKED_AT:
         looked_at, many = None, count

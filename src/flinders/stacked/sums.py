@@ -1,7 +1,7 @@
-"""Moments of many units at once: the 35 sums of `flinders.moments`, unit by unit.
+"""Moments of many units at once: the 35 sums of `flinders.summary.moments`, unit by unit.
 
 >>> import numpy as np
->>> from flinders.moments import Moments
+>>> from flinders.summary.moments import Moments
 >>> field = np.random.default_rng(1).normal(size=(2, 50, 3)) + 3.0
 >>> sums = Sums.of(np.swapaxes(field, 1, 2))
 >>> alone = Moments.of(field[1])
@@ -17,8 +17,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from flinders.moments import EXPONENTS, FORMS, SMALLEST_UNIT, packing
 from flinders.stacked.algebra import ENOUGH, POWERS, Array, in_stretches, like, monomials, namespace, rows_like, turned
+from flinders.summary.moments import EXPONENTS, FORMS, SMALLEST_UNIT, packing
 
 PACKING: Final = packing()
 _LARGEST: Final = 2.0**1023
@@ -44,7 +44,7 @@ class Sums:
     Attributes
     ----------
     values : (U, 35)
-        In the order of `flinders.moments.EXPONENTS`.
+        In the order of `flinders.summary.moments.EXPONENTS`.
     unit : (U,)
         Powers of two that readings were divided by.
     """
@@ -127,7 +127,7 @@ def _summed(readings: Array, inside: Array | None, unit: Array) -> tuple[Array, 
 
 
 def powers_of_two_above(values: Array) -> Array:
-    """(U,) smallest powers of two that are at least (U,) values, as `flinders.moments.power_of_two_above`.
+    """(U,) smallest powers of two that are at least (U,) values, as `flinders.summary.moments.power_of_two_above`.
 
     The logarithm of what is just above a power of two is rounded to a whole number, and those of other libraries may be
     a little off even at one; comparing finds both.

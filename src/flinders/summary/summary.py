@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
-from flinders.cloud import Cloud, natural_side
 from flinders.core.samples import Samples
-from flinders.health import Health
-from flinders.moments import Moments
+from flinders.summary.cloud import Cloud, natural_side
+from flinders.summary.moments import Moments
+from flinders.summary.quality import Health
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

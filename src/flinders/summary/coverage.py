@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.cloud import Cloud
     from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.summary.cloud import Cloud
 
 UPRIGHT: Final = 0.55
 """Mean height of the directions of a recording, of that of a level vehicle's, from which on it is told from it."""
