@@ -36,8 +36,8 @@ from flinders.estimators import Likelihood, Readings
 from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood import magnitude
 from flinders.result import Refused
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -27,9 +27,9 @@ from benchmarks.terms import swayed, tilted_error_deg
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
+from flinders.likelihood.site_field import Site
 from flinders.result import Refused
 from flinders.simulate.rotations import rates
-from flinders.terms.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

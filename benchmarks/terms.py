@@ -44,18 +44,18 @@ from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading import level_error, level_turn
+from flinders.likelihood.gyro import grown
+from flinders.likelihood.parameters import Parameters, across
+from flinders.likelihood.site_field import Site
 from flinders.simulate.rotations import rotation_vectors
-from flinders.terms.parameters import Parameters, across
-from flinders.terms.site import Site
-from flinders.terms.turning import grown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.estimators.aided import Aided
+    from flinders.likelihood.parameters import Layout
     from flinders.simulate import Simulated, Turning
-    from flinders.terms.parameters import Layout
 
 SIGMA: Final = 0.5
 """µT, noise of the S sets."""

@@ -28,8 +28,8 @@ from flinders.agreement import departures
 from flinders.estimators import Auto, Readings
 from flinders.estimators.several import Several, solve
 from flinders.geometry.ellipsoid import upper
+from flinders.likelihood.gyro import rotations
 from flinders.result import Fit, Refused
-from flinders.terms.turning import rotations
 from flinders.together import fit_together
 
 if TYPE_CHECKING:

@@ -30,9 +30,9 @@ from flinders.errors import FitError
 from flinders.estimators.aids import aided_by
 from flinders.estimators.mounting import TURNS
 from flinders.geometry.quaternions import of_angles, of_matrix, product
+from flinders.likelihood.site_field import Site
 from flinders.result import Refused
 from flinders.simulate.rotations import rates
-from flinders.terms.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

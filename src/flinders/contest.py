@@ -23,9 +23,9 @@ from flinders.estimators import METHODS, Auto, Readings, within_range
 from flinders.estimators.kept import concatenated
 from flinders.fitting import estimator_of, fit
 from flinders.judged import Judged
+from flinders.likelihood import magnitude
 from flinders.result import VERDICTS, Refused
 from flinders.summary.coverage import Coverage
-from flinders.terms import magnitude
 from flinders.validation import BLOCKS, LEAST, NotValidated, cross_validated
 
 if TYPE_CHECKING:

@@ -41,11 +41,11 @@ from flinders.estimators.level import Level, turned_level
 from flinders.estimators.sited import sited
 from flinders.geometry.plane import down_of
 from flinders.heading import alignment_error_deg, level_error
+from flinders.likelihood.identifiability import is_flat
+from flinders.likelihood.prior import SPREAD
 from flinders.repeats import Part, compared
 from flinders.result import Aid, Aids, Fit, Refused
 from flinders.summary.coverage import Coverage
-from flinders.terms.prior import SPREAD
-from flinders.terms.support import is_flat
 from flinders.unmoved import require_moved
 from flinders.verdict import judge
 
@@ -58,10 +58,10 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.driving import Driving
     from flinders.heading import HeadingError
+    from flinders.likelihood.site_field import Site
     from flinders.repeats import Repeats
     from flinders.result import Drift, Slip, Unfollowed
     from flinders.summary.summary import Summary
-    from flinders.terms.site import Site
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""

@@ -3,8 +3,8 @@
 A design of readings is G-optimal if no other makes the largest variance of what is predicted smaller (Kiefer and
 Wolfowitz 1960). What is predicted here is not the next reading but the heading of a level vehicle, or the field's
 direction in any attitude. Its covariance P is known after a fit, and a reading in the direction u says one number
-about the parameters: how far the surface lies off there, with the Jacobian j of `flinders.terms.magnitude`. So what a
-batch of n readings would bring can be computed before they are taken,
+about the parameters: how far the surface lies off there, with the Jacobian j of `flinders.likelihood.magnitude`. So
+what a batch of n readings would bring can be computed before they are taken,
 
     P′ = P − P j jᵀ P / (v/n + jᵀ P j)
 
@@ -39,8 +39,8 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from flinders.heading import direction_gradients, level_gradients, upright
+from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

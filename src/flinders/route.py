@@ -46,8 +46,8 @@ from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.guidance import SHARPNESS, reading_variance
 from flinders.heading import direction_gradients, level_gradients
+from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS, fibonacci
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

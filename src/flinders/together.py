@@ -37,9 +37,9 @@ from flinders.estimators.kept import concatenated
 from flinders.estimators.near import dense_in, left_out
 from flinders.estimators.several import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.fitting import fit, judged_as
+from flinders.likelihood.magnitude import distances
+from flinders.likelihood.prior import SPREAD
 from flinders.result import Aids, Finding, Fit, Refused, Stray, gravest_first
-from flinders.terms.magnitude import distances
-from flinders.terms.prior import SPREAD
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.estimators import Estimate
-    from flinders.terms.site import Site
+    from flinders.likelihood.site_field import Site
 
 COPY: Final = 0.1
 """Of their noise: what readings of two sensors differ by at most, turned and scaled, where they are one sensor's."""

@@ -32,9 +32,9 @@ from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.equator import equator
 from flinders.geometry.plane import order_of
 from flinders.heading import level_error
-from flinders.terms import magnitude
-from flinders.terms.equations import NormalEquations
-from flinders.terms.prior import SPREAD
+from flinders.likelihood import magnitude
+from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.prior import SPREAD
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,8 +100,8 @@ def cross_validated(
     """Fit all blocks of time but one, in turn, and ask the one that was held back.
 
     With N = Σ JJᵀ and g = Σ J (s − σ²½∇²s) over all readings, s the distance of each from the surface of the fit
-    that has not seen it and J its Jacobian (`flinders.terms.magnitude`), the bias is δ = (N/σ² + Λ)⁻¹ g/σ²: what least
-    squares would change. The precision Λ of a change by three tenths of the radius keeps δ at zero where nothing
+    that has not seen it and J its Jacobian (`flinders.likelihood.magnitude`), the bias is δ = (N/σ² + Λ)⁻¹ g/σ²: what
+    least squares would change. The precision Λ of a change by three tenths of the radius keeps δ at zero where nothing
     was seen. The scatter is that of the jackknife over K blocks, (K − 1)/K Σ (θₖ − θ̄)(θₖ − θ̄)ᵀ, all θₖ of one radius.
 
     Parameters

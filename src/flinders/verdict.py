@@ -17,9 +17,9 @@ from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import order_of
 from flinders.guidance import guide
+from flinders.likelihood.identifiability import flatness_limit, is_flat
 from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.summary.quality import RAIL_SHARE
-from flinders.terms.support import flatness_limit, is_flat
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

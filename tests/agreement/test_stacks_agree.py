@@ -16,13 +16,13 @@ from flinders.core.samples import Samples
 from flinders.errors import FitError
 from flinders.estimators.slips import SLIPS
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood import identifiability
 from flinders.result import Refused
 from flinders.stacked import Stack, columns, fit_stack
 from flinders.stacked.algebra import symmetric, with_ones
 from flinders.stacked.lane import UPPER, through
 from flinders.stacked.support import pretended
 from flinders.summary.summary import Summary
-from flinders.terms import support
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -341,6 +341,6 @@ def test_what_noise_pretends_is_the_same_from_sums_as_row_by_row() -> None:
     readings = with_ones(np.swapaxes(directions @ shapes, 1, 2) + centres[:, :, None])
     together = pretended(readings, times, centres, np.linalg.inv(shapes))
     for found, u, shape, centre, many in zip(together, directions, shapes, centres, times, strict=True):
-        alone = support.pretended(u, Ellipsoid(centre, shape), many)
+        alone = identifiability.pretended(u, Ellipsoid(centre, shape), many)
         scale = np.sqrt(np.diag(alone))
         np.testing.assert_allclose(found / np.outer(scale, scale), alone / np.outer(scale, scale), atol=1e-12)

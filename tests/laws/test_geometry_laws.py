@@ -19,8 +19,8 @@ from flinders.core.units import PER_UNIT, SPELLINGS, Unit
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric, upper
 from flinders.heading import level_error, level_turn, raw_error
+from flinders.likelihood.equations import NormalEquations
 from flinders.summary.coverage import CELLS, Coverage, cells_of, directions_of
-from flinders.terms.equations import NormalEquations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

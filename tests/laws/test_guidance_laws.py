@@ -16,8 +16,8 @@ from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.guidance import BATCH_SHARE, SHARPNESS, guide, reading_variance
 from flinders.heading import direction_errors_deg, direction_gradients, level_error, level_gradients
+from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS, Coverage
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -15,8 +15,8 @@ from flinders.core.samples import Samples
 from flinders.estimators import Readings, Robust, strays_of
 from flinders.estimators.near import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, left_out
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood import magnitude
 from flinders.simulate import tumble
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from flinders import route
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms import magnitude
+from flinders.likelihood import magnitude
 
 
 def belief(seed: int, scale: float = 1.0) -> route.Belief:

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flinders.terms import turning
-from flinders.terms.parameters import Layout, Parameters, on_the_sphere
-from flinders.terms.shared import Group, Weights, cost_of, eliminated, linearised, residuals_of, rows_of
+from flinders.likelihood import gyro
+from flinders.likelihood.observations import Group, Weights, cost_of, eliminated, linearised, residuals_of, rows_of
+from flinders.likelihood.parameters import Layout, Parameters, on_the_sphere
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +43,7 @@ def group(seed: int, windows: int = 3, n: int = 5) -> Group:
     down = rng.normal(size=(windows, n, 3))
     return replace(
         plain,
-        turned=turning.integrated(rng.normal(size=(windows, n, 3)), np.full((windows, n), 0.02), np.zeros(3)),
+        turned=gyro.integrated(rng.normal(size=(windows, n, 3)), np.full((windows, n), 0.02), np.zeros(3)),
         down=down / np.linalg.norm(down, axis=2, keepdims=True),
         trust=rng.uniform(0.2, 1.0, size=(windows, n)),
         drivers=rng.normal(size=(windows, n, 2)),
@@ -55,13 +55,13 @@ def with_attitudes(seed: int) -> Group:
     """The same with attitudes in place of verticals."""
     plain = group(seed)
     vectors = np.random.default_rng(seed).normal(size=(plain.weight.size, 3))
-    return replace(plain, down=None, attitudes=turning.rotations(vectors).reshape(*plain.weight.shape, 3, 3))
+    return replace(plain, down=None, attitudes=gyro.rotations(vectors).reshape(*plain.weight.shape, 3, 3))
 
 
 def somewhere(seed: int) -> Parameters:
     rng = np.random.default_rng(seed)
     plain = Parameters.at(rng.normal(scale=5.0, size=3), 50.0 * np.eye(3) + np.diag(rng.normal(size=3)), drivers=2)
-    turned = turning.rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
+    turned = gyro.rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
     scale = rng.normal(scale=0.02, size=6)
     lean = 0.03 * rng.standard_normal(3)
     return replace(
@@ -129,17 +129,17 @@ def test_the_order_of_windows_does_not_matter() -> None:
 def test_integration_is_the_product_of_its_steps(seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     rate, interval, bias = rng.normal(size=(1, n, 3)), rng.uniform(0.01, 0.05, (1, n)), rng.normal(scale=0.1, size=3)
-    turned = turning.integrated(rate, interval, bias)
+    turned = gyro.integrated(rate, interval, bias)
     attitude = np.eye(3)
     for k in range(n):
         npt.assert_allclose(turned.rotations[0, k], attitude, atol=1e-12)
-        attitude = attitude @ turning.rotations(((rate[0, k] - bias) * interval[0, k])[None])[0]
+        attitude = attitude @ gyro.rotations(((rate[0, k] - bias) * interval[0, k])[None])[0]
 
 
 @given(st.integers(0, 10_000))
 def test_a_small_change_of_bias_and_scales_is_taken_to_first_order(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    turned = turning.integrated(rng.normal(size=(2, 20, 3)), np.full((2, 20), 0.02), np.zeros(3))
+    turned = gyro.integrated(rng.normal(size=(2, 20, 3)), np.full((2, 20), 0.02), np.zeros(3))
     bias, scale = rng.normal(scale=1e-3, size=3), rng.normal(scale=1e-3, size=6)
-    exact = turning.integrated(turned.rate, turned.interval, bias, scale)
+    exact = gyro.integrated(turned.rate, turned.interval, bias, scale)
     npt.assert_allclose(turned.with_gyro(bias, scale).rotations, exact.rotations, atol=2e-5)

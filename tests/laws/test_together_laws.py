@@ -14,7 +14,7 @@ from flinders import simulate
 from flinders.agreement import departures
 from flinders.core.time_alignment import between
 from flinders.estimators.several import mirror_or_rotation, solve
-from flinders.terms.turning import rotations
+from flinders.likelihood.gyro import rotations
 
 seeds: Final = st.integers(0, 1000)
 

@@ -19,9 +19,9 @@ from flinders.estimators.readings import Readings
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.heading import level_turn
-from flinders.terms.drivers import Drivers
-from flinders.terms.site import Site
-from flinders.terms.turning import rotations
+from flinders.likelihood.disturbances import Drivers
+from flinders.likelihood.gyro import rotations
+from flinders.likelihood.site_field import Site
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -15,7 +15,7 @@ from flinders.estimators.aided import solve
 from flinders.estimators.aids import aided_by
 from flinders.estimators.followed import earned
 from flinders.heading import level_turn
-from flinders.terms.turning import rotations
+from flinders.likelihood.gyro import rotations
 
 if TYPE_CHECKING:
     from collections.abc import Callable

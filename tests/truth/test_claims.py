@@ -15,8 +15,8 @@ from flinders import simulate
 from flinders.estimators.aided import solve
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
+from flinders.likelihood.site_field import Site
 from flinders.simulate.rotations import rotation_vectors
-from flinders.terms.site import Site
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -32,9 +32,9 @@ from flinders.estimators.bench import still
 from flinders.estimators.driving import driving_of
 from flinders.estimators.followed import earned
 from flinders.exporters import EXPORTERS, Asked, find
+from flinders.likelihood import magnitude
 from flinders.result import Refused
 from flinders.simulate import table
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,9 +16,9 @@ from flinders.estimators.aided import FAR_SCALES, parameters_of, solve
 from flinders.estimators.aids import aided_by
 from flinders.estimators.joint import SCALE_SIGMA
 from flinders.estimators.mistakes import elsewhere
+from flinders.likelihood.gyro import bridged, rotations
+from flinders.likelihood.site_field import Site
 from flinders.readers._beside import Beside
-from flinders.terms.site import Site
-from flinders.terms.turning import bridged, rotations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -17,8 +17,8 @@ from flinders.estimators.aided import solve
 from flinders.estimators.aids import aided_by, claim_deg
 from flinders.estimators.joint import seated
 from flinders.geometry.quaternions import inverse, of_angles, rotated
-from flinders.terms.pointing import body_to_world
-from flinders.terms.turning import rotations
+from flinders.likelihood.attitude import body_to_world
+from flinders.likelihood.gyro import rotations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

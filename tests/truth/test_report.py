@@ -23,6 +23,7 @@ from flinders.errors import FitError, TooFewSamples
 from flinders.estimators.walk import walk_through
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.judged import Judged
+from flinders.likelihood.site_field import Site
 from flinders.report import script
 from flinders.report.beside import mounting
 from flinders.report.drawn import Drawn
@@ -33,7 +34,6 @@ from flinders.report.terminal import plot
 from flinders.report.text import degrees
 from flinders.report.view import tile_errors_deg
 from flinders.result import Refused
-from flinders.terms.site import Site
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,8 +19,8 @@ from flinders.core.samples import Samples
 from flinders.estimators import Level, Readings
 from flinders.estimators.level import turned_level
 from flinders.estimators.sited import Heights, conditioned, sited
+from flinders.likelihood.site_field import Site
 from flinders.result import Refused
-from flinders.terms.site import Site
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,7 @@ import pytest
 
 from flinders import simulate
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.terms import magnitude, prior
+from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,8 +17,8 @@ from flinders.core.time_alignment import between, paired
 from flinders.errors import FitError, InputError, UsageError
 from flinders.estimators import several
 from flinders.geometry.ellipsoid import upper
+from flinders.likelihood.gyro import rotations
 from flinders.result import Fit, Refused
-from flinders.terms.turning import rotations
 from flinders.together import Member, fit_together, nearest_axes
 
 if TYPE_CHECKING:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 
-from flinders.terms import turning, walked
-from flinders.terms.parameters import Layout, Parameters
-from flinders.terms.shared import Group, Weights, linearised, rows_of
+from flinders.likelihood import gyro
+from flinders.likelihood import gyro_noise as walked
+from flinders.likelihood.observations import Group, Weights, linearised, rows_of
+from flinders.likelihood.parameters import Layout, Parameters
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -24,17 +25,17 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
     rng = np.random.default_rng(0)
     rate, interval = rng.normal(size=(2, 1, 3)) + 0.3 * rng.normal(size=(2, 12, 3)), np.full((2, 12), EACH_S)
     shape = np.array([[55.0, 4.0, 2.0], [4.0, 45.0, 1.0], [2.0, 1.0, 60.0]])
-    mounted = turning.rotations(np.array([[0.2, -0.1, 0.3]]))[0]
+    mounted = gyro.rotations(np.array([[0.2, -0.1, 0.3]]))[0]
     at = replace(Parameters.at(np.array([3.0, -2.0, 5.0]), shape), rotation=mounted)
     layout, weights = Layout.of(rotation=True, gyro_bias=True), Weights(1.0)
     directions: Floats = rng.normal(size=(2, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    still = turning.integrated(rate, interval, at.gyro_bias, at.gyro_scale)
+    still = gyro.integrated(rate, interval, at.gyro_bias, at.gyro_scale)
     seen = np.einsum("wnji,wj->wni", still.rotations, directions)
     field = at.offset + seen @ at.ellipsoid_like.T
 
     def gradient(noise: Floats) -> Floats:
-        turned = turning.integrated(rate + noise / EACH_S, interval, at.gyro_bias, at.gyro_scale)
+        turned = gyro.integrated(rate + noise / EACH_S, interval, at.gyro_bias, at.gyro_scale)
         group, towards = replace(Group.of(field), turned=turned), directions
         for _ in range(3):
             part = linearised(group, at, towards, layout, weights)

@@ -19,7 +19,7 @@ from flinders.estimators.aided import solve
 from flinders.estimators.mistakes import circular, elsewhere, of_instruments, one_axis
 from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms.site import Site
+from flinders.likelihood.site_field import Site
 
 SEEDS = range(4)
 MOTIONS = ("swayed", "hand", "rocked", "flight")

@@ -78,7 +78,7 @@ def add(
         return rest
     import click
 
-    from flinders.terms.site import Site
+    from flinders.likelihood.site_field import Site
 
     site = Site.of(_field_of(place, date))
     context = click.get_current_context(silent=True)

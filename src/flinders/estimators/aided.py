@@ -4,7 +4,7 @@ Minimises the sum of the squares of all residuals, each in its own standard devi
 
     θ = (b, S, R, drivers, slope, gyro bias, scales and delay, accelerometer bias, sin I or m)
 
-and a direction of the field for each group of readings that shares one, see `flinders.terms.shared`.
+and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
 verticals comes from their residuals (components of variance: each sum of squares over the residuals that are left
 free); then the mean gradient that noise makes on the sphere is taken off, as for `Likelihood`.
@@ -50,7 +50,7 @@ from flinders.estimators.joint import (
 from flinders.estimators.pretence import pretence_of, without
 from flinders.estimators.scatter import scatter_of, span_of, walk_of
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms import prior, turning
+from flinders.likelihood import gyro, prior
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -59,9 +59,9 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.terms.drivers import Drivers
-    from flinders.terms.parameters import Layout, Parameters
-    from flinders.terms.site import Site
+    from flinders.likelihood.disturbances import Drivers
+    from flinders.likelihood.parameters import Layout, Parameters
+    from flinders.likelihood.site_field import Site
 
 AIDS: Final = {
     "rate": "the gyro: the field turns as the body turns back",
@@ -207,7 +207,7 @@ def solve(
     start: Ellipsoid | None = None,
     rotation: Floats | None = None,
     spread: float = prior.SPREAD,
-    window_s: float = turning.WINDOW_S,
+    window_s: float = gyro.WINDOW_S,
     delay: bool = True,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
@@ -230,7 +230,7 @@ def solve(
     rotation : (3, 3) float, optional
         Which way the magnetometer sits on the body, about which the rotation is looked for.
     spread : float
-        Of the prior on the shape, see `flinders.terms.prior`.
+        Of the prior on the shape, see `flinders.likelihood.prior`.
     window_s : float
         Length of the windows of the rate, in s.
     delay : bool
@@ -258,7 +258,7 @@ def solve(
         For a column in which nothing is told.
     """
     refuse_without(samples, terms)
-    samples = replace(samples, rate=turning.bridged(samples.time, samples.rate)[0])
+    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     put = _Put(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay, acceleration_bias)
     aided = _solved(put, gyro_scale, start, near).finished()
     off = float(np.abs(aided.parameters.gyro_scale).max())
@@ -277,9 +277,9 @@ def parameters_of(
     acceleration_bias: float = ACCELERATION_SIGMA,
 ) -> Parameters:
     """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
-    samples = replace(samples, rate=turning.bridged(samples.time, samples.rate)[0])
+    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     put = _Put(
-        samples, tuple(terms), None, None, rotation, prior.SPREAD, turning.WINDOW_S,
+        samples, tuple(terms), None, None, rotation, prior.SPREAD, gyro.WINDOW_S,
         delay=True, acceleration_bias=acceleration_bias,
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)

@@ -47,8 +47,8 @@ from flinders.estimators.mistakes import (
 from flinders.estimators.readings import Readings
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading import level_error, level_turn
+from flinders.likelihood import prior
 from flinders.result import Aid, Aids, Mistake
-from flinders.terms import prior
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,8 +56,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.terms.parameters import Parameters
-    from flinders.terms.site import Site
+    from flinders.likelihood.parameters import Parameters
+    from flinders.likelihood.site_field import Site
 
 AUTO: Final = "auto"
 
@@ -305,7 +305,7 @@ def turned_deg(rotation: Floats, dip_deg: float) -> float:
 
     As `flinders.result.Aids.alignment_error_deg` of a rotation that is not known: z² + ½ tan² I (x² + y²).
 
-    >>> from flinders.terms.turning import rotations
+    >>> from flinders.likelihood.gyro import rotations
     >>> round(turned_deg(rotations(np.array([[0.0, 0.0, 0.01]]))[0], 60.0), 3)
     0.573
     """

@@ -42,7 +42,7 @@ from flinders.estimators.consistent import adjusted
 from flinders.estimators.estimate import FINEST, Estimate
 from flinders.estimators.sphere import Sphere
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.terms import magnitude
+from flinders.likelihood import magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

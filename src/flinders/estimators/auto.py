@@ -13,8 +13,8 @@ from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import Robust, asks_for_it
 from flinders.heading import level_error
-from flinders.terms import prior
-from flinders.terms.support import NEARLY_FLAT_NOISE
+from flinders.likelihood import prior
+from flinders.likelihood.identifiability import NEARLY_FLAT_NOISE
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

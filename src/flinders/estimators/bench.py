@@ -37,8 +37,8 @@ from flinders.estimators.lags import Shifted, grid_of, kept, lagging, profile, s
 from flinders.estimators.logged import Logged
 from flinders.estimators.meters import Meter, alike, attenuation, noise_of, one_way, rounding, widened
 from flinders.estimators.settling import WEAK
+from flinders.likelihood.equations import NormalEquations
 from flinders.result import Driven, Finding
-from flinders.terms.equations import NormalEquations
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -38,10 +38,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.estimators.estimate import FINEST
+from flinders.likelihood import magnitude
+from flinders.likelihood.equations import ROUNDING
 from flinders.summary.coverage import CELLS, cells_of, directions_of
 from flinders.summary.pooling import DEPENDENT, chance_of
-from flinders.terms import magnitude
-from flinders.terms.equations import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,7 +7,7 @@ An offset that creeps and a field that grows leave residuals that depend on time
 beside what noise leaves. ḃ and ġ are found by least squares along with the nine parameters, and held against the
 scatter that the remaining residuals, as they hang together, would give them by chance. A sensor that is turned from
 pole to pole along a spiral has time and direction in one: what only noise tells apart there is left out
-(`flinders.terms.support`).
+(`flinders.likelihood.identifiability`).
 
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(1000, 3))
@@ -29,11 +29,11 @@ from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.estimate import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading import level_error
+from flinders.likelihood import magnitude
+from flinders.likelihood.identifiability import Support, turning
 from flinders.result import Drift
 from flinders.summary.coverage import directions_of
 from flinders.summary.pooling import chance_of, chi_square_of
-from flinders.terms import magnitude
-from flinders.terms.support import Support, turning
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -46,10 +46,9 @@ from flinders.estimators.meters import Meter, alike, attenuation, noise_of, one_
 from flinders.estimators.settling import Problem, Solver, settle
 from flinders.geometry.plane import down_of
 from flinders.heading import HeadingError, level_error
+from flinders.likelihood import disturbance, prior
+from flinders.likelihood.equations import NormalEquations
 from flinders.result import Driven
-from flinders.terms import driver as term
-from flinders.terms import prior
-from flinders.terms.equations import NormalEquations
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -188,7 +187,7 @@ def driving_of(
         ``current``, ``throttle``, ``temperature``; of one motor ``current1`` or ``throttle1``, of all ``currents`` or
         ``throttles``.
     spread : float, optional
-        As for `flinders.terms.prior`, on the shape; None for the default, as a solver needs a hold.
+        As for `flinders.likelihood.prior`, on the shape; None for the default, as a solver needs a hold.
 
     Raises
     ------
@@ -326,7 +325,7 @@ def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: La
     per_unit = solved.driven[3 * place : 3 * place + 3]
     return Found(
         name,
-        shared=term.shared(solved.jacobian[used, :9], driven),
+        shared=disturbance.shared(solved.jacobian[used, :9], driven),
         one_way=one_way(values),
         attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
         lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,

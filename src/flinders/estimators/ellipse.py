@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from flinders.errors import UsageError
 from flinders.estimators.in_plane import fitted_flat, laid_flat, raised, require_turn
 from flinders.geometry.plane import Plane, order_of
-from flinders.terms import prior
+from flinders.likelihood import prior
 
 if TYPE_CHECKING:
     from flinders.estimators.estimate import Estimate

@@ -31,8 +31,8 @@ from flinders.estimators.driving import driving_of
 from flinders.estimators.held_out import folds
 from flinders.estimators.kept import concatenated
 from flinders.estimators.logged import Logged
+from flinders.likelihood import magnitude, prior
 from flinders.result import Aid
-from flinders.terms import magnitude, prior
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -20,7 +20,7 @@ from flinders.errors import FitError
 from flinders.estimators.aided import parameters_of
 from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms import inclination, magnitude
+from flinders.likelihood import dip, magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.estimators.aided import Aided
-    from flinders.terms.parameters import Parameters
+    from flinders.likelihood.parameters import Parameters
 
 FOLDS: Final = 3
 """Parts of a recording that are left out in turn."""
@@ -118,10 +118,10 @@ def missed(samples: Samples, fits: list[Parameters], vertical: str | None) -> Mi
 def _heights(samples: Samples, found: Parameters, vertical: str | None) -> float:
     """Variance of the field's height above the horizon, by verticals that are trusted."""
     if vertical == "dip" and samples.acceleration is not None:
-        down, trust = inclination.verticals(samples.acceleration)
-        down, _ = inclination.upright(down, found.acceleration_bias)
+        down, trust = dip.verticals(samples.acceleration)
+        down, _ = dip.upright(down, found.acceleration_bias)
     elif vertical == "tilt" and samples.attitude is not None:
-        down, trust = inclination.verticals_of(samples.attitude)
+        down, trust = dip.verticals_of(samples.attitude)
     else:
         return np.nan
     unit = (samples.field - found.offset) @ np.linalg.inv(found.ellipsoid_like).T

@@ -19,10 +19,10 @@ from flinders.estimators.estimate import FINEST
 from flinders.estimators.mounting import TURNS
 from flinders.estimators.readings import Readings
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms import inclination, pointing, prior, turning
-from flinders.terms.equations import NormalEquations
-from flinders.terms.parameters import Layout, Parameters, across
-from flinders.terms.shared import Group, Linearised, Weights, cost_of, linearised, residuals_of
+from flinders.likelihood import attitude, dip, gyro, prior
+from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.observations import Group, Linearised, Weights, cost_of, linearised, residuals_of
+from flinders.likelihood.parameters import Layout, Parameters, across
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.terms.drivers import Drivers
-    from flinders.terms.site import Site
+    from flinders.likelihood.disturbances import Drivers
+    from flinders.likelihood.site_field import Site
 
 STEPS: Final = 60
 """Of Levenberg and Marquardt; ten are usual."""
@@ -336,14 +336,14 @@ def grouped(
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
         return [_group(samples, every[:, np.newaxis], beside, drivers)], 0.0
-    inside = turning.windows(samples.time, samples.rate, window_s=window_s)
+    inside = gyro.windows(samples.time, samples.rate, window_s=window_s)
     groups = []
     interval = 0.0
     if len(inside):
         steps = np.diff(samples.time[inside], axis=1)
         interval = float(np.median(steps))
         intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
-        turned = turning.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
+        turned = gyro.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
         groups.append(replace(_group(samples, inside, beside, drivers), turned=turned))
     rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
     if len(rest):
@@ -362,14 +362,14 @@ class _Beside(NamedTuple):
     def of(cls, samples: Samples, terms: Sequence[str]) -> Self:
         """Take the attitude, which holds a vertical, too; else the accelerometer's, else that of the attitude."""
         if "attitude" in terms and samples.attitude is not None:
-            matrices = pointing.body_to_world(samples.attitude)
+            matrices = attitude.body_to_world(samples.attitude)
             known = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
             matrices[~known] = np.eye(3)
             return cls(attitudes=matrices, trust=known.astype(float))
         if "dip" in terms and samples.acceleration is not None:
-            return cls(None, *inclination.verticals(samples.acceleration))
+            return cls(None, *dip.verticals(samples.acceleration))
         if "tilt" in terms and samples.attitude is not None:
-            return cls(None, *inclination.verticals_of(samples.attitude))
+            return cls(None, *dip.verticals_of(samples.attitude))
         return cls()
 
 
@@ -377,10 +377,10 @@ def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, drivers: D
     """Take what belongs to (W, n) readings."""
     return Group(
         rows,
-        turning.in_pieces(samples.field[rows]),
+        gyro.in_pieces(samples.field[rows]),
         np.ones(rows.shape),
-        attitudes=None if beside.attitudes is None else turning.in_pieces(beside.attitudes[rows], 2),
-        down=None if beside.down is None else turning.in_pieces(beside.down[rows]),
+        attitudes=None if beside.attitudes is None else gyro.in_pieces(beside.attitudes[rows], 2),
+        down=None if beside.down is None else gyro.in_pieces(beside.down[rows]),
         trust=None if beside.trust is None else beside.trust[rows],
         drivers=None if drivers is None or not drivers.names else drivers.columns[rows],
         warmth=None if drivers is None or drivers.warmth is None else drivers.warmth[rows],
@@ -548,8 +548,8 @@ def _retrusted(group: Group, original: Group, at: Parameters, directions: Floats
     if beside is None or original.trust is None:
         return group
     length = np.sqrt(np.einsum("wni,wni->wn", beside, beside)) / weights.vertical
-    beyond = inclination.HUBER if group.attitudes is None else pointing.HUBER
-    return replace(group, trust=original.trust * group.weight * inclination.huber(length, beyond=beyond))
+    beyond = dip.HUBER if group.attitudes is None else attitude.HUBER
+    return replace(group, trust=original.trust * group.weight * dip.huber(length, beyond=beyond))
 
 
 def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:

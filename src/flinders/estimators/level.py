@@ -13,9 +13,9 @@ from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED, Robust, asks_for_it
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms import prior
-from flinders.terms.equations import ROUNDING
-from flinders.terms.support import FLAT_NOISE, is_flat
+from flinders.likelihood import prior
+from flinders.likelihood.equations import ROUNDING
+from flinders.likelihood.identifiability import FLAT_NOISE, is_flat
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,10 +14,10 @@ from flinders.estimators.consistent import adjusted
 from flinders.estimators.correlation import FEW, Correlation, correlation_of
 from flinders.estimators.estimate import FINEST, Estimate
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.likelihood import magnitude, prior
+from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.identifiability import Support, pretended
 from flinders.summary.coverage import directions_of
-from flinders.terms import magnitude, prior
-from flinders.terms.equations import NormalEquations
-from flinders.terms.support import Support, pretended
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -61,7 +61,7 @@ class Likelihood:
     """General ellipsoid by maximum likelihood, corrected for the curvature of the surface.
 
     Minimises ``Σ s² / σ²`` plus the prior's cost, where s is the Sampson distance of a reading from the
-    ellipsoid (see `flinders.terms.magnitude`), by Gauss–Newton steps on (b, S) with the Jacobian at
+    ellipsoid (see `flinders.likelihood.magnitude`), by Gauss–Newton steps on (b, S) with the Jacobian at
     the foot points, started from `Consistent`. Then the mean of the gradient that noise causes on a
     curved surface is subtracted. σ comes from the residuals.
 
@@ -72,7 +72,7 @@ class Likelihood:
     ----------
     prior : float, optional
         Departure of the scaled shape from a sphere that is thought likely, see
-        `flinders.terms.prior`; None leaves what was not seen free.
+        `flinders.likelihood.prior`; None leaves what was not seen free.
     bias_correction : bool
         False gives the minimum of the Sampson cost itself, for comparison with other software.
 

@@ -39,9 +39,10 @@ from flinders.estimators.mounting import (
     second_axis,
 )
 from flinders.heading import level_error
+from flinders.likelihood import attitude, dip
+from flinders.likelihood import gyro as turning
 from flinders.result import Mistake
 from flinders.summary.quality import RAIL_SHARE, Health
-from flinders.terms import inclination, pointing, turning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.terms.site import Site
+    from flinders.likelihood.site_field import Site
 
 CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
 """A yaw that is off by so much, so far beyond what is claimed without it, and mostly as a compass, is a compass's."""
@@ -113,7 +114,7 @@ def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) ->
 
 
 def without_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list[Mistake]]:
-    """Fill short gaps of the gyro, see `flinders.terms.turning.bridged`, and say how many readings that was.
+    """Fill short gaps of the gyro, see `flinders.likelihood.gyro.bridged`, and say how many readings that was.
 
     >>> from dataclasses import replace
     >>> from flinders import simulate
@@ -224,7 +225,7 @@ def is_far(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
 def elsewhere(seen_deg: float, site: Site) -> Mistake:
     """Say that the dip is not the site's; an accelerometer with all signs reversed has that of the other side.
 
-    >>> from flinders.terms.site import Site
+    >>> from flinders.likelihood.site_field import Site
     >>> elsewhere(-59.6, Site(inclination_deg=60.0)).words
     'the field dips by -59.6°, at the site it should by 60.0°: the vertical seems to be upside down, as an \
 accelerometer that lies level reads −g on z; the site was not used'
@@ -268,7 +269,7 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     """
     if samples.attitude is None:
         return None
-    matrices = pointing.body_to_world(samples.attitude)
+    matrices = attitude.body_to_world(samples.attitude)
     known = np.isfinite(matrices[:, 0, 0])
     if np.count_nonzero(known) < FEWEST_ATTITUDES:
         return None
@@ -303,7 +304,7 @@ def _empty(samples: Samples, aid: str) -> Mistake | None:
         inside = turning.windows(samples.time, samples.rate)
         usable, what = inside.size, "a rate, and a time that goes on from one to the next"
     elif aid == "dip" and samples.acceleration is not None:
-        usable, what = int(np.count_nonzero(inclination.verticals(samples.acceleration)[1])), "an acceleration"
+        usable, what = int(np.count_nonzero(dip.verticals(samples.acceleration)[1])), "an acceleration"
     elif aid in ("tilt", "attitude") and samples.attitude is not None:
         usable, what = int(np.count_nonzero(np.isfinite(samples.attitude).all(axis=1))), "an attitude"
     else:

@@ -33,7 +33,7 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms import inclination, turning
+from flinders.likelihood import dip, gyro
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -172,7 +172,7 @@ def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """
     if samples.acceleration is None:
         return Mounted()
-    down, trust = inclination.verticals(samples.acceleration)
+    down, trust = dip.verticals(samples.acceleration)
     rows = np.flatnonzero(trust > 0.0)
     rows = rows[:: max(1, -(-len(rows) // MANY))]
     if len(rows) < FEW:
@@ -211,7 +211,7 @@ def _missed(first: Floats, last: Floats, rate: Floats, interval: Floats, unit: s
     """Root mean square distance of the field from where a gyro says, in one unit and each of the 48 ways."""
     misses: dict[tuple[str, Axes], float] = {}
     for sign in (1, -1):
-        turned = turning.integrated(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
+        turned = gyro.integrated(sign * SCALES[unit] * rate, interval, np.zeros(3)).rotations[:, -1]
         back = np.swapaxes(turned, 1, 2)
         targets = [axes.apply(last) - np.einsum("wij,wj->wi", back, axes.apply(first)) for axes in TURNS]
         design = (np.eye(3) - back).reshape(-1, 3)
@@ -268,7 +268,7 @@ def _stretches(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, 
     if samples.time is None or samples.rate is None:
         return found
     for length in STRETCHES_S:
-        rows = turning.windows(samples.time, samples.rate, window_s=length)
+        rows = gyro.windows(samples.time, samples.rate, window_s=length)
         rows = rows[:: max(1, -(-len(rows) // MANY), -(-rows.size // MOST))]
         if len(rows) < FEW:
             continue

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.samples import Recording, Samples, Wrapped
-from flinders.terms import magnitude
+from flinders.likelihood import magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -1,4 +1,4 @@
-"""What noise alone pretends to tell in a joint fit, as `flinders.terms.support` for the magnitude alone.
+"""What noise alone pretends to tell in a joint fit, as `flinders.likelihood.identifiability` for the magnitude alone.
 
 A reading's Jacobian is taken where its noise has put the field's direction q, and an accelerometer's noise stands in
 the vertical d itself. Both move the Jacobian, and the squares of what they move add up in JᵀJ to information that is
@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.estimators.scatter import projected
-from flinders.terms.parameters import across, on_the_sphere
-from flinders.terms.shared import inverse_of, rows_of
+from flinders.likelihood.observations import inverse_of, rows_of
+from flinders.likelihood.parameters import across, on_the_sphere
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
     from flinders.estimators.joint import Found, Problem
-    from flinders.terms.shared import Group
+    from flinders.likelihood.observations import Group
 
 LOOKED_AT: Final = 2000
 """Readings that stand for all."""

@@ -13,7 +13,7 @@ from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.near import NO_RUN, dense_in
 from flinders.estimators.strays import strays_among
 from flinders.estimators.subsets import subset_start
-from flinders.terms import magnitude, prior
+from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -4,7 +4,7 @@ What a fit's error depends on is the scatter of Σ Jr. White residuals give the 
 to it:
 
 - in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
-  S ΔR_kᵀ (v × φ), see `flinders.terms.walked`;
+  S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
 - residuals of single readings hang together in time, as in `flinders.estimators.correlation`;
 - stretches of the recording differ by more than that explains: the factor `creep`.
 """
@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.estimators.correlation import Residuals, time_of
+from flinders.likelihood import gyro_noise as walked
+from flinders.likelihood.observations import Group, Rows, inverse_of, mixed_of, residuals_of, rows_of
+from flinders.likelihood.parameters import across
 from flinders.summary.pooling import chance_of
-from flinders.terms import walked
-from flinders.terms.parameters import across
-from flinders.terms.shared import Group, Rows, inverse_of, mixed_of, residuals_of, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

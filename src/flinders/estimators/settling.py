@@ -4,9 +4,9 @@ Minimises
 
     Σ s(x − Σ P (c(t − lag) − reference))² / σ² + prior
 
-by damped Gauss–Newton steps on (b, S, P, a) with the columns of `flinders.terms.driver`. Readings that lie far off
-count less at first (Cauchy weights), and not at all in the end. Lags are given: `flinders.estimators.lags` looks for
-them.
+by damped Gauss–Newton steps on (b, S, P, a) with the columns of `flinders.likelihood.disturbance`. Readings that lie
+far off count less at first (Cauchy weights), and not at all in the end. Lags are given: `flinders.estimators.lags`
+looks for them.
 
 It stands beside `flinders.estimators.joint`, which eliminates a direction of the field for each reading or window: here
 the magnitude alone counts, and there is none to be eliminated.
@@ -29,10 +29,9 @@ import numpy as np
 
 from flinders.estimators.robust import TO_SIGMA
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.likelihood import disturbance, magnitude, prior
+from flinders.likelihood.equations import NormalEquations
 from flinders.summary.coverage import directions_of
-from flinders.terms import driver as term
-from flinders.terms import magnitude, prior
-from flinders.terms.equations import NormalEquations
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -214,7 +213,7 @@ class Solver:
         jacobian = np.column_stack(
             [
                 magnitude.information(directions, ellipsoid),
-                term.columns(directions, ellipsoid, self.departures, self.warmth),
+                disturbance.columns(directions, ellipsoid, self.departures, self.warmth),
             ]
         )
         return Solved(ellipsoid, driven, magnitude.distances(settled, ellipsoid), jacobian, np.ones(len(settled), bool))

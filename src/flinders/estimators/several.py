@@ -4,8 +4,8 @@ Minimises over all sensors i and moments k, each sensor in its own noise σᵢ,
 
     Σ |xᵢₖ − bᵢ − Sᵢ Rᵢᵀ qₖ|² / σᵢ²   over (bᵢ, Sᵢ, Rᵢ) and qₖ, |qₖ| = 1
 
-with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.terms.shared`): of 3m readings 3m − 2 are
-left, m of them lengths, and 2(m − 1) that hold the directions of the sensors against each other. The σᵢ come from
+with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.observations`): of 3m readings 3m −
+2 are left, m of them lengths, and 2(m − 1) that hold the directions of the sensors against each other. The σᵢ come from
 their residuals by Fisher's scoring, the mean gradient that noise makes on the sphere is taken off, and a reading that
 does not belong to the others is left out.
 
@@ -46,11 +46,11 @@ from flinders.estimators.estimate import FINEST, Estimate
 from flinders.estimators.joint import solved
 from flinders.estimators.readings import Readings
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms import prior
-from flinders.terms.equations import NormalEquations
-from flinders.terms.parameters import Layout, Parameters, across
-from flinders.terms.shared import Group, Linearised, Rows, Weights, eliminated, inverse_of, rows_of
-from flinders.terms.support import Support
+from flinders.likelihood import prior
+from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.identifiability import Support
+from flinders.likelihood.observations import Group, Linearised, Rows, Weights, eliminated, inverse_of, rows_of
+from flinders.likelihood.parameters import Layout, Parameters, across
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -217,7 +217,7 @@ def solve(
     starts : sequence of Estimate or None, optional
         What each finds by itself; by default what `Auto` finds.
     spread : float
-        Of the prior on each shape, see `flinders.terms.prior`.
+        Of the prior on each shape, see `flinders.likelihood.prior`.
 
     Raises
     ------

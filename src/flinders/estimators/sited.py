@@ -9,7 +9,7 @@ for the columns S₁, S₂, S₃ of the shape. A tilt changes the height of the 
 known of S₃ comes in with ε alone: the heading degrades with the tilt, and not before. Three things hold S₃ and b:
 
     the dip        b₃ = c₃ − sin I S₃₃, where c₃ is the height of the turn's middle among the readings of z
-    the strength   S₁₁ + S₂₂ + S₃₃ = 3 F to within the gain, see `flinders.terms.site`
+    the strength   S₁₁ + S₂₂ + S₃₃ = 3 F to within the gain, see `flinders.likelihood.site_field`
     the mounting   S₃₁, S₃₂ are the slopes of the turn's plane; that they are S₁₃, S₂₃ as well holds as far as the
                    sensor's z is the axis that it was turned about: to (S₁₁ + S₃₃) ρ for an angle ρ between them
 
@@ -31,7 +31,7 @@ approach to linear filtering and prediction problems*, 1960, eq. 21–25.
 >>> from flinders import simulate
 >>> from flinders.estimators.readings import Readings
 >>> turned = simulate.tumble(seed=3, motion="level", sensor=simulate.Sensor(offset=[10.0, 20.0, -30.0], noise=0.1))
->>> from flinders.terms.site import Site
+>>> from flinders.likelihood.site_field import Site
 >>> readings = Readings.of(turned.samples)
 >>> alone = Level(dip_deg=60.0).estimate(readings)
 >>> found = sited(alone, readings, Site(strength=50.0, inclination_deg=60.0), alignment_sigma_deg=1.0)
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.estimate import Estimate
     from flinders.estimators.readings import Readings
-    from flinders.terms.site import Site
+    from flinders.likelihood.site_field import Site
 
 LEVEL_SIGMA_DEG: Final = 1.0
 """Degrees: how level a floor is, or a boat at its mooring, that someone calls level."""

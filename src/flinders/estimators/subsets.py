@@ -8,7 +8,7 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.terms.equations import ROUNDING
+from flinders.likelihood.equations import ROUNDING
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -12,7 +12,7 @@ from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, lai
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import Plane, PlaneEllipse, order_of
-from flinders.terms import magnitude, prior
+from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

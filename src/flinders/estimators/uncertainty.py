@@ -9,9 +9,9 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.estimate import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood import magnitude
+from flinders.likelihood.identifiability import Support, pretended
 from flinders.summary.coverage import directions_of
-from flinders.terms import magnitude
-from flinders.terms.support import Support, pretended
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import known
+from flinders.likelihood import magnitude
 from flinders.result import Unfollowed
 from flinders.summary.coverage import directions_of
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -46,8 +46,8 @@ from flinders.estimators.in_plane import equator
 from flinders.estimators.settling import spread_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
+from flinders.likelihood import magnitude
 from flinders.summary.coverage import directions_of
-from flinders.terms import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

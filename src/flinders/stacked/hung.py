@@ -24,6 +24,7 @@ import numpy as np
 from flinders.estimators import correlation
 from flinders.estimators.drift import FEWEST, FEWEST_INDEPENDENT
 from flinders.estimators.slips import BROKEN
+from flinders.likelihood.identifiability import WELL_CONDITIONED
 from flinders.stacked.algebra import (
     Array,
     applied,
@@ -48,7 +49,6 @@ from flinders.stacked.algebra import (
 )
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units, surface, weighing
 from flinders.summary.coverage import BANDS, CELLS, EDGES, STARTS
-from flinders.terms.support import WELL_CONDITIONED
 from flinders.verdict import CHANGED
 
 if TYPE_CHECKING:

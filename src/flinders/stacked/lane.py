@@ -25,6 +25,7 @@ from flinders.estimators.correlation import FEW as FEW_TO_CORRELATE
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.likelihood import GLANCE
 from flinders.estimators.readings import LARGEST, SMALLEST
+from flinders.likelihood.identifiability import FLATTEST
 from flinders.stacked.algebra import (
     ENOUGH,
     Array,
@@ -51,7 +52,6 @@ from flinders.stacked.strays import looked_for, may_be_bent
 from flinders.stacked.sums import Sums
 from flinders.stacked.support import Supports, pretended
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
-from flinders.terms.support import FLATTEST
 from flinders.unmoved import NARROW
 
 if TYPE_CHECKING:

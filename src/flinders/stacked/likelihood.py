@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 from flinders.estimators.estimate import FINEST
 from flinders.estimators.likelihood import LONGEST_STEP, NO_WORSE, NOTHING, SETTLED_BUT_FOR_ONE, STEPS
+from flinders.likelihood.prior import DEVIATOR, SENSE, SPREAD
 from flinders.stacked.algebra import (
     Array,
     in_stretches,
@@ -41,7 +42,6 @@ from flinders.stacked.algebra import (
 )
 from flinders.stacked.support import Supports
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, bent, of_units, products_at
-from flinders.terms.prior import DEVIATOR, SENSE, SPREAD
 
 if TYPE_CHECKING:
     from flinders.stacked.consistent import Started
@@ -187,7 +187,7 @@ def _seen(
 
 
 def mild_and_sensible(ellipsoids: Ellipsoids, middle: Array, spread: Array) -> Array:
-    """(U, 10, 10) products of the residuals of `flinders.terms.prior`, `equations` and `sense`, and their Jacobian."""
+    """(U, 10, 10) products of the residuals of `flinders.likelihood.prior`, `equations` and `sense`, and their Jacobian."""
     xp = namespace(middle)
     rows = xp.zeros((middle.shape[0], 10, 10), dtype=middle.dtype, device=middle.device)
     rows[:, :6, :] = mild(ellipsoids)

@@ -26,6 +26,7 @@ from flinders.estimators.robust import (
     VERY_FAR_OUT,
 )
 from flinders.estimators.subsets import LONGEST_AXIS, POINTS, RIDGE
+from flinders.likelihood.equations import ROUNDING
 from flinders.stacked.algebra import (
     Array,
     applied,
@@ -40,7 +41,6 @@ from flinders.stacked.algebra import (
 )
 from flinders.stacked.places import Sorted, medians, natural_sides
 from flinders.stacked.surfaces import Ellipsoids, surface
-from flinders.terms.equations import ROUNDING
 
 _ROOTS: Final = np.eye(9) * ROUNDING
 

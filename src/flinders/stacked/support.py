@@ -1,6 +1,6 @@
 """Which directions of parameter space the readings of many units see, and how much of that noise only pretends.
 
-As `flinders.terms.support` looks at one.
+As `flinders.likelihood.identifiability` looks at one.
 
 >>> supports = Supports.of(np.eye(9)[None], lambda weak: np.zeros((len(weak), 9, 9)))
 >>> supports.are_clear, supports.are_plain
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.likelihood.identifiability import UNSEEN, WELL_CONDITIONED
 from flinders.stacked.algebra import (
     ENOUGH,
     Array,
@@ -35,7 +36,6 @@ from flinders.stacked.algebra import (
     weighed,
 )
 from flinders.stacked.surfaces import DOUBTFUL, of_units
-from flinders.terms.support import UNSEEN, WELL_CONDITIONED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,7 +51,7 @@ CLEARLY: Final = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Supports:
-    """Directions of parameter space of U units, see `flinders.terms.support.Support`.
+    """Directions of parameter space of U units, see `flinders.likelihood.identifiability.Support`.
 
     Attributes
     ----------
@@ -77,7 +77,8 @@ class Supports:
         information : (U, 9, 9)
             In standard deviations.
         pretence : callable
-            Gives the (K, 9, 9) matrices of `flinders.terms.support.pretended` of those that (K,) integers name.
+            Gives the (K, 9, 9) matrices of `flinders.likelihood.identifiability.pretended` of those that (K,) integers
+            name.
         """
         xp = namespace(information)
         finite = xp.all(xp.isfinite(information), axis=(1, 2))

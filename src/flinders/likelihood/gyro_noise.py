@@ -6,7 +6,7 @@ The gyro's noise φ_j turns all readings after step j of a window. The field's d
 
 a random walk. Residuals are off by P_k w_k, P the pushes; so is the Jacobian, which is taken at the same direction, and
 the mean of their product is not zero: errors in variables, which shrink the shape as they do for noisy attitudes,
-see `flinders.terms.pointing`. On the motions of MAGYC with five degrees of tilt that is half a standard deviation.
+see `flinders.likelihood.attitude`. On the motions of MAGYC with five degrees of tilt that is half a standard deviation.
 
 The window's own direction follows by h = −Π Σ U_lᵀP_l w_l, with U its Jacobian and Π = (Σ UᵀU)⁻¹, and leaves the
 residuals r_k = −P_k w_k − U_k h. With C_j = Σ_{l≥j} U_lᵀP_l, H_k = Π Σ_l min(k, l) U_lᵀP_l and Θ = Σ Π U_kᵀP_k H_kᵀ,
@@ -25,14 +25,14 @@ where D_j is how b_j goes with the rate.
 
 When to use it: with the variance s that the residuals of the windows tell, to take the mean gradient off.
 
-Source: our own, to second order in φ as `flinders.terms.magnitude` is in the noise of readings; held against draws of
-the noise in ``tests/truth/test_walked.py``.
+Source: our own, to second order in φ as `flinders.likelihood.magnitude` is in the noise of readings; held against draws
+of the noise in ``tests/truth/test_walked.py``.
 
 >>> from dataclasses import replace
->>> from flinders.terms import turning
->>> from flinders.terms.shared import rows_of
+>>> from flinders.likelihood import gyro
+>>> from flinders.likelihood.observations import rows_of
 >>> rate = np.random.default_rng(1).normal(size=(20, 25, 3))
->>> turned = turning.integrated(rate, np.full((20, 25), 0.2), np.zeros(3), np.zeros(6))
+>>> turned = gyro.integrated(rate, np.full((20, 25), 0.2), np.zeros(3), np.zeros(6))
 >>> seen = 50.0 * np.swapaxes(turned.rotations, 2, 3) @ [0.6, 0.0, 0.8]
 >>> group, here = replace(Group.of(seen), turned=turned), Parameters.at(np.zeros(3), 50.0 * np.eye(3))
 >>> layout, directions = Layout.of(), np.tile([0.6, 0.0, 0.8], (20, 1))
@@ -50,9 +50,9 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from flinders.terms.parameters import Layout, Parameters, across
-from flinders.terms.shared import Group, Rows, Weights, inverse_of, jacobian_of
-from flinders.terms.turning import cross_matrices, grown, in_pieces, product
+from flinders.likelihood.gyro import cross_matrices, grown, in_pieces, product
+from flinders.likelihood.observations import Group, Rows, Weights, inverse_of, jacobian_of
+from flinders.likelihood.parameters import Layout, Parameters, across
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -20,7 +20,7 @@ neither q nor m can move.
 
 When to use it: the attitude does not come from this compass: from an inertial navigator with two antennas, from a
 camera, from a turntable. The yaw of an autopilot follows its own compass: the fit then repeats the old calibration,
-and nothing in its residuals shows it. Without yaw, take the vertical alone, see `flinders.terms.inclination`.
+and nothing in its residuals shows it. Without yaw, take the vertical alone, see `flinders.likelihood.dip`.
 
 Source: M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016): y = D R m + o + noise; W. A. Fuller, *Measurement Error
 Models* (1987) §3.2, for errors in both sides of a non-linear relation.

@@ -1,7 +1,7 @@
 """What drives the offset: columns of the Jacobian that a current, a throttle or a temperature adds to the magnitude.
 
 A reading x has y = S⁻¹(b' − …) with an offset that follows drivers, and its Sampson distance is that of the settled
-reading x − Σ P c, c counted from the reference. With J = [n, n_i u_j] of `flinders.terms.magnitude`,
+reading x − Σ P c, c counted from the reference. With J = [n, n_i u_j] of `flinders.likelihood.magnitude`,
 
     ∂s/∂P = −n c,        ∂s/∂a = −τ n·S u
 
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.geometry.ellipsoid import Ellipsoid, upper
-from flinders.terms import magnitude
+from flinders.likelihood import magnitude
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

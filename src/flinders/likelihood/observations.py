@@ -16,19 +16,19 @@ lose JᵀV (VᵀV)⁻¹ VᵀJ.
 
 The sphere that v moves on is curved. Noise that leaves v uncertain by the covariance C leaves residuals with the mean
 ½ tr(C) f(v), f the part of the model that is linear in v. `bent` gives what this adds to the gradient, for the solver
-to take off. For one reading alone that is the curvature of `flinders.terms.magnitude`; in a window it shrinks with
+to take off. For one reading alone that is the curvature of `flinders.likelihood.magnitude`; in a window it shrinks with
 the number of readings.
 
-An accelerometer's bias β, of gravity, puts the vertical where v = d + β/ρ points, see `flinders.terms.inclination`: all
+An accelerometer's bias β, of gravity, puts the vertical where v = d + β/ρ points, see `flinders.likelihood.dip`: all
 alike while the body stays level, where a rotation of the magnetometer does the same, and not as it leans. The residual
 is then |v| sin I − vᵀq, which has the noise of d whatever β: over |v| it would be the smaller the longer β makes v.
 
 The vertical has noise, too, which stands in the residual sin I − dᵀq and in its Jacobian dᵀ∂q: their product has the
 mean σ² sin I dᵀ∂q for a noise of σ in each direction across d. And a noisy unit vector is the shorter along its mean,
-by σ². `bent` holds both. An attitude's noise leaves nothing of the kind, see `flinders.terms.pointing`.
+by σ². `bent` holds both. An attitude's noise leaves nothing of the kind, see `flinders.likelihood.attitude`.
 
 Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the bias of a
-curved surface as in `flinders.terms.magnitude`.
+curved surface as in `flinders.likelihood.magnitude`.
 
 >>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of 50, but for noise
 >>> group = Group.of(field)
@@ -46,9 +46,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.terms import inclination
-from flinders.terms.parameters import Layout, Parameters, across, on_the_sphere
-from flinders.terms.turning import applied, cross_matrices, in_pieces, product, rotations
+from flinders.likelihood import dip
+from flinders.likelihood.gyro import applied, cross_matrices, in_pieces, product, rotations
+from flinders.likelihood.parameters import Layout, Parameters, across, on_the_sphere
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.terms.turning import Turned
+    from flinders.likelihood.gyro import Turned
 
 GYRO: Final = ("gyro_bias", "gyro_scale", "gyro_turn", "delay")
 """Blocks of parameters that turn the field's direction within a window."""
@@ -182,7 +182,7 @@ class Group:
 
     def upright(self, at: Parameters) -> Floats | None:
         """(W, n, 3) v, which points down and is about as long as d; None where no vertical was recorded."""
-        return None if self.down is None else inclination.upright(self.down, at.acceleration_bias)[0]
+        return None if self.down is None else dip.upright(self.down, at.acceleration_bias)[0]
 
     def guess(self, at: Parameters) -> Floats:
         """(W, 3) the direction of each window that readings agree on best."""
@@ -514,7 +514,7 @@ def _fill_upright(
     if "acceleration_bias" in layout:
         height = at.sine / np.maximum(length, 1e-300)
         raised = q - height[..., np.newaxis] * down
-        leaning = inclination.by_bias(group.down, at.acceleration_bias)
+        leaning = dip.by_bias(group.down, at.acceleration_bias)
         jacobian[..., layout.columns["acceleration_bias"]] = np.einsum("wni,wnij->wnj", raised, leaning)
     if moved is not None:
         jacobian[..., _of_gyro(layout)] = np.einsum("wni,wnij->wnj", down, moved)

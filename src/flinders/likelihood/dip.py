@@ -9,7 +9,7 @@ for all readings: I the dip, found with the rest or known of the site. The verti
 
 An accelerometer has a bias, 0.1 to 0.5 m/s² where nobody has calibrated it, that tilts its vertical by degrees. Taken
 for the truth it would bend offset and shape by far more than noise; it is found with the rest, see
-`flinders.terms.shared`.
+`flinders.likelihood.observations`.
 
 An accelerometer feels more than gravity, too. A reading is trusted the less, the farther |f| is from its usual length,
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, upper
-from flinders.terms.equations import NormalEquations
+from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

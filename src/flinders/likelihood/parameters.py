@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.geometry.ellipsoid import symmetric
-from flinders.terms.turning import grown, rotations
+from flinders.likelihood.gyro import grown, rotations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

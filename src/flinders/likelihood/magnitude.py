@@ -29,7 +29,7 @@ import numpy as np
 
 from flinders.core.samples import BLOCK
 from flinders.geometry.ellipsoid import GATHER, Ellipsoid, centred, gathered
-from flinders.terms.equations import NormalEquations
+from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

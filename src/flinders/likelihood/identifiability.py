@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.geometry.ellipsoid import GATHER, Ellipsoid
-from flinders.terms.equations import ROUNDING
+from flinders.likelihood.equations import ROUNDING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.terms.equations import NormalEquations
+    from flinders.likelihood.equations import NormalEquations
 
 WELL_CONDITIONED: Final = 0.1
 """Smallest eigenvalue of the normal matrix in its own scale from which on nothing needs a closer look."""
