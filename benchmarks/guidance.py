@@ -3,10 +3,10 @@
     python -m benchmarks.guidance [--seeds 50] [--noise 0.25,0.5,1] [--stray 0] [--processes 2]
 
 One tumbles it at random (`flinders.simulate.hand_tumble`, its mean rate 90° a second), one lets the field's direction
-walk straight to the best single direction (`flinders.guidance.guide`), one follows the way that is planned ahead
-(`flinders.route`). Four times a second all readings so far (50 a second) are fitted and the advice is renewed. It ends
-when the fit is not refused and claims a direction error (1 σ) of at most 1° in the worst of 100 directions. With
-`--stray DEG` the hand misses the way by a slowly changing angle of that standard deviation.
+walk straight to the best single direction (`flinders.heading.guidance.guide`), one follows the way that is planned
+ahead (`flinders.heading.path_planning`). Four times a second all readings so far (50 a second) are fitted and the
+advice is renewed. It ends when the fit is not refused and claims a direction error (1 σ) of at most 1° in the worst of
+100 directions. With `--stray DEG` the hand misses the way by a slowly changing angle of that standard deviation.
 
 Columns: medians over the seeds of the seconds, of the turning, and their ratio to those of chance; the largest
 true direction error at the end, rms over the seeds.
@@ -24,10 +24,11 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol
 import numpy as np
 
 import flinders
-from flinders import route, simulate
+from flinders import simulate
 from flinders.errors import FitError
-from flinders.guidance import guide
-from flinders.heading import direction_errors_deg
+from flinders.heading import path_planning
+from flinders.heading.error_propagation import direction_errors_deg
+from flinders.heading.guidance import guide
 from flinders.result import Refused
 from flinders.simulate import Sensor
 from flinders.simulate.angle_error import best_rotation
@@ -118,15 +119,15 @@ class Follower:
 
     def _advised(self, field: Floats, fit: Fit | None) -> Floats:
         if self._ahead:
-            belief = route.believe(fit, field)
+            belief = path_planning.believe(fit, field)
             if belief is None:
                 return self._axis
             here = belief.direction(field[-1])
-            there = route.plan(belief, here, target_deg=TARGET_DEG, goal="attitude").waypoints[0]
+            there = path_planning.plan(belief, here, target_deg=TARGET_DEG, goal="attitude").waypoints[0]
         else:
             if fit is None:
                 return self._axis
-            here = route.Belief.of_fit(fit).direction(field[-1])
+            here = path_planning.Belief.of_fit(fit).direction(field[-1])
             there = guide(
                 fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude"
             ).direction

@@ -26,7 +26,7 @@ from benchmarks.speed import MILLION, blocked_products, readings
 from flinders.estimators import Consistent, Likelihood, Readings
 from flinders.estimators.correlation import correlation_of
 from flinders.estimators.robust import asks_for_it
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.simulate import tumble
 from flinders.stacked.sums import Sums
 from flinders.summary.cloud import Cloud

@@ -35,7 +35,6 @@ from benchmarks.datasets import FIELD_STRENGTH, dataset, heading_error_deg
 from benchmarks.magyc import MOTIONS as MOTIONS_DEG
 from benchmarks.magyc import OFFSET_MG, SEED, wrapped_rms
 from flinders import simulate
-from flinders.attitude import magnetic_heading_deg
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
@@ -43,7 +42,8 @@ from flinders.estimators.aided import solve
 from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
-from flinders.heading import level_error, level_turn
+from flinders.heading.attitude import magnetic_heading_deg
+from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood.gyro import grown
 from flinders.likelihood.parameters import Parameters, across
 from flinders.likelihood.site_field import Site

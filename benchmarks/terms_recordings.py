@@ -22,10 +22,10 @@ import numpy as np
 
 import flinders
 from benchmarks.recordings import FOLDER
-from flinders.attitude import magnetic_heading_deg
 from flinders.estimators import Auto, Readings
 from flinders.estimators.aided import solve
-from flinders.heading import level_turn
+from flinders.heading.attitude import magnetic_heading_deg
+from flinders.heading.error_propagation import level_turn
 from flinders.result import Refused
 from flinders.simulate import rotation_vectors
 
@@ -154,7 +154,7 @@ def third_of(whole: Aided, third: Samples) -> Third:
         math.sqrt(float(apart @ np.linalg.solve(covariance[:3, :3], apart)) / 3.0),
         between_deg(truth.centre, truth.shape, alone.centre, alone.shape),
         between_deg(truth.centre, truth.shape, aided.parameters.offset, aided.parameters.shape),
-        flinders.heading.level_error(truth, covariance).rms,
+        flinders.heading.error_propagation.level_error(truth, covariance).rms,
         aided.parameters.gyro_scale,
     )
 

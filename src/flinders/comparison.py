@@ -24,7 +24,7 @@ from flinders.core.units import label
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.geometry.quaternions import of_matrix
-from flinders.heading import HeadingError, level_error, level_turn
+from flinders.heading.error_propagation import HeadingError, level_error, level_turn
 from flinders.judged import refuse_unlike, rescaled, without_scale
 from flinders.simulate import fibonacci
 from flinders.summary.pooling import chance_of, chi_square_of

@@ -26,7 +26,7 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
 from flinders.geometry.plane import PLANES, order_of
-from flinders.heading import HeadingError, level_turn
+from flinders.heading.error_propagation import HeadingError, level_turn
 from flinders.judged import Judged
 from flinders.result import Finding, Outcome, error_record, gravest_first
 from flinders.verdict import of_calibration

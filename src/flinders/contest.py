@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimator
-    from flinders.heading import HeadingError
+    from flinders.heading.error_propagation import HeadingError
     from flinders.result import Fit, Verdict
     from flinders.validation import Validation
 

@@ -20,7 +20,13 @@ import numpy as np
 from flinders.comparison import CHANCE, DIRECTIONS
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
-from flinders.heading import HeadingError, direction_error_deg, level_error, level_gradients, level_turn
+from flinders.heading.error_propagation import (
+    HeadingError,
+    direction_error_deg,
+    level_error,
+    level_gradients,
+    level_turn,
+)
 from flinders.simulate.angle_error import best_rotation
 from flinders.summary.pooling import chance_of, chi_square_of
 

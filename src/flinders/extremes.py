@@ -29,7 +29,7 @@ from flinders.estimators.estimate import FINEST
 from flinders.estimators.minmax import MinMax, spanned, strength_of
 from flinders.estimators.readings import LARGEST, SMALLEST
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.result import Finding, Outcome, gravest_first
 from flinders.verdict import of_calibration
 

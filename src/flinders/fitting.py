@@ -40,7 +40,7 @@ from flinders.estimators.kept import concatenated
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.sited import sited
 from flinders.geometry.plane import down_of
-from flinders.heading import alignment_error_deg, level_error
+from flinders.heading.error_propagation import alignment_error_deg, level_error
 from flinders.likelihood.identifiability import is_flat
 from flinders.likelihood.prior import SPREAD
 from flinders.repeats import Part, compared
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.driving import Driving
-    from flinders.heading import HeadingError
+    from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
     from flinders.repeats import Repeats
     from flinders.result import Drift, Slip, Unfollowed

@@ -39,7 +39,7 @@ from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.sited import Heights
 from flinders.geometry.equator import equator, to_equator
 from flinders.geometry.plane import root
-from flinders.heading import upright
+from flinders.heading.error_propagation import upright
 from flinders.judged import Judged
 
 if TYPE_CHECKING:

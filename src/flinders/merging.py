@@ -35,7 +35,7 @@ from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
 from flinders.errors import FitError, UsageError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading import HeadingError, direction_error_deg, level_error
+from flinders.heading.error_propagation import HeadingError, direction_error_deg, level_error
 from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
 from flinders.repeats import Part, compared
 from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first

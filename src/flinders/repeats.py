@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flinders.geometry.ellipsoid import Ellipsoid, upper
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.summary.pooling import chance_of, chi_square_of, each_from_the_others, pool
 
 if TYPE_CHECKING:

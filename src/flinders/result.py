@@ -19,7 +19,7 @@ from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import down_of
-from flinders.heading import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
+from flinders.heading.error_propagation import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import BesideRecord, Document, Provenance
     from flinders.core.disturbance import Driver
     from flinders.geometry.plane import Plane
-    from flinders.heading import HeadingError
+    from flinders.heading.error_propagation import HeadingError
     from flinders.repeats import Repeats
     from flinders.summary.coverage import Coverage
 

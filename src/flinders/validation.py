@@ -31,7 +31,7 @@ from flinders.estimators import Readings, at_one_strength
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.equator import equator
 from flinders.geometry.plane import order_of
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.prior import SPREAD
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimate, Estimator
     from flinders.geometry.plane import Plane
-    from flinders.heading import HeadingError
+    from flinders.heading.error_propagation import HeadingError
 
 BLOCKS: Final = 10
 """Of ten a training set misses a tenth, and a minute of tumbling gives blocks that are longer than its memory."""

@@ -16,7 +16,7 @@ from flinders.core.disturbance import known, motor
 from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import order_of
-from flinders.guidance import guide
+from flinders.heading.guidance import guide
 from flinders.likelihood.identifiability import flatness_limit, is_flat
 from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.summary.quality import RAIL_SHARE
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Driver
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.guidance import Guidance
+    from flinders.heading.guidance import Guidance
     from flinders.repeats import Repeats
     from flinders.result import Driven, Fit, Severity
     from flinders.summary.coverage import Coverage

@@ -12,8 +12,8 @@ from tests.golden.sessions import session
 
 from flinders import simulate
 from flinders.cli import main
-from flinders.deviation import fit
 from flinders.geometry.angles import folded
+from flinders.heading.deviation import fit
 from flinders.report.curve import drawing
 from flinders.report.swing import card
 

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from flinders.budget import Heading, Magnet, Pair, Wire
 from flinders.conventions.adis16480 import HARD_IRON_STEP_MG, HIGHEST, LOWEST, MG, SOFT_IRON_STEP, Registers
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, NotExportable, UsageError
 from flinders.exporters import EXPORTERS
+from flinders.heading.budget import Heading, Magnet, Pair, Wire
 
 REGISTERS = ("adis16480", "adis16488")
 sizes = st.floats(1e-6, 1e6)

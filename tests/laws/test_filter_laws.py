@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from flinders.core.samples import Joined, Samples
 from flinders.errors import UsageError
-from flinders.filters import NAMES, WIDEST, Filter, Name, Passed, filtered
+from flinders.heading.smoothing import NAMES, WIDEST, Filter, Name, Passed, filtered
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -18,7 +18,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import PER_UNIT, SPELLINGS, Unit
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric, upper
-from flinders.heading import level_error, level_turn, raw_error
+from flinders.heading.error_propagation import level_error, level_turn, raw_error
 from flinders.likelihood.equations import NormalEquations
 from flinders.summary.coverage import CELLS, Coverage, cells_of, directions_of
 

@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from flinders import simulate
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.guidance import BATCH_SHARE, SHARPNESS, guide, reading_variance
-from flinders.heading import direction_errors_deg, direction_gradients, level_error, level_gradients
+from flinders.heading.error_propagation import direction_errors_deg, direction_gradients, level_error, level_gradients
+from flinders.heading.guidance import BATCH_SHARE, SHARPNESS, guide, reading_variance
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS, Coverage
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.guidance import Goal
+    from flinders.heading.guidance import Goal
 
 MAPPINGS: Final = [
     np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1, -1), repeat=3)

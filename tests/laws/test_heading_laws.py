@@ -8,12 +8,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from flinders.attitude import dip_deg, magnetic_heading_deg
-from flinders.deviation import design, fit
-from flinders.frames import EVERY, Frames
 from flinders.geometry.angles import folded, shown_heading, wrapped
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.heading import _worst_anywhere_deg, attitude_limit_deg, tilted_error
+from flinders.heading.attitude import dip_deg, magnetic_heading_deg
+from flinders.heading.axis_consistency import EVERY, Frames
+from flinders.heading.deviation import design, fit
+from flinders.heading.error_propagation import _worst_anywhere_deg, attitude_limit_deg, tilted_error
 
 angles = st.floats(-1e6, 1e6)
 headings = st.floats(0.0, 359.999)

@@ -18,8 +18,8 @@ from flinders.conventions._rotations import euler
 from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Samples
 from flinders.errors import ArrayError, AxesError
-from flinders.filters import Filter, filtered
 from flinders.geometry import quaternions
+from flinders.heading.smoothing import Filter, filtered
 from flinders.readers._beside import LONGEST_TURN, Turning
 from flinders.simulate.rotations import posed
 from flinders.simulate.table import write_csv

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from flinders import route
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.heading import path_planning
 from flinders.likelihood import magnitude
 
 
-def belief(seed: int, scale: float = 1.0) -> route.Belief:
+def belief(seed: int, scale: float = 1.0) -> path_planning.Belief:
     """What a few readings, all on one side, say of an ellipsoid."""
     rng = np.random.default_rng(seed)
     departure = 0.1 * rng.standard_normal((3, 3))
@@ -22,7 +22,9 @@ def belief(seed: int, scale: float = 1.0) -> route.Belief:
     seen = np.abs(rng.standard_normal((40, 3)))
     jacobian = magnitude.information(seen / np.linalg.norm(seen, axis=1, keepdims=True), ellipsoid)
     prior = np.diag(1.0 / np.repeat([50.0, 15.0], [3, 6]) ** 2)
-    return route.Belief(ellipsoid, scale**2 * np.linalg.inv(prior + jacobian.T @ jacobian / 0.25), scale**2 * 0.25)
+    return path_planning.Belief(
+        ellipsoid, scale**2 * np.linalg.inv(prior + jacobian.T @ jacobian / 0.25), scale**2 * 0.25
+    )
 
 
 seeds = st.integers(0, 10_000)
@@ -31,7 +33,7 @@ seeds = st.integers(0, 10_000)
 @settings(max_examples=20, deadline=None)
 @given(seeds, st.sampled_from([1e-6, 0.01, 1000.0]))
 def test_the_unit_does_not_matter(seed: int, scale: float) -> None:
-    one, other = (route.plan(belief(seed, each), [0.0, 0.0, 1.0], goal="attitude") for each in (1.0, scale))
+    one, other = (path_planning.plan(belief(seed, each), [0.0, 0.0, 1.0], goal="attitude") for each in (1.0, scale))
     assert_allclose(one.after_deg, other.after_deg, rtol=1e-5)
     assert_allclose(one.waypoints, other.waypoints)
 
@@ -39,9 +41,9 @@ def test_the_unit_does_not_matter(seed: int, scale: float) -> None:
 @settings(max_examples=20, deadline=None)
 @given(seeds)
 def test_waypoints_are_directions_and_the_way_helps(seed: int) -> None:
-    way = route.plan(belief(seed), np.random.default_rng(seed).standard_normal(3), goal="attitude")
+    way = path_planning.plan(belief(seed), np.random.default_rng(seed).standard_normal(3), goal="attitude")
     assert_allclose(np.linalg.norm(way.waypoints, axis=1), 1.0)
-    assert 1 <= len(way.waypoints) <= route.STEPS
+    assert 1 <= len(way.waypoints) <= path_planning.STEPS
     assert way.after_deg <= way.worst_deg * (1.0 + 1e-9)
     assert way.words("vehicle")
     assert way.words("sensor")
@@ -52,7 +54,9 @@ def test_waypoints_are_directions_and_the_way_helps(seed: int) -> None:
 def test_better_readings_never_make_it_worse(seed: int, factor: float) -> None:
     known = belief(seed)
     worse = replace(known, variance=known.variance * factor)
-    one, other = (route.plan(each, [1.0, 0.0, 0.0], goal="attitude", target_deg=1e-6) for each in (known, worse))
+    one, other = (
+        path_planning.plan(each, [1.0, 0.0, 0.0], goal="attitude", target_deg=1e-6) for each in (known, worse)
+    )
     assert one.after_deg <= other.after_deg * 1.02  # two beams may keep different walks
 
 
@@ -64,7 +68,7 @@ def test_rough_moves_and_grows_with_the_readings(seed: int, arc_deg: float, scal
     x, y = np.linalg.qr(rng.standard_normal((3, 3)))[0][:2]
     arc = np.cos(angle) * x + np.sin(angle) * y
     offset = rng.uniform(-2.0, 2.0, 3)
-    found = route.rough(scale * (arc + offset))
+    found = path_planning.rough(scale * (arc + offset))
     assert found is not None
     assert_allclose(found.ellipsoid.centre, scale * offset, atol=1e-6 * scale)
     assert_allclose(found.ellipsoid.shape, scale * np.eye(3), atol=1e-6 * scale)

@@ -18,7 +18,7 @@ from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.readings import Readings
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
-from flinders.heading import level_turn
+from flinders.heading.error_propagation import level_turn
 from flinders.likelihood.disturbances import Drivers
 from flinders.likelihood.gyro import rotations
 from flinders.likelihood.site_field import Site

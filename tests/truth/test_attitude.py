@@ -8,12 +8,20 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.attitude import FORMULAS, an3192, an4248, dip_deg, level_heading_deg, magnetic_heading_deg, roll_pitch_deg
 from flinders.core.axes import Axes
-from flinders.deviation import largest_error_deg
 from flinders.errors import ArrayError
-from flinders.frames import EVERY, ForeignAxes, Frames
 from flinders.geometry.angles import folded
+from flinders.heading.attitude import (
+    FORMULAS,
+    an3192,
+    an4248,
+    dip_deg,
+    level_heading_deg,
+    magnetic_heading_deg,
+    roll_pitch_deg,
+)
+from flinders.heading.axis_consistency import EVERY, ForeignAxes, Frames
+from flinders.heading.deviation import largest_error_deg
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -14,7 +14,7 @@ from flinders import simulate
 from flinders.estimators.aided import solve
 from flinders.estimators.aids import aided_by
 from flinders.estimators.followed import earned
-from flinders.heading import level_turn
+from flinders.heading.error_propagation import level_turn
 from flinders.likelihood.gyro import rotations
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ import pytest
 from flinders import simulate
 from flinders.estimators import Estimator, Likelihood, Readings
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading import level_error, level_turn
+from flinders.heading.error_propagation import level_error, level_turn
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -16,7 +16,7 @@ from flinders.cli import main
 from flinders.contest import Contest, compare_methods
 from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import METHODS
-from flinders.heading import HeadingError
+from flinders.heading.error_propagation import HeadingError
 from flinders.summary.summary import Summary
 from flinders.validation import Validation
 

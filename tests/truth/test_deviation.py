@@ -8,11 +8,11 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.attitude import level_heading_deg
-from flinders.deviation import Expected, design, eight_points, eight_points_sigma, fit, of_iron
 from flinders.errors import ArrayError, FitError, UsageError
 from flinders.geometry.angles import folded, mean_deg, shown_heading, wrapped
-from flinders.rests import half_turns, hard_iron, rests
+from flinders.heading.attitude import level_heading_deg
+from flinders.heading.deviation import Expected, design, eight_points, eight_points_sigma, fit, of_iron
+from flinders.heading.stationary import half_turns, hard_iron, rests
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

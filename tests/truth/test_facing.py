@@ -7,7 +7,7 @@ import pytest
 
 from flinders import fitting, simulate
 from flinders.core.samples import Samples
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.result import Fit, Refused
 from flinders.summary.coverage import Coverage
 

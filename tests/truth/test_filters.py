@@ -15,8 +15,8 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.cli._filters import filtered_finding
 from flinders.core.samples import Samples
-from flinders.filters import NAMES, PATIENCE, Filter, Name, filtered
-from flinders.heading import level_turn
+from flinders.heading.error_propagation import level_turn
+from flinders.heading.smoothing import NAMES, PATIENCE, Filter, Name, filtered
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,8 +13,8 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.guidance import POSES, Guidance, guide
-from flinders.heading import direction_errors_deg, level_turn
+from flinders.heading.error_propagation import direction_errors_deg, level_turn
+from flinders.heading.guidance import POSES, Guidance, guide
 from flinders.result import Refused
 from flinders.simulate import Sensor
 from flinders.summary.coverage import CELLS
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from flinders.arrays import Floats
-    from flinders.guidance import Frame, Goal
+    from flinders.heading.guidance import Frame, Goal
     from flinders.result import Fit
 
 DIP_DEG: Final = 60.0

@@ -9,9 +9,9 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.deviation import fit
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading import (
+from flinders.heading.deviation import fit
+from flinders.heading.error_propagation import (
     attitude_limit_deg,
     deviation_covariance,
     direction_error_deg,
@@ -25,7 +25,7 @@ from flinders.heading import (
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.heading import HeadingError
+    from flinders.heading.error_propagation import HeadingError
 
 SPHERE: Final = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 SKEW: Final = Ellipsoid(

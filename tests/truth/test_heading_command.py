@@ -16,16 +16,16 @@ import pytest
 from click.testing import CliRunner
 
 from flinders import simulate
-from flinders.attitude import magnetic_heading_deg
 from flinders.cli import main
-from flinders.compass import Compass
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted, beside_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import fit
 from flinders.geometry.angles import folded
-from flinders.heading import deviation_covariance
+from flinders.heading.attitude import magnetic_heading_deg
+from flinders.heading.compass import Compass
+from flinders.heading.error_propagation import deviation_covariance
 from flinders.judged import Judged
 
 if TYPE_CHECKING:

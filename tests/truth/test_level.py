@@ -15,7 +15,7 @@ from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
 from flinders.estimators import Level, Readings, kept
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.result import Refused
 from flinders.simulate import Sensor, Simulated
 

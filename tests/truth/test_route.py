@@ -7,10 +7,11 @@ import pytest
 from benchmarks.guidance import TARGET_DEG, until_done
 
 import flinders
-from flinders import route, simulate
+from flinders import simulate
 from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.guidance import guide
+from flinders.heading import path_planning
+from flinders.heading.guidance import guide
 from flinders.simulate.rotations import turns
 
 SEEDS = range(8)
@@ -30,34 +31,34 @@ def test_a_hand_that_strays_still_gets_there_sooner_than_chance() -> None:
     assert np.median(followed) < 0.85 * np.median(tumbled)
 
 
-def partly_known() -> route.Belief:
+def partly_known() -> path_planning.Belief:
     fit = flinders.fit(simulate.tumble(seed=3, motion="tilted").samples)
-    return route.Belief.of_fit(fit)
+    return path_planning.Belief.of_fit(fit)
 
 
 def test_the_way_is_no_worse_than_standing_still_and_beats_any_single_direction() -> None:
     fit = flinders.fit(simulate.tumble(seed=3, motion="tilted", n=300).samples)
-    belief = route.Belief.of_fit(fit)
-    way = route.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1e-3)
+    belief = path_planning.Belief.of_fit(fit)
+    way = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1e-3)
     assert way.after_deg < way.worst_deg
-    taken = route.READINGS_PER_DEG * 35.0 * route.STEPS
+    taken = path_planning.READINGS_PER_DEG * 35.0 * path_planning.STEPS
     one = guide(fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, goal="attitude", batch=taken)
     assert way.after_deg < one.after_deg
 
 
 def test_the_way_ends_where_the_target_is_reached() -> None:
     belief = partly_known()
-    short = route.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1.5)
-    long = route.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=0.3)
-    assert len(short.waypoints) < len(long.waypoints) <= route.STEPS
+    short = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=1.5)
+    long = path_planning.plan(belief, [0.0, 0.0, 1.0], goal="attitude", target_deg=0.3)
+    assert len(short.waypoints) < len(long.waypoints) <= path_planning.STEPS
     assert short.after_deg <= 1.5
 
 
 def test_a_level_heading_needs_no_way_overhead() -> None:
     """What a level heading needs is seen level: the way for it does not lead to the far side."""
     belief = partly_known()
-    heading = route.plan(belief, [0.5, 0.0, 0.87], goal="heading", target_deg=1.0)
-    attitude = route.plan(belief, [0.5, 0.0, 0.87], goal="attitude", target_deg=1.0)
+    heading = path_planning.plan(belief, [0.5, 0.0, 0.87], goal="heading", target_deg=1.0)
+    attitude = path_planning.plan(belief, [0.5, 0.0, 0.87], goal="attitude", target_deg=1.0)
     assert heading.worst_deg < attitude.worst_deg
 
 
@@ -72,18 +73,18 @@ def test_the_words_turn_the_field_the_way_that_is_meant(axis: list[float]) -> No
     about = np.array(axis)
     start = np.roll(about, 1)
     after = turns([0.6 * about])[0].T @ start
-    way = route.Route(start, after[np.newaxis], 2.0, 1.0)
+    way = path_planning.Route(start, after[np.newaxis], 2.0, 1.0)
     assert way.words("vehicle") == told[tuple(int(part) for part in axis)]
 
 
 def test_words_of_a_bare_sensor_name_its_sides() -> None:
-    way = route.Route(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.5, 0.87], [0.5, 0.5, 0.7]]), 2.0, 1.0)
+    way = path_planning.Route(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0.5, 0.87], [0.5, 0.5, 0.7]]), 2.0, 1.0)
     assert way.words("sensor") == "turn it about x (y towards z), then about y (x towards z)"
 
 
 def test_legs_that_turn_alike_are_one() -> None:
     along = [[0.0, np.sin(angle), np.cos(angle)] for angle in (0.5, 1.0, 1.5)]
-    assert route.Route(np.array([0.0, 0.0, 1.0]), np.array(along), 2.0, 1.0).words() == "roll it to its right"
+    assert path_planning.Route(np.array([0.0, 0.0, 1.0]), np.array(along), 2.0, 1.0).words() == "roll it to its right"
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.7])
@@ -92,7 +93,7 @@ def test_rough_finds_the_centre_of_an_arc_in_its_plane(tilt: float) -> None:
     angle = np.linspace(0.0, np.radians(100.0), 60)[:, np.newaxis]
     across = np.array([0.0, np.cos(tilt), np.sin(tilt)])
     arc = 48.0 * (np.cos(angle) * [1.0, 0.0, 0.0] + np.sin(angle) * across) + [20.0, 0.0, 0.0]
-    belief = route.rough(arc + 0.2 * rng.standard_normal(arc.shape))
+    belief = path_planning.rough(arc + 0.2 * rng.standard_normal(arc.shape))
     assert belief is not None
     assert np.linalg.norm(belief.ellipsoid.centre - [20.0, 0.0, 0.0]) < 2.0
     normal = np.cross([1.0, 0.0, 0.0], across)
@@ -112,17 +113,17 @@ def test_rough_finds_the_centre_of_an_arc_in_its_plane(tilt: float) -> None:
     ids=["none", "few", "still", "line", "short arc"],
 )
 def test_rough_does_not_guess(readings: np.ndarray) -> None:
-    assert route.rough(readings) is None
+    assert path_planning.rough(readings) is None
 
 
 def test_a_reading_at_the_centre_has_no_direction_but_makes_no_fault() -> None:
-    belief = route.Belief(Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.eye(9), 1.0)
+    belief = path_planning.Belief(Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), np.eye(9), 1.0)
     assert not belief.direction([0.0, 0.0, 0.0]).any()
     with pytest.raises(ArrayError, match="direction has no length"):
-        route.plan(belief, belief.direction([0.0, 0.0, 0.0]))
+        path_planning.plan(belief, belief.direction([0.0, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize("wrong", [[1.0, 2.0], [[1.0, 2.0, 3.0]], 5.0])
 def test_a_direction_is_three_numbers(wrong: object) -> None:
     with pytest.raises(ArrayError, match=r"need \(3,\)"):
-        route.plan(partly_known(), wrong)  # type: ignore[arg-type]
+        path_planning.plan(partly_known(), wrong)  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from flinders.composing import Composed, refuse_unloaded, rotation_error
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
 from flinders.estimators import Ellipse, Readings, TwoAxisRecipe
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
-from flinders.heading import level_turn
+from flinders.heading.error_propagation import level_turn
 from flinders.judged import Judged
 from flinders.report.rose import drawing
 from flinders.result import Refused

@@ -47,7 +47,7 @@ def trials() -> tuple[list[Fit], simulate.Simulated]:
 
 def attitudes(fit: Fit) -> tuple[Floats, Floats]:
     """For each tile: which way is down, and east, at the attitude that is predicted to be the worst."""
-    from flinders.heading import direction_gradients
+    from flinders.heading.error_propagation import direction_gradients
 
     gradients = direction_gradients(fit.ellipsoid, tiles().centres)
     _, vectors = np.linalg.eigh(gradients @ fit.covariance @ np.swapaxes(gradients, 1, 2))

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.cli._filters import Smoother
-    from flinders.compass import Compass, Headings, Voyage
     from flinders.core.compensation import Settler
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Samples
+    from flinders.heading.compass import Compass, Headings, Voyage
     from flinders.judged import Judged
 
 ENOUGH_TO_JUDGE: Final = 1000
@@ -134,7 +134,7 @@ class Watch:
 
     def __init__(self, log: Log, dip_deg: float | None = None) -> None:
         from flinders.cli.apply import Corrector
-        from flinders.compass import Voyage
+        from flinders.heading.compass import Voyage
 
         self.log, self.voyage = log, Voyage()
         self.corrector = Corrector(log.judged.calibration, log.recording.source)
@@ -149,7 +149,7 @@ class Watch:
         InputError
             Where the readings are of another sensor, or the accelerometer is missing or has other axes.
         """
-        from flinders.compass import Voyage
+        from flinders.heading.compass import Voyage
 
         for numbers, samples in self.log.blocks():
             self.corrector(samples.field)
@@ -204,8 +204,8 @@ def open_log(
     InputError
         For what cannot be read.
     """
-    from flinders.compass import LEVEL, Compass
     from flinders.core.axes import Axes
+    from flinders.heading.compass import LEVEL, Compass
     from flinders.readers import TextRecording, open_recording
 
     _refuse_contradictions(
@@ -277,8 +277,8 @@ def site_dip(log: Log, voyage: Voyage, given: float | None = None) -> tuple[floa
     """The dip for which errors are told, in degrees, and where it comes from."""
     import numpy as np
 
-    from flinders.compass import LEVEL
-    from flinders.heading import STEEPEST_DIP_DEG
+    from flinders.heading.compass import LEVEL
+    from flinders.heading.error_propagation import STEEPEST_DIP_DEG
 
     tilted = log.compass.formula != LEVEL and voyage.frames.readings
     known = {
@@ -294,7 +294,7 @@ def site_dip(log: Log, voyage: Voyage, given: float | None = None) -> tuple[floa
 
 def _own_dip(log: Log) -> float | None:
     """The dip that the calibration of a level turn rests on: level headings are as good as that says, and no better."""
-    from flinders.compass import LEVEL
+    from flinders.heading.compass import LEVEL
 
     record = log.judged.record
     if log.compass.formula != LEVEL or record is None or record.plane != "xy" or record.heading_error_deg is None:

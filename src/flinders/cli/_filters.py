@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
-    from flinders.filters import Filter
+    from flinders.heading.smoothing import Filter
     from flinders.result import Finding, Fit
 
 UNKNOWN_DEG: Final = 180.0
@@ -26,7 +26,7 @@ HIDDEN: Final = ("saturated", "stale-repeats")
 
 def _filter(value: str) -> Filter:
     """Read the value of ``--filter``."""
-    from flinders.filters import Filter
+    from flinders.heading.smoothing import Filter
 
     try:
         return Filter.of(value)
@@ -105,7 +105,7 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
 
     from flinders.geometry.ellipsoid import upper
     from flinders.geometry.plane import down_of
-    from flinders.heading import level_error
+    from flinders.heading.error_propagation import level_error
     from flinders.result import Finding
 
     claimed = found.heading_error_deg.worst
@@ -141,7 +141,7 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
 
 def through(parts: Sequence[Recording], by: Filter | None) -> Recording:
     """Recordings as one, their readings filtered where there is a filter."""
-    from flinders.filters import filtered
+    from flinders.heading.smoothing import filtered
 
     return _joined(parts if by is None else [filtered(_within_range(part), by) for part in parts])
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.core.samples import Recording
-    from flinders.filters import Filter
+    from flinders.heading.smoothing import Filter
     from flinders.readers import Instrument, Log
     from flinders.result import Fit
     from flinders.together import Together

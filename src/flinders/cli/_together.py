@@ -10,7 +10,7 @@ from flinders.errors import FlindersError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.filters import Filter
+    from flinders.heading.smoothing import Filter
     from flinders.readers import Log
     from flinders.together import Together
 

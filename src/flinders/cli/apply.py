@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.compensation import Settler
     from flinders.core.samples import Recording, Samples
-    from flinders.filters import Filter
+    from flinders.heading.smoothing import Filter
     from flinders.readers import TextRecording
 
 FOREIGN: Final = 3.0

@@ -15,7 +15,7 @@ from flinders.errors import UsageError, figures
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from flinders.budget import Heading, Kind, Position, Quantity
+    from flinders.heading.budget import Heading, Kind, Position, Quantity
 
 KINDS: Final[Mapping[str, Kind]] = {
     "field": "field", "stray": "field", "error": "angle", "current": "current", "distance": "length",
@@ -138,7 +138,7 @@ def wire(as_json: bool, **typed: str | None) -> None:
 
     With --field and --error in place of --stray it is the distance or current that is allowed.
     """
-    from flinders.budget import Wire
+    from flinders.heading.budget import Wire
 
     budget = Budget("wire", _read(typed))
     budget.find_source(Wire.solve, ("current", "distance"))
@@ -163,7 +163,7 @@ def pair(as_json: bool, **typed: str | None) -> None:
 
     With --field and --error in place of --stray it is the distance, current or separation that is allowed.
     """
-    from flinders.budget import Pair
+    from flinders.heading.budget import Pair
 
     budget = Budget("pair", _read(typed))
     budget.find_source(Pair.solve, ("current", "separation", "distance"))
@@ -192,7 +192,7 @@ def magnet(side: bool, as_json: bool, **typed: str | None) -> None:
     """
     from functools import partial
 
-    from flinders.budget import Magnet
+    from flinders.heading.budget import Magnet
 
     position: Position = "equatorial" if side else "axial"
     budget = Budget("magnet", _read(typed), position=position)
@@ -209,7 +209,7 @@ def _read(typed: Mapping[str, str | None]) -> dict[str, Quantity]:
     UsageError
         For what is no number with a unit.
     """
-    from flinders.budget import Quantity
+    from flinders.heading.budget import Quantity
 
     given = {}
     for name, text in typed.items():
@@ -232,7 +232,7 @@ class Budget:
     given : name to Quantity
     position : str, optional
         Of the sensor beside a magnet.
-    found : name to number, in the units of `flinders.budget`
+    found : name to number, in the units of `flinders.heading.budget`
     why : name to the formula it was found by
     """
 
@@ -250,7 +250,7 @@ class Budget:
 
     def find_heading(self) -> None:
         """Find the third of field, stray field and error where two are known; the error is None where it is any."""
-        from flinders.budget import Heading
+        from flinders.heading.budget import Heading
 
         known = self.known
         if {"field", "stray"} <= known.keys() and known["stray"] > known["field"]:
@@ -267,7 +267,7 @@ class Budget:
         UsageError
             Where one of them is missing, or the moment is given as well.
         """
-        from flinders.budget import magnet_moment
+        from flinders.heading.budget import magnet_moment
 
         made = [self.given[name].value for name in ("remanence", "volume") if name in self.given]
         if len(made) == 1 or (made and "moment" in self.given):
@@ -364,7 +364,7 @@ def _written(kind: Kind, value: float, units: list[str], *, typed: bool = False)
     >>> _written("length", 0.1528, ["mm"]), _written("length", 15.28, ["mm"]), _written("field", 4.0, [])
     ('153 mm', '15.3 m', '4.00 µT = 40.0 mG')
     """
-    from flinders.budget import UNITS
+    from flinders.heading.budget import UNITS
 
     def number(unit: str) -> str:
         scaled = value / UNITS[kind][unit]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.samples import Recording
-    from flinders.filters import Filter
+    from flinders.heading.smoothing import Filter
     from flinders.result import Fit
 
 

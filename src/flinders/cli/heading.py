@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.compass import Voyage
     from flinders.core.samples import Samples
-    from flinders.filters import Filter
+    from flinders.heading.compass import Voyage
+    from flinders.heading.smoothing import Filter
 
 
 @click.command(
@@ -150,7 +150,7 @@ def _written(columns: dict[str, Floats]) -> str:
 
 def claims(log: _compass.Log, voyage: Voyage, *, dip_deg: float | None) -> dict[str, Any]:
     """What heading error to expect, 1 σ, at the dip of the site, of a level vehicle and as far as it was tilted."""
-    from flinders.heading import level_error, tilted_error
+    from flinders.heading.error_propagation import level_error, tilted_error
 
     dip, source = _compass.site_dip(log, voyage, dip_deg)
     told: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "tilted": None}

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.arrays import Floats
-    from flinders.compass import Voyage
     from flinders.core.geomag import SiteField
-    from flinders.deviation import Deviation, Expected
-    from flinders.rests import HalfTurn, Rest
+    from flinders.heading.compass import Voyage
+    from flinders.heading.deviation import Deviation, Expected
+    from flinders.heading.stationary import HalfTurn, Rest
 
 OF_A_RECORDING = ("headings", "rest_s", "is_level", "acceleration", "columns")
 """Options that a table has no use for."""
@@ -168,8 +168,8 @@ def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: st
     """
     import numpy as np
 
-    from flinders.deviation import fit
     from flinders.geometry.angles import folded, wrapped
+    from flinders.heading.deviation import fit
     from flinders.readers.swing import read_swing
 
     if is_calibration(path):
@@ -211,9 +211,9 @@ def _of_log(
     """
     import numpy as np
 
-    from flinders.deviation import fit
     from flinders.geometry.angles import folded
-    from flinders.rests import half_turns
+    from flinders.heading.deviation import fit
+    from flinders.heading.stationary import half_turns
 
     known = None if headings is None else _known(headings)
     if options["place"] is not None and known is None:
@@ -244,7 +244,7 @@ def _rests(
     """Go through a recording and find its rests, and what its calibration claims for there."""
     import numpy as np
 
-    from flinders.rests import LEAST_READINGS, rests
+    from flinders.heading.stationary import LEAST_READINGS, rests
 
     names = ("is_level", "acceleration", "acceleration_axes", "place", "date", "columns")
     with progress("swinging") as bar:
@@ -268,8 +268,8 @@ def _rests(
 
 def _expected(log: _compass.Log, voyage: Voyage) -> Expected | None:
     """Deviation that the calibration's own uncertainty makes, where it states one."""
-    from flinders.deviation import Expected
-    from flinders.heading import deviation_covariance
+    from flinders.heading.deviation import Expected
+    from flinders.heading.error_propagation import deviation_covariance
 
     if log.judged.covariance is None:
         return None
@@ -370,8 +370,8 @@ def _show(swing: Swing, options: dict[str, Any]) -> None:
 
 def _as_dict(swing: Swing, target_deg: float) -> dict[str, Any]:
     """JSON-ready."""
+    from flinders.heading.stationary import hard_iron
     from flinders.report.swing import limits
-    from flinders.rests import hard_iron
 
     deviation, halves = swing.deviation, swing.halves
     return {

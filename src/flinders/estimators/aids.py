@@ -46,7 +46,7 @@ from flinders.estimators.mistakes import (
 )
 from flinders.estimators.readings import Readings
 from flinders.geometry.quaternions import of_matrix
-from flinders.heading import level_error, level_turn
+from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
 from flinders.result import Aid, Aids, Mistake
 

@@ -12,7 +12,7 @@ from flinders.estimators.consistent import Consistent
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import Robust, asks_for_it
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.likelihood import prior
 from flinders.likelihood.identifiability import NEARLY_FLAT_NOISE
 

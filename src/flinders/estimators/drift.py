@@ -28,7 +28,7 @@ import numpy as np
 from flinders.estimators.correlation import Residuals, time_of
 from flinders.estimators.estimate import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid, upper
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
 from flinders.likelihood.identifiability import Support, turning
 from flinders.result import Drift

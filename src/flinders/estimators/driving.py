@@ -45,7 +45,7 @@ from flinders.estimators.logged import Logged
 from flinders.estimators.meters import Meter, alike, attenuation, noise_of, one_way, pooled, rounding, widened
 from flinders.estimators.settling import Problem, Solver, settle
 from flinders.geometry.plane import down_of
-from flinders.heading import HeadingError, level_error
+from flinders.heading.error_propagation import HeadingError, level_error
 from flinders.likelihood import disturbance, prior
 from flinders.likelihood.equations import NormalEquations
 from flinders.result import Driven

@@ -38,7 +38,7 @@ from flinders.estimators.mounting import (
     by_vertical,
     second_axis,
 )
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.likelihood import attitude, dip
 from flinders.likelihood import gyro as turning
 from flinders.result import Mistake

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.geometry.ellipsoid import GATHER
-from flinders.heading import level_turn
+from flinders.heading.error_propagation import level_turn
 from flinders.summary.pooling import DEPENDENT
 
 if TYPE_CHECKING:
@@ -307,7 +307,7 @@ def _off(seen: Floats, directions: Floats) -> NDArray[np.complex128]:
 def _sigmas(shape: Floats, covariance: Floats, dip_deg: float) -> tuple[Floats, Floats, Floats, Floats]:
     """(n,) 1 σ of the heading in degrees: over the turn, at the worst, and at the worst of offset and of matrix alone.
 
-    Gradients are those of `flinders.heading.level_gradients`.
+    Gradients are those of `flinders.heading.error_propagation.level_gradients`.
     """
     heading, directions = level_turn(dip_deg)
     level = math.cos(math.radians(dip_deg))

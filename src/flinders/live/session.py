@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
-    from flinders.guidance import Frame, Goal
+    from flinders.heading.guidance import Frame, Goal
     from flinders.judged import Judged
     from flinders.live.messages import Link, Phase
     from flinders.report.view import View

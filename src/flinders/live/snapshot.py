@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.core.samples import Samples
-    from flinders.guidance import Frame, Goal
+    from flinders.heading.guidance import Frame, Goal
     from flinders.judged import Judged
     from flinders.live.messages import PreviousState, Reason
     from flinders.report.view import View
@@ -30,7 +30,7 @@ class Snapshot:
         Which reading of the session each is.
     target_deg, dip_deg : float
     goal, frame : str
-        As in `flinders.guidance`.
+        As in `flinders.heading.guidance`.
     previous : Judged, optional
     is_followed : bool
         Somebody turns the sensor just now, and may be led.

@@ -1,8 +1,9 @@
 """The way to turn from where the sensor is now, put into what the page draws.
 
 `flinders.report.view` knows a fit and nothing of where the field points now, so it names the best single direction. A
-page that follows the sensor can lead it: this puts the first waypoint of `flinders.route` in place of that direction,
-and before any fit has a surface a sphere through the readings so far, so that there is something to lead on.
+page that follows the sensor can lead it: this puts the first waypoint of `flinders.heading.path_planning` in place of
+that direction, and before any fit has a surface a sphere through the readings so far, so that there is something to
+lead on.
 
 >>> from flinders import fitting, simulate
 >>> from flinders.report.view import view
@@ -20,13 +21,13 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 import numpy as np
 
-from flinders import route
+from flinders.heading import path_planning
 from flinders.report.view import GuidanceView, Shown
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.guidance import Frame, Goal
+    from flinders.heading.guidance import Frame, Goal
     from flinders.report.view import Triple, View
     from flinders.result import Fit
 
@@ -46,18 +47,18 @@ def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame
     samples : Samples
         All so far, the newest last.
     goal, frame : str
-        As in `flinders.guidance`.
+        As in `flinders.heading.guidance`.
     """
     if fit.plane or not len(samples):
         return view
-    belief = route.believe(fit, samples.field)
+    belief = path_planning.believe(fit, samples.field)
     if belief is None:
         return view
     here = belief.direction(samples.field[-1])
     if not here.any():
         return view
     is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
-    way = route.plan(
+    way = path_planning.plan(
         belief,
         here,
         target_deg=fit.target_deg,
@@ -77,11 +78,11 @@ def _readings_per_deg(samples: Samples) -> float:
     """What the sensor gives for each degree that it is turned by."""
     time = samples.time
     if time is None or len(time) < 2 or not time[-1] > time[0]:
-        return route.READINGS_PER_DEG
+        return path_planning.READINGS_PER_DEG
     return (len(time) - 1) / float(time[-1] - time[0]) / SPEED_DEG
 
 
-def _round(belief: route.Belief) -> Shown:
+def _round(belief: path_planning.Belief) -> Shown:
     """A sphere to draw readings on that no fit has a surface for."""
     radius = belief.ellipsoid.radius
     return Shown(_triple(belief.ellipsoid.centre), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), radius)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from flinders.contest import Contest, Entry
     from flinders.core.calibration import Calibration
-    from flinders.heading import HeadingError
+    from flinders.heading.error_propagation import HeadingError
     from flinders.result import Severity, Verdict
 
 NOTHING: Final = 1e-4

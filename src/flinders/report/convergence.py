@@ -21,7 +21,7 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import counted
-from flinders.heading import level_gradients
+from flinders.heading.error_propagation import level_gradients
 from flinders.report.text import with_uncertainty
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """A deviation curve as plain characters and as SVG, without a plotting library.
 
->>> from flinders.deviation import fit
+>>> from flinders.heading.deviation import fit
 >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
 >>> scale(swing)
 25.0
@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.deviation import NAMES
 from flinders.geometry.angles import shown_heading
+from flinders.heading.deviation import NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.deviation import Deviation
+    from flinders.heading.deviation import Deviation
 
 STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 180.0)
 """Degrees at the ends of the axis of deviation."""

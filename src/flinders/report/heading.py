@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.compass import AS_THEY_ARE, LEVEL
 from flinders.core.axes import Axes
 from flinders.errors import counted
-from flinders.frames import OPPOSITE, remedy
+from flinders.heading.axis_consistency import OPPOSITE, remedy
+from flinders.heading.compass import AS_THEY_ARE, LEVEL
 from flinders.report.text import MARKS, degrees
 
 if TYPE_CHECKING:
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.compass import Voyage
     from flinders.core.geomag import SiteField
+    from flinders.heading.compass import Voyage
 
 OFF_DEG: Final = 3.0
 """Degrees by which the dip may differ from the model's before it is worth a line."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from flinders.comparison import Strength
 from flinders.geometry.plane import down_of
-from flinders.heading import level_error
+from flinders.heading.error_propagation import level_error
 from flinders.result import Finding, Fit, gravest_first
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import FindingRecord
     from flinders.core.samples import Recording
-    from flinders.heading import HeadingError
+    from flinders.heading.error_propagation import HeadingError
     from flinders.judged import Judged
     from flinders.result import Severity
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.errors import counted
 from flinders.geometry.angles import folded, shown_heading
+from flinders.heading.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
+from flinders.heading.stationary import hard_iron
 from flinders.report.curve import dotted, scale
 from flinders.report.text import COLOURS, MARKS, with_uncertainty
-from flinders.rests import hard_iron
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.core.geomag import SiteField
-    from flinders.deviation import Deviation, Expected
-    from flinders.rests import HalfTurn, Rest
+    from flinders.heading.deviation import Deviation, Expected
+    from flinders.heading.stationary import HalfTurn, Rest
 
 MEANINGS: Final = (
     "compass turned, or a wrong reference",

@@ -29,8 +29,8 @@ from flinders.core.units import label
 from flinders.errors import figures
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
-from flinders.guidance import guide
-from flinders.heading import direction_gradients, level_gradients, level_turn, upright
+from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
+from flinders.heading.guidance import guide
 from flinders.summary.quality import Health
 from flinders.verdict import UPSIDE_DOWN, WORTH_IT, movement
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.geometry.plane import Plane
-    from flinders.guidance import Frame, Goal, Guidance
+    from flinders.heading.guidance import Frame, Goal, Guidance
     from flinders.result import Fit
 
 Triple = tuple[float, float, float]
@@ -251,7 +251,7 @@ def view(
     numbers : (N,) int, optional
         Which reading of the whole each of them is, counted from 0; by default they are the whole.
     goal, frame : str
-        As in `flinders.guidance`.
+        As in `flinders.heading.guidance`.
     """
     rejected = Rejected.of(fit, samples)
     numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)

@@ -1,4 +1,4 @@
-"""What is said of many units: health, heading errors and findings, as `flinders.verdict` and `flinders.heading` say it.
+"""What is said of many units: health, heading errors and findings, as `flinders.verdict` and `flinders.heading.error_propagation` say it.
 
 Only findings that are numbers held against a limit are made here. A unit with any other, or one that refuses the
 calibration, leaves the stack.
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
-from flinders.heading import HEADINGS, level_turn
+from flinders.heading.error_propagation import HEADINGS, level_turn
 from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
 from flinders.summary.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
 from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
@@ -133,7 +133,7 @@ def facings(counts: Array, dip_deg: float) -> tuple[Array, Array]:
 
 
 def level_errors(ellipsoids: Ellipsoids, covariance: Array, dip_deg: Array) -> tuple[Array, Array]:
-    """(U,) rms and worst heading error of a level vehicle in degrees, as `flinders.heading.level_error`.
+    """(U,) rms and worst heading error of a level vehicle in degrees, as `flinders.heading.error_propagation.level_error`.
 
     Parameters
     ----------

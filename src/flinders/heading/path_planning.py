@@ -1,7 +1,7 @@
 """The way to turn a sensor, planned several turns ahead, so that the target is reached with little turning.
 
-`flinders.guidance` says which readings are worth most. Whoever turns a sensor takes readings all along the way, so
-what matters is the way: the field's direction, seen from the body, walks over the sphere, each stretch of it adds
+`flinders.heading.guidance` says which readings are worth most. Whoever turns a sensor takes readings all along the way,
+so what matters is the way: the field's direction, seen from the body, walks over the sphere, each stretch of it adds
 information that is known before it is walked, and the best of many walks is the advice. Walks lead over 42 waypoints,
 some 35° apart; a beam search keeps those that promise the smallest worst error, and the first that reaches the target
 wins. After a quarter of a second's walk everything is looked at anew.
@@ -27,8 +27,8 @@ A circle that is not even closed tells which way is out of its plane:
 >>> belief.ellipsoid.centre.round(6), bool(abs(plan(belief, [-0.42, 0.91, 0.0]).waypoints[0][2]) > 0.3)
 (array([10.,  0.,  0.]), True)
 
-Sources: sequential designs as in `flinders.guidance`; beam search: P. S. Ow, T. E. Morton, "Filtered beam search in
-scheduling", Int. J. Production Research 26 (1988) 35–62. What it saves: `python -m benchmarks.guidance`.
+Sources: sequential designs as in `flinders.heading.guidance`; beam search: P. S. Ow, T. E. Morton, "Filtered beam
+search in scheduling", Int. J. Production Research 26 (1988) 35–62. What it saves: `python -m benchmarks.guidance`.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ import numpy as np
 from flinders.arrays import floats, table
 from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.guidance import SHARPNESS, reading_variance
-from flinders.heading import direction_gradients, level_gradients
+from flinders.heading.error_propagation import direction_gradients, level_gradients
+from flinders.heading.guidance import SHARPNESS, reading_variance
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS, fibonacci
 
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.guidance import Frame, Goal
+    from flinders.heading.guidance import Frame, Goal
     from flinders.result import Fit
 
 STEPS: Final = 6
@@ -375,7 +375,7 @@ def _variances(wanted: Floats, information: Floats) -> Floats:
 
 
 def _blunt_worst(variances: Floats) -> Floats:
-    """(B,) nearly the largest of (B, M) variances, yet not blind to the next ones, as in `flinders.guidance`."""
+    """(B,) nearly the largest of (B, M) variances, yet not blind to the next ones, as in `flinders.heading.guidance`."""
     largest = variances.max()
     blunt: Floats = largest * np.mean((variances / largest) ** SHARPNESS, axis=1) ** (1.0 / SHARPNESS)
     return blunt

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.attitude import FORMULAS, dip_deg, level_heading_deg, roll_pitch_deg
 from flinders.core.axes import Axes
 from flinders.errors import NoAccelerometer, UsageError
-from flinders.frames import Frames
 from flinders.geometry.angles import wrapped
+from flinders.heading.attitude import FORMULAS, dip_deg, level_heading_deg, roll_pitch_deg
+from flinders.heading.axis_consistency import Frames
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -96,7 +96,7 @@ class Compass:
     ----------
     calibration : Calibration
     formula : str
-        One of `flinders.attitude.FORMULAS`, or ``"level"``: two axes, for a sensor that is never tilted.
+        One of `flinders.heading.attitude.FORMULAS`, or ``"level"``: two axes, for a sensor that is never tilted.
     acceleration_axes : Axes
         How the acceleration is turned into the calibration's axes, beyond what turns the field.
     declination_deg : float, optional
