@@ -33,8 +33,8 @@ from flinders.core.compensation import Settler
 from flinders.core.disturbance import lagged, motors
 from flinders.core.samples import Samples
 from flinders.estimators import Likelihood, Readings
-from flinders.estimators.bench import still
-from flinders.estimators.driving import driving_of
+from flinders.estimators.disturbance import driving_of
+from flinders.estimators.static_bench import still
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
 from flinders.result import Refused
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from flinders.arrays import Floats
-    from flinders.estimators.bench import Still
+    from flinders.estimators.static_bench import Still
     from flinders.result import Fit
     from flinders.simulate import Simulated
 

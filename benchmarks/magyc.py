@@ -43,9 +43,9 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
-from flinders.estimators.aided import solve
-from flinders.estimators.magyc_ls import Windows, settled
-from flinders.estimators.turned import steps_of
+from flinders.estimators.aiding import solve
+from flinders.estimators.reference.gyro_windows import steps_of
+from flinders.estimators.reference.magyc_ls import Windows, settled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

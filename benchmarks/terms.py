@@ -38,8 +38,8 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
-from flinders.estimators.aided import solve
-from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
+from flinders.estimators.aiding import solve
+from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.attitude import magnetic_heading_deg
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
-    from flinders.estimators.aided import Aided
+    from flinders.estimators.aiding import Aided
     from flinders.likelihood.parameters import Layout
     from flinders.simulate import Simulated, Turning
 

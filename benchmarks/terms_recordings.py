@@ -23,7 +23,7 @@ import numpy as np
 import flinders
 from benchmarks.recordings import FOLDER
 from flinders.estimators import Auto, Readings
-from flinders.estimators.aided import solve
+from flinders.estimators.aiding import solve
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_turn
 from flinders.result import Refused
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.estimators.aided import Aided
+    from flinders.estimators.aiding import Aided
 
 WITH_ACCELEROMETER: Final = ("ckexplorer_acc_mag/acc_mag_log.csv", "timspi_imu_gnss/imu_gnss_data.csv")
 WITH_GYRO: Final = (

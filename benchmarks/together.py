@@ -26,7 +26,7 @@ from benchmarks.datasets import heading_error_deg
 from flinders import open_log, read, simulate
 from flinders.agreement import departures
 from flinders.estimators import Auto, Readings
-from flinders.estimators.several import Several, solve
+from flinders.estimators.multi_sensor import Several, solve
 from flinders.geometry.ellipsoid import upper
 from flinders.likelihood.gyro import rotations
 from flinders.result import Fit, Refused

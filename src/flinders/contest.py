@@ -20,7 +20,7 @@ import numpy as np
 from flinders.comparison import compare
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Auto, Readings, within_range
-from flinders.estimators.kept import concatenated
+from flinders.estimators.cache import concatenated
 from flinders.fitting import estimator_of, fit
 from flinders.judged import Judged
 from flinders.likelihood import magnitude

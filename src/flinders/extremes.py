@@ -25,9 +25,9 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
 from flinders.errors import UsageError, figures
-from flinders.estimators.estimate import FINEST
-from flinders.estimators.minmax import MinMax, spanned, strength_of
-from flinders.estimators.readings import LARGEST, SMALLEST
+from flinders.estimators.base import FINEST
+from flinders.estimators.data import LARGEST, SMALLEST
+from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error
 from flinders.result import Finding, Outcome, gravest_first
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance
-    from flinders.estimators.minmax import Variant
+    from flinders.estimators.reference.minmax import Variant
 
 TYPED: Final = "typed-extremes"
 

@@ -31,14 +31,14 @@ from flinders.estimators import (
     with_bias,
     within_range,
 )
-from flinders.estimators.aided import refuse_without
+from flinders.estimators.aiding import refuse_without
 from flinders.estimators.aids import AUTO, aided_by, available
-from flinders.estimators.driving import following, told
+from flinders.estimators.cache import concatenated
+from flinders.estimators.disturbance import following, told
 from flinders.estimators.followed import earned
-from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
-from flinders.estimators.kept import concatenated
+from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
-from flinders.estimators.sited import sited
+from flinders.estimators.solver import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import alignment_error_deg, level_error
 from flinders.likelihood.identifiability import is_flat
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Recording
     from flinders.estimators import Estimate, Estimator
-    from flinders.estimators.driving import Driving
+    from flinders.estimators.disturbance import Driving
     from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
     from flinders.repeats import Repeats

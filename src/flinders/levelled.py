@@ -35,8 +35,8 @@ import numpy as np
 from flinders.comparison import IN_PLANE, compare_level
 from flinders.core.calibration import Calibration
 from flinders.core.samples import singles
-from flinders.estimators.correlation import Residuals, time_of
-from flinders.estimators.sited import Heights
+from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.known_dip import Heights
 from flinders.geometry.equator import equator, to_equator
 from flinders.geometry.plane import root
 from flinders.heading.error_propagation import upright

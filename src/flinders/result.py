@@ -258,7 +258,7 @@ class Aid:
     Attributes
     ----------
     name : str
-        One of `flinders.estimators.aided.AIDS`.
+        One of `flinders.estimators.aiding.AIDS`.
     kept : bool
     changed_deg : float
         By how much it changed the heading of a level vehicle, rms.

@@ -33,9 +33,9 @@ from flinders.core.time_alignment import Paired, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
-from flinders.estimators.kept import concatenated
-from flinders.estimators.near import dense_in, left_out
-from flinders.estimators.several import FEWEST, Several, is_sound, mirror_or_rotation, solve
+from flinders.estimators.cache import concatenated
+from flinders.estimators.inliers import dense_in, left_out
+from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.fitting import fit, judged_as
 from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
@@ -229,8 +229,8 @@ def fit_together(
 ) -> Together:
     """Calibrate several magnetometers of one body, and say whether they agree.
 
-    Minimises the sum of `flinders.estimators.several`. Use it wherever a body carries more than one magnetometer and
-    was turned with all of them running. It makes a noisy one nearly as good as the best; it does not make up for
+    Minimises the sum of `flinders.estimators.multi_sensor`. Use it wherever a body carries more than one magnetometer
+    and was turned with all of them running. It makes a noisy one nearly as good as the best; it does not make up for
     attitudes that the body never took.
 
     Parameters

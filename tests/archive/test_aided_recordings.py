@@ -15,7 +15,7 @@ import pytest
 from benchmarks import terms_recordings as real
 
 import flinders
-from flinders.estimators.aided import solve
+from flinders.estimators.aiding import solve
 from flinders.estimators.aids import aided_by
 from flinders.estimators.followed import earned
 

@@ -12,11 +12,18 @@ import numpy.testing as npt
 import pytest
 
 from flinders.estimators import AlonsoShuster, Readings
-from flinders.estimators.attitude_independent import Collapsed, Reference, Sums, beta, ellipsoid_of, parameters
+from flinders.estimators.reference.attitude_independent import (
+    Collapsed,
+    Reference,
+    Sums,
+    beta,
+    ellipsoid_of,
+    parameters,
+)
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.attitude_independent import Weights
+    from flinders.estimators.reference.attitude_independent import Weights
 
 SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 OFFSET: Final = np.array([20.0, 120.0, 90.0])

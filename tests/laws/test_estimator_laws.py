@@ -31,7 +31,7 @@ from flinders.estimators import (
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.constrained import Radii
+    from flinders.estimators.reference.ellipsoid import Radii
 
 TURNED: list[Estimator] = [
     Auto(),

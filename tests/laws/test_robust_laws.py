@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from flinders.core.samples import Samples
 from flinders.estimators import Readings, Robust, strays_of
-from flinders.estimators.near import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, left_out
+from flinders.estimators.inliers import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, left_out
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
 from flinders.simulate import tumble

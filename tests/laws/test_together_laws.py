@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from flinders import simulate
 from flinders.agreement import departures
 from flinders.core.time_alignment import between
-from flinders.estimators.several import mirror_or_rotation, solve
+from flinders.estimators.multi_sensor import mirror_or_rotation, solve
 from flinders.likelihood.gyro import rotations
 
 seeds: Final = st.integers(0, 1000)

@@ -12,10 +12,10 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.errors import UsageError
-from flinders.estimators.aided import solve
+from flinders.estimators.aiding import solve
 from flinders.estimators.aids import aided_by
+from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.readings import Readings
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.heading.error_propagation import level_turn
@@ -26,7 +26,7 @@ from flinders.likelihood.site_field import Site
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.estimators.aided import Aided
+    from flinders.estimators.aiding import Aided
     from flinders.simulate import Simulated
 
 IMU = simulate.Imu(gyro_bias=np.array([0.02, -0.01, 0.015]))

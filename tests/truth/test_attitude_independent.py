@@ -21,8 +21,8 @@ from flinders.cli import main
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import AlonsoShuster, Ekf, Estimator, Readings, Sequential, at_one_strength
-from flinders.estimators import ekf as filters
-from flinders.estimators.attitude_independent import (
+from flinders.estimators.reference import ekf as filters
+from flinders.estimators.reference.attitude_independent import (
     Collapsed,
     ConstantStrength,
     Reference,
@@ -33,7 +33,7 @@ from flinders.estimators.attitude_independent import (
     regressors,
     theta_of,
 )
-from flinders.estimators.sequential import State
+from flinders.estimators.reference.sequential import State
 from flinders.evaluation import evaluate
 from flinders.geometry.ellipsoid import symmetric, upper
 from flinders.judged import Judged

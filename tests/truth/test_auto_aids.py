@@ -11,7 +11,7 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.estimators.aided import solve
+from flinders.estimators.aiding import solve
 from flinders.estimators.aids import aided_by
 from flinders.estimators.followed import earned
 from flinders.heading.error_propagation import level_turn
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.core.samples import Samples
-    from flinders.estimators.aided import Aided
+    from flinders.estimators.aiding import Aided
     from flinders.simulate import Simulated
 
 IMU: Final = simulate.Imu(gyro_bias=np.array([0.02, -0.01, 0.015]))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from flinders import simulate
-from flinders.estimators.aided import solve
+from flinders.estimators.aiding import solve
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.likelihood.site_field import Site

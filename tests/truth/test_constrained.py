@@ -17,7 +17,7 @@ from flinders.geometry.ellipsoid import Ellipsoid
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators import Estimator
-    from flinders.estimators.constrained import Radii
+    from flinders.estimators.reference.ellipsoid import Radii
 
 CENTRE: Final = np.array([20.0, 120.0, 90.0])
 SKEW: Final = 50.0 * np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])

@@ -13,7 +13,7 @@ from benchmarks.datasets import parameter_error
 
 import flinders
 from flinders.estimators import Auto, Likelihood, Readings
-from flinders.estimators.correlation import correlation_of
+from flinders.estimators.autocorrelation import correlation_of
 from flinders.simulate import Sensor, tumble
 
 if TYPE_CHECKING:
@@ -114,8 +114,8 @@ def test_long_recordings_are_judged_by_stretches_and_agree_with_the_whole(monkey
         ellipsoid = Likelihood().estimate(readings).ellipsoid
         whole = correlation_of(readings.stretches("auto"), len(field), ellipsoid)
         with monkeypatch.context() as patched:
-            patched.setattr("flinders.estimators.readings.STRETCHES", 10)
-            patched.setattr("flinders.estimators.readings.STRETCH", 300)
+            patched.setattr("flinders.estimators.data.STRETCHES", 10)
+            patched.setattr("flinders.estimators.data.STRETCH", 300)
             stretches = readings.stretches("auto")
         assert [len(stretch) for stretch in stretches] == [300] * 10
         npt.assert_array_equal(stretches[3], field[3600:3900])

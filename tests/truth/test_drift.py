@@ -11,7 +11,8 @@ from benchmarks.claims import by_hand
 
 import flinders
 from flinders.core.samples import Joined, Samples
-from flinders.estimators import Likelihood, Readings, correlation, drift_of
+from flinders.estimators import Likelihood, Readings, drift_of
+from flinders.estimators import autocorrelation as correlation
 from flinders.geometry.ellipsoid import upper
 from flinders.result import Refused
 from flinders.simulate import RATE_HZ, Sensor, tumble

@@ -16,9 +16,9 @@ from flinders.cli import main
 from flinders.conventions.ardupilot import Parameters as ArduPilot
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
-from flinders.estimators.bench import still
-from flinders.estimators.driving import driving_of
-from flinders.estimators.meters import noise_of
+from flinders.estimators.disturbance import driving_of
+from flinders.estimators.regressor_noise import noise_of
+from flinders.estimators.static_bench import still
 from flinders.evaluation import evaluate
 from flinders.judged import Judged
 from flinders.result import Refused

@@ -28,9 +28,9 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators import Likelihood, Readings
-from flinders.estimators.bench import still
-from flinders.estimators.driving import driving_of
+from flinders.estimators.disturbance import driving_of
 from flinders.estimators.followed import earned
+from flinders.estimators.static_bench import still
 from flinders.exporters import EXPORTERS, Asked, find
 from flinders.likelihood import magnitude
 from flinders.result import Refused

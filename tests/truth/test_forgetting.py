@@ -16,7 +16,7 @@ from flinders.cli import main
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import Consistent, Forgetting, Readings
-from flinders.estimators.convergence import spread_counts
+from flinders.estimators.reference.trace import spread_counts
 from flinders.geometry.ellipsoid import upper
 from flinders.summary.summary import Summary
 
@@ -86,7 +86,7 @@ class InBlocks:
 
 @pytest.mark.parametrize("memory", [None, 50.0, 700.0])
 def test_blocks_files_and_steps_change_nothing(memory: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("flinders.estimators.kept.HELD", 100)  # what is longer is read block by block
+    monkeypatch.setattr("flinders.estimators.cache.HELD", 100)  # what is longer is read block by block
     field = turned(1500, 3)
     method = Forgetting(memory)
     wanted = method.estimate(Readings.of(field))

@@ -12,10 +12,10 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.errors import FitError, UsageError
-from flinders.estimators.aided import FAR_SCALES, parameters_of, solve
+from flinders.estimators.aiding import FAR_SCALES, parameters_of, solve
 from flinders.estimators.aids import aided_by
-from flinders.estimators.joint import SCALE_SIGMA
 from flinders.estimators.mistakes import elsewhere
+from flinders.estimators.solver import SCALE_SIGMA
 from flinders.likelihood.gyro import bridged, rotations
 from flinders.likelihood.site_field import Site
 from flinders.readers._beside import Beside

@@ -17,7 +17,7 @@ from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSamples
 from flinders.estimators import Algebraic, Ladder, Readings, Sphere, fit_error
-from flinders.estimators.ladder import FULL, RUNGS, NothingAccepted, bins_of, solved
+from flinders.estimators.reference.ladder import FULL, RUNGS, NothingAccepted, bins_of, solved
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.estimators.minmax import Variant
+    from flinders.estimators.reference.minmax import Variant
 
 OFFSET: Final = np.array([20.0, 120.0, 90.0])
 IRON: Final = {

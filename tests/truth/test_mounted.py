@@ -13,16 +13,16 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.estimators.aided import solve
+from flinders.estimators.aiding import solve
 from flinders.estimators.aids import aided_by, claim_deg
-from flinders.estimators.joint import seated
+from flinders.estimators.solver import seated
 from flinders.geometry.quaternions import inverse, of_angles, rotated
 from flinders.likelihood.attitude import body_to_world
 from flinders.likelihood.gyro import rotations
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.aided import Aided
+    from flinders.estimators.aiding import Aided
 
 NORTH = np.array([25.0, 0.0, 43.3])
 

@@ -20,8 +20,8 @@ from flinders.cli import main
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsRate, NeedsSamples, NotAnEllipsoid, OneAxisTurned, TooFewSamples, UsageError
 from flinders.estimators import METHODS, Estimator, MagycLs, Px4Observer, Readings, SarKf, SarLs
-from flinders.estimators.magyc_ls import Windows, settled
-from flinders.estimators.turned import Steps, steps_of
+from flinders.estimators.reference.gyro_windows import Steps, steps_of
+from flinders.estimators.reference.magyc_ls import Windows, settled
 from flinders.result import Refused
 
 if TYPE_CHECKING:

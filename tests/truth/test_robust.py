@@ -12,7 +12,8 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators import Auto, Likelihood, Readings, Robust, kept, likelihood
+from flinders.estimators import Auto, Likelihood, Readings, Robust, likelihood
+from flinders.estimators import cache as kept
 from flinders.estimators.robust import asks_for_it
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble

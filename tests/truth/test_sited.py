@@ -17,8 +17,8 @@ import flinders
 from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.estimators import Level, Readings
+from flinders.estimators.known_dip import Heights, conditioned, sited
 from flinders.estimators.level import turned_level
-from flinders.estimators.sited import Heights, conditioned, sited
 from flinders.likelihood.site_field import Site
 from flinders.result import Refused
 

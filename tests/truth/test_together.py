@@ -15,7 +15,7 @@ from flinders.agreement import departures, heading_deg
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import between, paired
 from flinders.errors import FitError, InputError, UsageError
-from flinders.estimators import several
+from flinders.estimators import multi_sensor
 from flinders.geometry.ellipsoid import upper
 from flinders.likelihood.gyro import rotations
 from flinders.result import Fit, Refused
@@ -65,7 +65,7 @@ def changed(samples: Samples, **fields: Any) -> Samples:
 def test_offsets_shapes_and_rotation_are_those_of_the_sensors() -> None:
     recordings, sensors, _ = body(2)
     fields = np.stack([samples.field for samples in recordings.values()])
-    found = several.solve(fields)
+    found = multi_sensor.solve(fields)
     for number, sensor in enumerate(sensors):
         at, sigma = found.parameters[number], np.sqrt(np.diag(found.of(number)))
         error = np.concatenate([at.offset - sensor.offset, upper(at.shape) - upper(FIELD * sensor.matrix)])
@@ -82,7 +82,7 @@ def test_what_is_claimed_is_what_is_off() -> None:
     offsets, turns = [], []
     for seed in range(12):
         recordings, sensors, _ = body(seed, motion="uniform", n=400)
-        found = several.solve(np.stack([samples.field for samples in recordings.values()]))
+        found = multi_sensor.solve(np.stack([samples.field for samples in recordings.values()]))
         for number, sensor in enumerate(sensors):
             error = found.parameters[number].offset - sensor.offset
             offsets.append(error @ np.linalg.solve(found.of(number)[:3, :3], error) / 3.0)
@@ -96,7 +96,7 @@ def test_what_is_claimed_is_what_is_off() -> None:
 def test_the_rotation_between_any_two_and_its_covariance() -> None:
     recordings, _, _ = body(3, noises=(0.5, 0.5, 1.0))
     fields = np.stack([samples.field for samples in recordings.values()])
-    first, other = several.solve(fields), several.solve(fields, reference=1)
+    first, other = multi_sensor.solve(fields), multi_sensor.solve(fields, reference=1)
     for ours, theirs in zip(first.rotation(2, 1), other.rotation(2), strict=True):
         npt.assert_allclose(ours, theirs, rtol=0.05, atol=2e-4)
     npt.assert_allclose(first.rotation(1, 1)[0], np.eye(3), atol=1e-12)
@@ -233,9 +233,9 @@ def test_a_mirror_image_is_found_and_corrected() -> None:
 def test_the_rotation_of_a_mirror_image_is_as_uncertain_as_of_its_original() -> None:
     recordings, _, _ = body(12, same=True, noises=(0.5, 0.5, 0.5))
     fields = np.stack([samples.field for samples in recordings.values()])
-    plain = several.solve(fields)
+    plain = multi_sensor.solve(fields)
     fields[1] *= [1.0, 1.0, -1.0]
-    mirrored = several.solve(fields)
+    mirrored = multi_sensor.solve(fields)
     turn, covariance = mirrored.rotation(2, 1)
     assert np.linalg.det(turn) == pytest.approx(-1.0)
     npt.assert_allclose(np.trace(covariance), np.trace(plain.rotation(2, 1)[1]), rtol=0.05)

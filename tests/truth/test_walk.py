@@ -14,7 +14,7 @@ import flinders
 from flinders import simulate
 from flinders.core.compensation import Settler
 from flinders.errors import NeedsSamples, TooFewSamples
-from flinders.estimators.driving import driving_of
+from flinders.estimators.disturbance import driving_of
 from flinders.estimators.walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.result import Refused
 

@@ -15,7 +15,7 @@ import flinders
 from flinders import simulate
 from flinders.cli._aids import taken
 from flinders.errors import UsageError
-from flinders.estimators.aided import solve
+from flinders.estimators.aiding import solve
 from flinders.estimators.mistakes import circular, elsewhere, of_instruments, one_axis
 from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
 from flinders.geometry.ellipsoid import Ellipsoid

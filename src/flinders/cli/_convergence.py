@@ -28,7 +28,7 @@ def refuse(path: str | None, method: str) -> None:
         For a method that cannot be watched, or a file that is neither a drawing nor a table.
     """
     from flinders.estimators import METHODS
-    from flinders.estimators.convergence import Watched
+    from flinders.estimators.reference.trace import Watched
 
     if path is None:
         return
@@ -74,7 +74,7 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
 def _watched(recording: Recording, options: dict[str, Any]) -> Convergence | None:
     """What the method, with its options, gives on its way; None where there is nothing to follow."""
     from flinders.estimators import Readings, within_range
-    from flinders.estimators.convergence import Watched
+    from flinders.estimators.reference.trace import Watched
     from flinders.fitting import estimator_of
 
     site = {name: options[name] for name in SITE}

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.compensation import Settler
     from flinders.core.samples import Recording
-    from flinders.estimators.bench import Still
+    from flinders.estimators.static_bench import Still
     from flinders.judged import Judged
 
 hold = click.option(
@@ -173,7 +173,7 @@ def bench(
     from flinders.core.samples import singles
     from flinders.core.units import label
     from flinders.errors import NotTurned
-    from flinders.estimators.bench import described, still
+    from flinders.estimators.static_bench import described, still
     from flinders.judged import Judged
     from flinders.verdict import of_alike, of_column, of_noisy
 

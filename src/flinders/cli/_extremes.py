@@ -53,7 +53,7 @@ def calibrate(
     from flinders.core.axes import Axes
     from flinders.core.units import Unit
     from flinders.estimators import METHODS
-    from flinders.estimators.minmax import MinMax
+    from flinders.estimators.reference.minmax import MinMax
     from flinders.extremes import from_extremes
 
     method = options.pop("method")

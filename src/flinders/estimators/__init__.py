@@ -44,37 +44,37 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.estimators.algebraic import Algebraic, fit_error
-from flinders.estimators.alonso_shuster import AlonsoShuster
-from flinders.estimators.attitude_independent import at_one_strength
 from flinders.estimators.auto import Auto
-from flinders.estimators.axis_aligned import AxisAligned
-from flinders.estimators.bias import as_correlated, with_bias
+from flinders.estimators.base import Estimate, Estimator
+from flinders.estimators.bias_inflation import as_correlated, with_bias
 from flinders.estimators.consistent import Consistent
-from flinders.estimators.constrained import Constrained
-from flinders.estimators.convergence import Convergence
+from flinders.estimators.data import Readings
 from flinders.estimators.drift import drift_of
-from flinders.estimators.ekf import Ekf
 from flinders.estimators.ellipse import Ellipse
-from flinders.estimators.estimate import Estimate, Estimator
-from flinders.estimators.forgetting import Forgetting
-from flinders.estimators.ladder import Ladder
 from flinders.estimators.level import Level
-from flinders.estimators.li import Li
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.magyc_ls import MagycLs
-from flinders.estimators.minmax import MinMax
-from flinders.estimators.px4_observer import Px4Observer
-from flinders.estimators.rails import within_range
-from flinders.estimators.readings import Readings
+from flinders.estimators.outliers import strays_of
+from flinders.estimators.reference.alonso_shuster import AlonsoShuster
+from flinders.estimators.reference.attitude_independent import at_one_strength
+from flinders.estimators.reference.axes import AxisAligned
+from flinders.estimators.reference.ekf import Ekf
+from flinders.estimators.reference.ellipsoid import Constrained
+from flinders.estimators.reference.forgetting import Forgetting
+from flinders.estimators.reference.ladder import Ladder
+from flinders.estimators.reference.li import Li
+from flinders.estimators.reference.magyc_ls import MagycLs
+from flinders.estimators.reference.minmax import MinMax
+from flinders.estimators.reference.px4_observer import Px4Observer
+from flinders.estimators.reference.sar_kf import SarKf
+from flinders.estimators.reference.sar_ls import SarLs
+from flinders.estimators.reference.sequential import Sequential
+from flinders.estimators.reference.sphere import Sphere
+from flinders.estimators.reference.trace import Convergence
+from flinders.estimators.reference.two_step import TwoStep
 from flinders.estimators.robust import Robust
-from flinders.estimators.sar_kf import SarKf
-from flinders.estimators.sar_ls import SarLs
-from flinders.estimators.sequential import Sequential
+from flinders.estimators.saturation import within_range
 from flinders.estimators.slips import slip_of
-from flinders.estimators.sphere import Sphere
-from flinders.estimators.strays import strays_of
 from flinders.estimators.two_axis import TwoAxisRecipe
-from flinders.estimators.two_step import TwoStep
 from flinders.estimators.unfollowed import unfollowed_of
 
 METHODS: Final[dict[str, type[Estimator]]] = {

@@ -26,9 +26,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 import numpy as np
 
 from flinders.errors import FitError, figures
-from flinders.estimators.aided import AIDS, Aided, refuse_without, solve
+from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
+from flinders.estimators.data import Readings
 from flinders.estimators.held_out import Missed, fitted, missed
-from flinders.estimators.joint import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.estimators.mistakes import (
     UPRIGHT,
@@ -44,7 +44,7 @@ from flinders.estimators.mistakes import (
     one_axis,
     without_gaps,
 )
-from flinders.estimators.readings import Readings
+from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
@@ -93,7 +93,7 @@ def aided_by(
     ----------
     samples : Samples
     aids : str or sequence of str
-        ``auto``, or of `flinders.estimators.aided.AIDS`.
+        ``auto``, or of `flinders.estimators.aiding.AIDS`.
     site : Site, optional
     dip_deg : float
         Inclination at which headings are compared.

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.estimators.estimate import Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.data import Readings
     from flinders.summary.moments import Moments
 
 _TRACE_FREE: Final = np.concatenate(
@@ -56,7 +56,7 @@ class Algebraic:
     --------
     The documented example of MATLAB's ``magcal``: centre (−50, 20, 100), radii (30, 20, 50).
 
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> found = Algebraic("nxp").estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid

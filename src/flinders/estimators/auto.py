@@ -18,8 +18,8 @@ from flinders.likelihood.identifiability import NEARLY_FLAT_NOISE
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.estimate import Estimate
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
 
 TRIMS, TRIMMED = 3, 0.03
 """Of readings among which there are strays, the share that is left out and how often, to see whether they are flat."""
@@ -56,7 +56,7 @@ class Auto:
     Examples
     --------
     >>> import numpy as np
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> directions = np.random.default_rng(1).normal(size=(200, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> field = directions * [45, 50, 55] + [20, 120, 90]

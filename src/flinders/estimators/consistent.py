@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.estimate import Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.uncertainty import algebraic_covariance
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.summary.moments import EXPONENTS, packed, unpacked
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.data import Readings
 
 STEPS: Final = 50
 """As many as bisection alone would need; Newton's method needs five."""
@@ -60,7 +60,7 @@ class Consistent:
 
     Examples
     --------
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> rng = np.random.default_rng(1)
     >>> directions = rng.normal(size=(100_000, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.correlation import Residuals, time_of
-from flinders.estimators.estimate import FINEST
+from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.base import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude

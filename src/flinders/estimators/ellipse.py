@@ -11,8 +11,8 @@ from flinders.geometry.plane import Plane, order_of
 from flinders.likelihood import prior
 
 if TYPE_CHECKING:
-    from flinders.estimators.estimate import Estimate
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Ellipse:
     A third of a turn in y and z:
 
     >>> import numpy as np
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> angle = np.linspace(0.0, 2.1, 60)
     >>> arc = np.stack([np.full(60, 7.0), 30 * np.cos(angle) + 10, 20 * np.sin(angle) - 5], axis=1)
     >>> found = Ellipse("yz").estimate(Readings.of(arc)).ellipsoid

@@ -26,11 +26,11 @@ from flinders.core.compensation import settled
 from flinders.core.disturbance import KINDS, MOTORS, motor
 from flinders.core.samples import Samples, singles
 from flinders.errors import FitError, InputError, figures
-from flinders.estimators.bench import still
-from flinders.estimators.driving import driving_of
+from flinders.estimators.cache import concatenated
+from flinders.estimators.disturbance import driving_of
 from flinders.estimators.held_out import folds
-from flinders.estimators.kept import concatenated
-from flinders.estimators.logged import Logged
+from flinders.estimators.regressors import Logged
+from flinders.estimators.static_bench import still
 from flinders.likelihood import magnitude, prior
 from flinders.result import Aid
 

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError
-from flinders.estimators.aided import parameters_of
-from flinders.estimators.joint import ACCELERATION_SIGMA, SCALE_SIGMA
+from flinders.estimators.aiding import parameters_of
+from flinders.estimators.solver import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import dip, magnitude
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.estimators.aided import Aided
+    from flinders.estimators.aiding import Aided
     from flinders.likelihood.parameters import Parameters
 
 FOLDS: Final = 3
@@ -65,7 +65,7 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
     ----------
     samples : Samples
     terms : tuple of str
-        Of `flinders.estimators.aided.AIDS`.
+        Of `flinders.estimators.aiding.AIDS`.
     rotation : (3, 3) float, optional
         Which way the magnetometer sits on the body, about which it is looked for.
     near : Aided
@@ -97,7 +97,7 @@ def missed(samples: Samples, fits: list[Parameters], vertical: str | None) -> Mi
     Examples
     --------
     >>> from flinders import simulate
-    >>> from flinders.estimators.aided import solve
+    >>> from flinders.estimators.aiding import solve
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)
     >>> whole = {terms: solve(tumble.samples, terms) for terms in ((), ("dip",))}
     >>> fits = [fitted(tumble.samples, terms, None, near) for terms, near in whole.items()]

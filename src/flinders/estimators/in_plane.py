@@ -14,9 +14,9 @@ import numpy as np
 
 from flinders.core.samples import Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, Unmoved
+from flinders.estimators.data import FARTHEST, SMALLEST
 from flinders.estimators.level import THINNEST, ellipse_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
-from flinders.estimators.readings import FARTHEST, SMALLEST
 from flinders.estimators.robust import SEED, Robust, asks_for_it
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
-    from flinders.estimators.estimate import Estimate
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
     from flinders.geometry.plane import Plane
 
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
-    from flinders.estimators.estimate import Estimate
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
 
 DRAWS: Final = 256
 SCORED: Final = 600
@@ -67,7 +67,7 @@ class Level:
 
     Examples
     --------
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> heading = np.arange(200) * (2 * np.pi / 200)
     >>> level = np.stack([25 * np.cos(heading) + 20, -30 * np.sin(heading) + 90, np.full(200, 60.0)], axis=1)
     >>> found = Level().estimate(Readings.of(level)).ellipsoid

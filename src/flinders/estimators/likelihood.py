@@ -10,9 +10,9 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
+from flinders.estimators.autocorrelation import FEW, Correlation, correlation_of
+from flinders.estimators.base import FINEST, Estimate
 from flinders.estimators.consistent import adjusted
-from flinders.estimators.correlation import FEW, Correlation, correlation_of
-from flinders.estimators.estimate import FINEST, Estimate
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import NormalEquations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.arrays import Floats
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.data import Readings
 
 ENOUGH: Final = 20_000
 """Readings on which the fit is iterated; the whole of a longer recording is gone through once, from there."""
@@ -85,7 +85,7 @@ class Likelihood:
     --------
     Half of the sphere is enough for an offset to about a hundredth of the field, and it says so:
 
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> rng = np.random.default_rng(1)
     >>> directions = rng.normal(size=(2000, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)

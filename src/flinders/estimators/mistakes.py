@@ -24,8 +24,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import figures
-from flinders.estimators.aided import FAR_SCALES, Aided, solve
-from flinders.estimators.joint import SCALE_SIGMA
+from flinders.estimators.aiding import FAR_SCALES, Aided, solve
 from flinders.estimators.mounting import (
     EXPLAINED,
     FEW,
@@ -38,6 +37,7 @@ from flinders.estimators.mounting import (
     by_vertical,
     second_axis,
 )
+from flinders.estimators.solver import SCALE_SIGMA
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import attitude, dip
 from flinders.likelihood import gyro as turning

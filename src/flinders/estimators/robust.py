@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators.estimate import FINEST
+from flinders.estimators.base import FINEST
+from flinders.estimators.inliers import NO_RUN, dense_in
+from flinders.estimators.least_median import subset_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
-from flinders.estimators.near import NO_RUN, dense_in
-from flinders.estimators.strays import strays_among
-from flinders.estimators.subsets import subset_start
+from flinders.estimators.outliers import strays_among
 from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.estimators.estimate import Estimate
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
     from flinders.geometry.ellipsoid import Ellipsoid
 
     Start: TypeAlias = Callable[[Floats, Generator], Ellipsoid]
@@ -99,7 +99,7 @@ class Robust:
     Examples
     --------
     >>> import numpy as np
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> rng = np.random.default_rng(1)
     >>> directions = rng.normal(size=(500, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -31,8 +31,8 @@ import numpy as np
 
 from flinders.core.samples import BLOCK
 from flinders.errors import FitError
+from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.readings import Readings
 from flinders.result import Slip
 
 if TYPE_CHECKING:

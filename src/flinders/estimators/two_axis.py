@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.estimate import FINEST
+from flinders.estimators.base import FINEST
 from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, raised, require_turn
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import upper
@@ -16,8 +16,8 @@ from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.estimate import Estimate
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.base import Estimate
+    from flinders.estimators.data import Readings
     from flinders.geometry.ellipsoid import Ellipsoid
 
 IN_PLANE: Final = [0, 1, 3, 4, 6]
@@ -64,7 +64,7 @@ class TwoAxisRecipe:
 
     Examples
     --------
-    >>> from flinders.estimators.readings import Readings
+    >>> from flinders.estimators.data import Readings
     >>> heading = np.radians(np.arange(0, 360, 10))
     >>> turn = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5, np.full(36, 40.0)], axis=1)
     >>> found = TwoAxisRecipe(dip_deg=0.0).estimate(Readings.of(turn)).ellipsoid

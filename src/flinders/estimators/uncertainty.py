@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators.estimate import FINEST
+from flinders.estimators.base import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
 from flinders.likelihood.identifiability import Support, pretended
@@ -15,7 +15,7 @@ from flinders.summary.coverage import directions_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.readings import Readings
+    from flinders.estimators.data import Readings
 
 EVERYTHING: Final = np.eye(9)
 """Basis of the parameters of a fit without constraints."""

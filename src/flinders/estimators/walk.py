@@ -41,9 +41,9 @@ import numpy as np
 
 from flinders.core.samples import singles
 from flinders.errors import NeedsSamples, TooFewSamples, figures
-from flinders.estimators.correlation import Residuals, time_of
+from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.disturbance_solver import spread_of
 from flinders.estimators.in_plane import equator
-from flinders.estimators.settling import spread_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
 from flinders.likelihood import magnitude

@@ -18,7 +18,7 @@ import numpy as np
 
 from flinders.core.disturbance import KINDS, MOTORS
 from flinders.errors import UnitError
-from flinders.estimators.kept import concatenated
+from flinders.estimators.cache import concatenated
 from flinders.fleet.table import Row
 from flinders.fleet.tables import HALF, Names, Runs
 from flinders.stacked import Lined

@@ -12,7 +12,7 @@ know nothing of each other, and the solver knows nothing of what they observe.
 - `prior`: soft iron is mild unless the readings say otherwise
 
 Where there is more than a magnetometer, `parameters` holds what else is found and `shared` the residuals of all
-readings that share a direction of the field, for `flinders.estimators.aided`:
+readings that share a direction of the field, for `flinders.estimators.aiding`:
 
 - `turning`: the field stands still while the body turns (gyro)
 - `inclination`: its angle to the vertical is the same at every attitude (accelerometer, or an attitude without its yaw)

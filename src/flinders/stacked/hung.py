@@ -1,4 +1,4 @@
-"""How the residuals of many units hang together: `flinders.estimators.correlation`, unit by unit.
+"""How the residuals of many units hang together: `flinders.estimators.autocorrelation`, unit by unit.
 
 Correlation in time and what creeps widen a covariance here as there. A unit in which a distortion belongs to
 directions, or whose offset changed while it was recorded, leaves the stack.
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.estimators import correlation
+from flinders.estimators import autocorrelation as correlation
 from flinders.estimators.drift import FEWEST, FEWEST_INDEPENDENT
 from flinders.estimators.slips import BROKEN
 from flinders.likelihood.identifiability import WELL_CONDITIONED
@@ -247,7 +247,7 @@ def scatters(rows: Array, white: Array, found: Autocovariances) -> Array:
 
 
 def _not_below(scatter: Array, white: Array) -> Array:
-    """Keep (U, k, k) scatters within what `flinders.estimators.correlation` lets them claim."""
+    """Keep (U, k, k) scatters within what `flinders.estimators.autocorrelation` lets them claim."""
     xp = namespace(scatter)
     scale = scale_of(white)
     root = xp.linalg.cholesky(white / outer(scale))
@@ -262,7 +262,7 @@ def _not_below(scatter: Array, white: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Hung:
-    """What the residuals of U units say of each other, see `flinders.estimators.correlation.Correlation`.
+    """What the residuals of U units say of each other, see `flinders.estimators.autocorrelation.Correlation`.
 
     Attributes
     ----------

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
-from flinders.estimators.correlation import FEW as FEW_TO_CORRELATE
-from flinders.estimators.estimate import FINEST
+from flinders.estimators.autocorrelation import FEW as FEW_TO_CORRELATE
+from flinders.estimators.base import FINEST
+from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.likelihood import GLANCE
-from flinders.estimators.readings import LARGEST, SMALLEST
 from flinders.likelihood.identifiability import FLATTEST
 from flinders.stacked.algebra import (
     ENOUGH,

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self
 
-from flinders.estimators.estimate import FINEST
+from flinders.estimators.base import FINEST
 from flinders.estimators.likelihood import LONGEST_STEP, NO_WORSE, NOTHING, SETTLED_BUT_FOR_ONE, STEPS
 from flinders.likelihood.prior import DEVIATOR, SENSE, SPREAD
 from flinders.stacked.algebra import (

@@ -1,6 +1,6 @@
 """Which places the readings of many units take, in raw space and on the sphere.
 
-Cells of raw space tell which readings count where a clump of them shall not (`flinders.estimators.readings`), and their
+Cells of raw space tell which readings count where a clump of them shall not (`flinders.estimators.data`), and their
 means tell which directions were seen (`flinders.summary.coverage`). Both come from one sort of whole numbers: a
 reading's cell, then its rank in the order in which `Readings.spread_out` draws, then its place.
 
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.estimators.readings import PER_CELL
+from flinders.estimators.data import PER_CELL
 from flinders.estimators.robust import SEED
 from flinders.stacked import hung
 from flinders.stacked.algebra import (

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from flinders.estimators.least_median import LONGEST_AXIS, POINTS, RIDGE
 from flinders.estimators.robust import (
     ENOUGH_TO_JUDGE,
     FAR_OUT,
@@ -25,7 +26,6 @@ from flinders.estimators.robust import (
     TO_SIGMA,
     VERY_FAR_OUT,
 )
-from flinders.estimators.subsets import LONGEST_AXIS, POINTS, RIDGE
 from flinders.likelihood.equations import ROUNDING
 from flinders.stacked.algebra import (
     Array,
@@ -149,7 +149,7 @@ def _lengths_of_each(moves: Array, readings: Array, tried: int) -> Array:
 def _ellipsoids(points: Array) -> tuple[Array, Array, Array]:
     """Centres (H, 3) and inverse shapes (H, 3, 3) through (H, 3, 12) points, and (H,) whether they are sensible.
 
-    As `flinders.estimators.subsets` finds them; those that are not sensible are unit spheres.
+    As `flinders.estimators.least_median` finds them; those that are not sensible are unit spheres.
     """
     xp = namespace(points)
     x, y, z = points[:, 0, :], points[:, 1, :], points[:, 2, :]

@@ -1,0 +1,506 @@
+"""Aided: offset, shape and rotation from all that a recording holds beside its magnetometer.
+
+Minimises the sum of the squares of all residuals, each in its own standard deviation, over
+
+    θ = (b, S, R, drivers, slope, gyro bias, scales and delay, accelerometer bias, sin I or m)
+
+and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
+Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
+verticals comes from their residuals (components of variance: each sum of squares over the residuals that are left
+free); then the mean gradient that noise makes on the sphere is taken off, as for `Likelihood`.
+
+When to use it: wherever the body cannot be turned all over and there is a gyro, an accelerometer, or an attitude that
+does not come from this compass. All claims are for what the recording shows: a gyro says nothing of the rotation
+about an axis that it always turns about.
+
+>>> from flinders import simulate
+>>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
+>>> found = solve(drive.samples, ("rate", "dip"))
+>>> error = np.abs(found.parameters.offset - drive.sensor.offset)
+>>> bool(np.all(error < 4.0 * np.sqrt(np.diag(found.covariance)[:3]))), found.aids
+(True, ('rate', 'dip'))
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
+from flinders.estimators.base import Estimate
+from flinders.estimators.noise_information import pretence_of, without
+from flinders.estimators.sandwich_covariance import scatter_of, span_of, walk_of
+from flinders.estimators.solver import (
+    ACCELERATION_SIGMA,
+    ROTATION_SIGMA,
+    SCALE_SIGMA,
+    Equations,
+    Found,
+    Problem,
+    begun,
+    iterated,
+    reweighed,
+    solved,
+    starts,
+    surprise,
+    taken,
+    without_strays,
+)
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood import gyro, prior
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.likelihood.disturbances import Drivers
+    from flinders.likelihood.parameters import Layout, Parameters
+    from flinders.likelihood.site_field import Site
+
+AIDS: Final = {
+    "rate": "the gyro: the field turns as the body turns back",
+    "dip": "the accelerometer: the field's angle to the vertical stays the same",
+    "tilt": "the logged attitude without its yaw, as `dip`",
+    "attitude": "the logged attitude: the field stands still in the world",
+}
+"""What can be asked for, and what it goes by."""
+
+UNSEEN: Final = 0.5
+"""Share of the prior's variance that is left of a rotation that nothing has seen."""
+
+CORRECTED: Final = 8
+"""Steps with the mean gradient of the noise taken off."""
+
+SPANNED, SAME_SPAN = 3, 0.2
+"""Times that is looked at how verticals hang together, and change of a logarithm that is none."""
+
+WALKED: Final = 4
+"""Times that the walk of a gyro is looked at again, as a fit that it bends shows it too small."""
+
+STILL: Final = 0.1
+"""Standard deviations: what a walk moves by less is left."""
+
+EASED: Final = 0.03
+"""Standard deviations: such a step with it is the last, as the next would be shorter than `SETTLED`."""
+
+FAR_SCALES: Final = 5.0
+"""Standard deviations of what is thought of a gyro's scales: beyond, something else is wrong, and they are held."""
+
+FEWEST: Final = 12
+"""Readings that are needed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aided:
+    """What was found.
+
+    Attributes
+    ----------
+    parameters : Parameters
+    covariance : (P, P) float
+        Of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad.
+    textbook : (P, P) float
+        The same if all residuals were independent.
+    layout : Layout
+    noise : float
+        Standard deviation of a component of a reading, in its unit.
+    vertical_noise : float, optional
+        Standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis.
+    aids : tuple of str
+        Those that were used.
+    used : int
+        Readings.
+    strays : (K,) int
+        Readings that did not belong, counted from 0.
+    held : float
+        Share of the least known parameter of the shape that the prior speaks for.
+    walk : float, rad/√s
+        Random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it.
+    rotation_seen : (3,) float
+        Share of the prior's variance that is left of the rotation about the body's x, y and z.
+    creep : float
+        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
+    site_off : float, optional
+        Standard deviations between the dip found and that of the site.
+    scales_off : float
+        What the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead.
+        0 where they are as gyros are.
+    drivers : tuple of str
+        Names of the drivers.
+    """
+
+    parameters: Parameters
+    covariance: Floats
+    textbook: Floats
+    layout: Layout
+    noise: float
+    vertical_noise: float | None
+    aids: tuple[str, ...]
+    used: int
+    strays: NDArray[np.intp]
+    held: float
+    walk: float
+    rotation_seen: Floats
+    creep: float = 1.0
+    site_off: float | None = None
+    drivers: tuple[str, ...] = ()
+    scales_off: float = 0.0
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """In the magnetometer's own axes."""
+        return Ellipsoid(self.parameters.offset, self.parameters.shape)
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) R S⁻¹: takes readings about the offset to unit vectors in body axes."""
+        return np.linalg.inv(self.parameters.ellipsoid_like)
+
+    @property
+    def sees_rotation(self) -> bool:
+        """Something saw how the magnetometer is turned against the body, about one axis at least."""
+        return "rotation" in self.layout and bool(np.any(self.rotation_seen < UNSEEN))
+
+    @property
+    def rotation_covariance(self) -> Floats | None:
+        """(3, 3) rad², of the rotation; None where it was not looked for."""
+        return self.of("rotation")
+
+    def of(self, name: str) -> Floats | None:
+        """(k, k) covariance of one block of parameters; None where it was not free."""
+        if name not in self.layout:
+            return None
+        columns = self.layout.columns[name]
+        part: Floats = self.covariance[columns, columns]
+        return part
+
+    def corrected(self, field: Floats) -> Floats:
+        """(N, 3) unit-length field in body axes of (N, 3) readings, without drivers."""
+        turned: Floats = (field - self.parameters.offset) @ self.matrix.T
+        return turned
+
+    def estimate(self) -> Estimate:
+        """The ellipsoid with its marginal covariance, as every other method gives it."""
+        return Estimate(
+            self.ellipsoid,
+            self.covariance[:9, :9],
+            self.noise,
+            "aided",
+            held=self.held,
+            textbook=self.textbook[:9, :9],
+            used=self.used,
+        )
+
+
+def solve(
+    samples: Samples,
+    terms: Sequence[str] = ("rate", "dip"),
+    *,
+    site: Site | None = None,
+    drivers: Drivers | None = None,
+    start: Ellipsoid | None = None,
+    rotation: Floats | None = None,
+    spread: float = prior.SPREAD,
+    window_s: float = gyro.WINDOW_S,
+    delay: bool = True,
+    gyro_scale: float = SCALE_SIGMA,
+    acceleration_bias: float = ACCELERATION_SIGMA,
+    near: Aided | None = None,
+) -> Aided:
+    """Fit all that a recording holds.
+
+    Parameters
+    ----------
+    samples : Samples
+        One recording, in memory.
+    terms : sequence of str
+        Of `AIDS`; none of them leaves the magnitude alone.
+    site : Site, optional
+        What is known of the field there.
+    drivers : Drivers, optional
+        Currents, throttle or temperature, a column each.
+    start : Ellipsoid, optional
+        Where to begin; by default what `Auto` finds, or a sphere about the readings.
+    rotation : (3, 3) float, optional
+        Which way the magnetometer sits on the body, about which the rotation is looked for.
+    spread : float
+        Of the prior on the shape, see `flinders.likelihood.prior`.
+    window_s : float
+        Length of the windows of the rate, in s.
+    delay : bool
+        Whether to find by how much the magnetometer is behind the gyro.
+    gyro_scale : float
+        What the scales of the gyro may be off by, 1 σ, and its axes from square and from those of an accelerometer, in
+        rad: they are found with the rest.
+        0 where that gyro has been calibrated. Scales that come out at more than `FAR_SCALES` times as much tell of
+        something else that is wrong; they are then held, and `Aided.scales_off` says what they were.
+    acceleration_bias : float
+        What the accelerometer may be off by on each axis, 1 σ, in m/s²: it is found with the rest. 0 where that
+        accelerometer has been calibrated.
+    near : Aided, optional
+        Another fit to the same readings, with the same drivers: tried before any other start.
+
+    Raises
+    ------
+    UsageError
+        For a term that is not known, or whose column is missing.
+    TooFewSamples
+        For fewer readings than parameters.
+    NotAnEllipsoid
+        If no step leads to a closed surface.
+    FitError
+        For a column in which nothing is told.
+    """
+    refuse_without(samples, terms)
+    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
+    put = _Put(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay, acceleration_bias)
+    aided = _solved(put, gyro_scale, start, near).finished()
+    off = float(np.abs(aided.parameters.gyro_scale).max())
+    if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
+        return replace(_solved(put, 0.0, start, near).finished(), scales_off=off)
+    return aided
+
+
+def parameters_of(
+    samples: Samples,
+    terms: Sequence[str],
+    *,
+    rotation: Floats | None,
+    near: Aided,
+    gyro_scale: float = SCALE_SIGMA,
+    acceleration_bias: float = ACCELERATION_SIGMA,
+) -> Parameters:
+    """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
+    samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
+    put = _Put(
+        samples, tuple(terms), None, None, rotation, prior.SPREAD, gyro.WINDOW_S,
+        delay=True, acceleration_bias=acceleration_bias,
+    )  # fmt: skip
+    solved_for = _solved(put, gyro_scale, None, near)
+    found = without_strays(solved_for.problem, solved_for.found)
+    problem = solved_for.problem.freed()
+    return _eased(problem, found, np.zeros(problem.layout.size))[0].at
+
+
+class _Put(NamedTuple):
+    """What is asked for, but for the gyro's scales."""
+
+    samples: Samples
+    terms: tuple[str, ...]
+    site: Site | None
+    drivers: Drivers | None
+    rotation: Floats | None
+    spread: float
+    window_s: float
+    delay: bool
+    acceleration_bias: float
+
+    def problem(self, gyro_scale: float) -> Problem:
+        """Put the readings in groups."""
+        return Problem.of(
+            self.samples, self.terms, self.site, self.drivers, self.rotation, self.spread, self.window_s,
+            delay=self.delay, gyro_scale=gyro_scale, acceleration_bias=self.acceleration_bias,
+        )  # fmt: skip
+
+
+class _Solved(NamedTuple):
+    """Where the best start leads, and by how many seconds, in whole intervals, the rate was moved for it."""
+
+    problem: Problem
+    found: Found
+    late_s: float
+
+    def finished(self) -> Aided:
+        """What is found and claimed, without readings that do not belong."""
+        aided = _finished(self.problem.freed(), without_strays(self.problem, self.found))
+        whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
+        return replace(aided, parameters=whole)
+
+
+def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
+    """Go down from each start until one leaves no more than noise.
+
+    Raises
+    ------
+    TooFewSamples, NotAnEllipsoid, FitError
+        As `solve`.
+    """
+    if len(put.samples) < FEWEST:
+        raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
+    problem = put.problem(gyro_scale)
+    _refuse_nothing(problem, put.samples)
+    best: Found | None = None
+    for begin in _begins(problem, put, start, near):
+        found = iterated(problem, begun(problem, begin))
+        if best is None or surprise(problem, found) < surprise(problem, best):
+            best = found
+        if not found.misfits:
+            break
+    if best is None:
+        raise NotAnEllipsoid((float("nan"),) * 3, "aided")
+    late = _whole_intervals(best.at.delay, problem.interval)
+    if not late or put.samples.rate is None:
+        return _Solved(problem, best, 0.0)
+    late_s = late * problem.interval
+    behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
+    at = replace(best.at, delay=best.at.delay - late_s)
+    return _Solved(behind, iterated(behind, begun(behind, behind.begin_near(at, problem.layout))), late_s)
+
+
+def _begins(problem: Problem, put: _Put, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
+    """Where to start: near another fit, and where readings by themselves say."""
+    if near is not None:
+        yield problem.begin_near(near.parameters, near.layout)
+    for ellipsoid in starts(put.samples, put.site) if start is None else [start]:
+        yield problem.begin(ellipsoid)
+
+
+def _refuse_nothing(problem: Problem, samples: Samples) -> None:
+    """Refuse a column that is there and tells nothing.
+
+    Raises
+    ------
+    FitError
+        Naming it.
+    """
+    trusts = [group.trust for group in problem.groups if group.trust is not None]
+    if trusts and not any(trust.any() for trust in trusts):
+        column = "acceleration" if "dip" in problem.aids else "attitude"
+        raise FitError(
+            f"{samples.source}: no reading has an {column} that tells a direction, all are zero or missing: "
+            f"record it, or leave {' and '.join(aid for aid in problem.aids if aid != 'rate')} out",
+            column=column,
+        )
+
+
+def _whole_intervals(delay_s: float, interval_s: float) -> int:
+    """How many readings a delay is, to the nearest; what is left of it moves readings by less than the rate changes."""
+    return round(delay_s / interval_s) if interval_s > 0.0 else 0
+
+
+def _moved_back(rate: Floats, rows: int) -> Floats:
+    """(N, 3) rates, so many readings later; NaN where that was not recorded.
+
+    >>> _moved_back(np.array([[1.0], [2.0], [3.0]]), 1).ravel()
+    array([nan,  1.,  2.])
+    """
+    moved = np.roll(rate, rows, axis=0).astype(float)
+    moved[slice(0, rows) if rows > 0 else slice(rows, None)] = np.nan
+    return moved
+
+
+def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
+    """Refuse terms that are not known, and those whose column a recording lacks.
+
+    Raises
+    ------
+    UsageError
+        Naming what is needed.
+    """
+    needed = {"rate": ("rate", "time"), "dip": ("acceleration",), "tilt": ("attitude",), "attitude": ("attitude",)}
+    for term in terms:
+        if term not in AIDS:
+            raise UsageError(f"aid {term!r} is not known: use one of {', '.join(AIDS)}, or auto")
+        for column in needed[term]:
+            if getattr(samples, column) is None:
+                raise UsageError(
+                    f"{samples.source} has no {column}, which {term!r} goes by: leave {term!r} out, or record {column}"
+                )
+
+
+def _finished(problem: Problem, found: Found) -> Aided:
+    """Take off what the sphere's curvature adds, and say how far to trust what is left."""
+    found, equations = _eased(problem, found, np.zeros(problem.layout.size))
+    found, equations = _spanned(problem, found, equations)
+    inverse = _inverse(equations)
+    walk = walk_of(problem, found, inverse)
+    for _ in range(WALKED):
+        found = replace(found, weights=found.weights._replace(own=walk.own))
+        left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
+        if float(left @ inverse @ left) < STILL**2:
+            break
+        found, equations = _eased(problem, found, walk.bent)
+        inverse = _inverse(equations)
+        walk = walk_of(problem, found, inverse)
+    scatter = scatter_of(problem, found, walk)
+    whole = equations.prior.matrix + scatter.creep * scatter.covariance
+    believed = equations.prior.matrix
+    told = without(equations.matrix, pretence_of(problem, found), believed)
+    textbook = replace(equations.prior, matrix=told).inverse()
+    covariance = textbook @ whole @ textbook
+    of_shape = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
+    held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))
+    seen: Floats = np.ones(3)
+    if "rotation" in problem.layout:
+        columns = problem.layout.columns["rotation"]
+        seen = np.diag(textbook)[columns] / ROTATION_SIGMA**2
+    strays = [group.rows[group.weight == 0.0] for group in found.groups]
+    return Aided(
+        found.at,
+        covariance,
+        textbook,
+        problem.layout,
+        found.weights.noise,
+        found.weights.vertical if any(group.trust is not None for group in found.groups) else None,
+        problem.aids,
+        sum(group.count for group in found.groups),
+        np.sort(np.concatenate(strays)),
+        held,
+        math.sqrt(walk.variance / max(problem.interval, 1e-9)),
+        seen,
+        scatter.creep,
+        _site_off(problem, found, covariance),
+        () if problem.drivers is None else problem.drivers.names,
+    )
+
+
+def _spanned(problem: Problem, found: Found, equations: Equations) -> tuple[Found, Equations]:
+    """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
+    span = span_of(problem, found)
+    for _ in range(SPANNED):
+        if abs(math.log(span.readings / found.weights.span)) < SAME_SPAN:
+            break
+        found = replace(found, weights=found.weights._replace(span=span.readings))
+        found, equations = _eased(problem, found, np.zeros(problem.layout.size))
+        span = span_of(problem, found)
+        found = replace(found, weights=found.weights._replace(vertical=span.noise))
+    return found, equations
+
+
+def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equations]:
+    """Take off the mean gradient that noise makes: what the equations know of, and (P,) what a walk adds."""
+    for _ in range(CORRECTED):
+        equations = Equations.of(problem, found)
+        matrix = equations.matrix + equations.prior.matrix
+        step = solved(matrix, equations.gradient - equations.bent - bent + equations.prior.gradient, 0.0)
+        moved = taken(problem, found, equations, step)
+        if moved is None:
+            break
+        found = reweighed(problem, moved, equations)
+        if float(step @ matrix @ step) < EASED**2:
+            break
+    return found, Equations.of(problem, found)
+
+
+def _inverse(equations: Equations) -> Floats:
+    """(P, P) covariance for residuals that are independent."""
+    return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
+
+
+def _site_off(problem: Problem, found: Found, covariance: Floats) -> float | None:
+    """How far the dip found is from that of the site, in standard deviations of what the site is known to."""
+    if problem.site is None or problem.site.sine is None:
+        return None
+    if "sine" in problem.layout:
+        column = problem.layout.columns["sine"].start
+        left = max(1.0 - covariance[column, column] / problem.site.sine_sigma**2, 0.0)
+        return float((found.at.sine - problem.site.sine) / problem.site.sine_sigma / math.sqrt(max(left, 1e-6)))
+    if "direction" in problem.layout:
+        return float((found.at.direction[2] - problem.site.sine) / problem.site.sine_sigma)
+    return None

@@ -1,0 +1,378 @@
+"""How residuals hang together, in time and in direction, and what that does to a covariance.
+
+The textbook covariance σ²(JᵀJ)⁻¹ takes residuals for independent. Those of real recordings are not: the
+field has gradients along the path of the hand, the body is near, the sensor is not linear. Four
+calibrations of one board differ in heading by about three times what the textbook claims.
+
+What a fit's error depends on is the scatter of Σ J s over residuals s. With correlated residuals it is
+
+    B = Σᵢⱼ Jᵢ Jⱼᵀ C(tᵢ − tⱼ) + Σᵢⱼ Jᵢ Jⱼᵀ D(uᵢ, uⱼ)
+
+C is the autocovariance of the residuals, a function of one lag, estimated from all of them and cut off
+where it sinks into its own noise; the products of Jacobians are those of the recording. D is a
+distortion that belongs to the direction, not to the moment: its size is what residuals in one
+direction have in common at different times, and it is taken for smooth, without the part
+that an ellipsoid fitted all around would absorb.
+
+What creeps over minutes below the noise of a single reading has no autocovariance that rises above its own noise, and
+yet moves a fit more than the noise does. It shows when the recording is cut in a few blocks: their gradients
+Σ J s are then larger than B lets them be, and B is enlarged by as much.
+
+Residuals below `FINEST`, a millionth of the field, are those of rounding: of exact readings, or of readings kept in
+single precision. They follow the arithmetic and not the sensor, and are taken for white. The covariance claims no
+less noise than that, so that nothing is gained by them either.
+
+References
+----------
+W. K. Newey, K. D. West, Econometrica 55 (1987) 703–708, for sums over lags; a Gaussian process on the sphere with
+a squared exponential kernel for D; blocks as in R. T. Birge, Phys. Rev. 40 (1932) 207–227, external beside internal
+consistency.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.estimators.base import FINEST
+from flinders.likelihood import magnitude
+from flinders.likelihood.equations import ROUNDING
+from flinders.summary.coverage import CELLS, cells_of, directions_of
+from flinders.summary.pooling import DEPENDENT, chance_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.geometry.ellipsoid import Ellipsoid
+
+FEW: Final = 50
+"""Fewer readings than this say nothing of their correlation."""
+
+LONGEST_LAG: Final = 1000
+"""Readings: twenty seconds at 50 Hz, longer than a turn by hand takes."""
+
+PARTNERS: Final = 0.75
+"""Of the readings: with fewer pairs than that a lag is not looked at, as their sum falls short of it."""
+
+SMOOTH: Final = np.deg2rad(30.0)
+"""Angle over which a distortion that belongs to the direction stays alike."""
+
+SIGNIFICANT: Final = 2.0
+"""Standard errors beyond which a correlation is one."""
+
+PROVEN: Final = 3.0
+"""The same for a distortion that belongs to directions: what is not there would cost the claim much."""
+
+MOST_FREEDOM: Final = 1.3
+"""Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
+
+
+BLOCKS: Final = 8
+"""Blocks of a recording, put together to four, that tell what creeps."""
+
+BY_CHANCE: Final = 0.02
+"""Creeping that chance makes more often than this is not one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correlation:
+    """What residuals say of each other.
+
+    Attributes
+    ----------
+    scatter : (9, 9) float
+        Covariance of Σ J s over all readings, in the square of the distances' unit.
+    lag_one : float
+        Correlation of a residual with the next.
+    time : float
+        Readings that say as much as one independent reading.
+    direction : float
+        Standard deviation of the distortion that belongs to directions, in the unit of the readings.
+    creep : float
+        Factor by which blocks of the recording scatter more than that allows, in variance.
+    """
+
+    scatter: Floats
+    lag_one: float
+    time: float
+    direction: float
+    creep: float = 1.0
+
+    @property
+    def is_white(self) -> bool:
+        """Nothing but independent noise was found."""
+        return self.time == 1.0 and self.direction == 0.0 and self.creep == 1.0
+
+    def effective(self, count: float) -> float:
+        """How many independent readings say as much as `count` of these."""
+        return count / (self.time * self.creep)
+
+
+def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> Correlation:
+    """Look at stretches of consecutive readings.
+
+    Parameters
+    ----------
+    stretches : sequence of (m, 3) float
+        Readings in the order of recording, without gaps within a stretch.
+    count : int
+        Readings that they stand for.
+    ellipsoid : Ellipsoid
+        The fit.
+    """
+    lengths = np.array([len(stretch) for stretch in stretches])
+    readings = stretches[0] if len(stretches) == 1 else np.concatenate(stretches)
+    directions = directions_of(readings, ellipsoid)
+    residuals = Residuals(
+        magnitude.distances(readings, ellipsoid),
+        magnitude.information(directions, ellipsoid),
+        np.split(np.arange(len(readings)), np.cumsum(lengths)[:-1]),
+    )
+    share = count / len(readings)
+    if float(np.sqrt(np.mean(residuals.distances**2))) < FINEST * ellipsoid.radius:
+        return Correlation(share * residuals.scatter(residuals.variance()), 0.0, 1.0, 0.0)
+    autocovariance = residuals.autocovariance()
+    time = time_of(autocovariance)
+    sphere = _Sphere(directions, cells_of(directions), ellipsoid)
+    direction = sphere.distortion(residuals.distances, apart=3 * len(autocovariance), time=time)
+    scatter: Floats = np.zeros((9, 9))
+    if direction > 0.0:
+        scatter = scatter + share**2 * sphere.scatter(direction)
+        residuals = residuals.less(sphere.smoothed(residuals.distances, direction, time))
+        autocovariance = residuals.autocovariance()
+    lag_one = residuals.lag_one()
+    independent = len(readings) * share / time
+    freedom = min(independent / max(independent - 9.0, 1.0), MOST_FREEDOM)
+    in_time = freedom * residuals.scatter(autocovariance)
+    creep = 1.0 + share * (residuals.creep(in_time) - 1.0)
+    return Correlation(scatter + share * creep * in_time, lag_one, time, direction, creep)
+
+
+def time_of(autocovariance: Floats) -> float:
+    """Readings that say as much as one independent reading: 1 + 2 Σ C(k)/C(0)."""
+    return 1.0 + 2.0 * float(autocovariance[1:].sum()) / max(float(autocovariance[0]), 1e-300)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """Distances from the surface in the order of recording.
+
+    Attributes
+    ----------
+    distances : (N,) float
+    jacobian : (N, 9) float
+    stretches : list of (m,) int
+        Places of consecutive ones.
+    """
+
+    distances: Floats
+    jacobian: Floats
+    stretches: list[NDArray[np.int64]]
+
+    def less(self, smooth: Floats) -> Residuals:
+        """Take something off."""
+        return Residuals(self.distances - smooth, self.jacobian, self.stretches)
+
+    def lag_one(self) -> float:
+        """Correlation of one with the next."""
+        products = sum(float(self.distances[s][1:] @ self.distances[s][:-1]) for s in self.stretches)
+        return products / max(float(self.distances @ self.distances), 1e-300)
+
+    def variance(self) -> Floats:
+        """(1,) C(0) alone: the autocovariance of white residuals."""
+        return np.array([float(self.distances @ self.distances) / len(self.distances)])
+
+    def autocovariance(self) -> Floats:
+        """(K,) C(0), C(1), … up to where it sinks into its noise; C(0) alone where residuals are white."""
+        total = len(self.distances)
+        most = self._longest_lag()
+        if abs(self.lag_one()) < SIGNIFICANT / np.sqrt(total) or most < 2:
+            return self.variance()
+        sums = np.zeros(most)
+        for stretch in self.stretches:
+            spectrum = np.fft.rfft(self.distances[stretch], 2 * len(stretch))
+            products = np.fft.irfft(np.abs(spectrum) ** 2)[: min(most, len(stretch))]
+            sums[: len(products)] += products
+        sunk = np.flatnonzero(sums < SIGNIFICANT / np.sqrt(total) * sums[0])
+        return sums[: sunk[0] if len(sunk) else most] / total
+
+    def _longest_lag(self) -> int:
+        """The largest lag at which enough readings still have a partner in their stretch, however short some are."""
+        lengths = np.array([len(stretch) for stretch in self.stretches])
+        lags = np.arange(1, min(int(lengths.max()), LONGEST_LAG) + 1)
+        partners = np.maximum(lengths - lags[:, np.newaxis], 0).sum(axis=1)
+        return int(np.count_nonzero(partners >= PARTNERS * lengths.sum()))
+
+    def scatter(self, autocovariance: Floats) -> Floats:
+        """(9, 9) Σᵢⱼ JᵢJⱼᵀ C(i − j), the products of Jacobians interpolated between a few lags."""
+        white = autocovariance[0] * self.jacobian.T @ self.jacobian
+        total = white.copy()
+        lags, weights = quadrature(autocovariance)
+        for lag, weight in zip(lags, weights, strict=True):
+            for stretch in self.stretches:
+                rows = self.jacobian[stretch]
+                product = rows[:-lag].T @ rows[lag:]
+                total += weight * (product + product.T)
+        return total if not lags else _not_below(total, white)
+
+    def creep(self, scatter: Floats) -> float:
+        """Factor by which blocks of the recording scatter more than a scatter (9, 9) of the whole allows; at least 1.
+
+        With gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, N and B of the whole, q = Σ gᵦᵀB⁻¹gᵦ has the mean
+        9 − Σ tr (N⁻¹Nᵦ)² about a fit, and twice that sum for its variance. Eight and four blocks are
+        looked at; the largest q over its mean that chance does not explain counts.
+        """
+        values, vectors = _principal(scatter)
+        rows = self.jacobian @ (vectors / np.sqrt(values))  # in which B is the unit matrix
+        blocks = np.array_split(np.arange(len(rows)), BLOCKS)
+        gradients = np.stack([self.distances[block] @ rows[block] for block in blocks])
+        squares = np.stack([rows[block].T @ rows[block] for block in blocks])
+        inverse = np.linalg.inv(squares.sum(axis=0))
+        largest = 1.0
+        while len(gradients) >= 4:
+            shares = inverse @ squares
+            taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
+            found, expected = float(np.sum(gradients**2)), len(values) - taken
+            if expected > 0.0 and chance_of(found * expected / taken, round(expected**2 / taken)) < BY_CHANCE:
+                largest = max(largest, found / expected)
+            gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
+        return largest
+
+
+def _not_below(scatter: Floats, white: Floats) -> Floats:
+    """Keep a scatter matrix from claiming more than white residuals would, or much more than it does on average.
+
+    An autocovariance that is cut off is not positive definite, and few independent readings make a noisy sum: in
+    units of the white scatter no eigenvalue may be below one, or below a quarter of their mean.
+    """
+    values, vectors = _principal(white)
+    inverse = vectors / np.sqrt(values)
+    inflation, turned = np.linalg.eigh(inverse.T @ scatter @ inverse)
+    inflation = np.maximum(inflation, max(1.0, float(inflation.mean()) / 4.0))
+    spread = white @ inverse @ turned
+    kept: Floats = spread * inflation @ spread.T
+    return kept
+
+
+def _principal(matrix: Floats) -> tuple[Floats, Floats]:
+    """(k,) and (9, k): VᵀMV is diag(values) for a symmetric M, over the directions that rounding leaves of it."""
+    diagonal = np.diag(matrix)
+    told = diagonal > ROUNDING * float(diagonal.max())
+    scale = np.sqrt(np.where(told, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(np.where(np.outer(told, told), matrix, 0.0) / np.outer(scale, scale))
+    kept = values > DEPENDENT * values[-1]
+    return values[kept], vectors[:, kept] / scale[:, np.newaxis]
+
+
+def quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:
+    """Lags at which products are taken, and their weights: Σₖ C(k) M(k) with M linear between them."""
+    last = len(autocovariance)
+    if last < 2:
+        return [], np.empty(0)
+    lags = sorted({round(float(lag)) for lag in np.geomspace(1, last - 1, 20)})
+    every = np.arange(1, last)
+    hats = np.array([np.interp(every, lags, unit) for unit in np.eye(len(lags))])
+    weights: Floats = hats @ autocovariance[1:]
+    return lags, weights
+
+
+class _Sphere:
+    """Residuals by direction, in cells of the sphere.
+
+    Parameters
+    ----------
+    directions : (N, 3) float
+    cells : (N,) int
+    ellipsoid : Ellipsoid
+    """
+
+    def __init__(self, directions: Floats, cells: NDArray[np.int64], ellipsoid: Ellipsoid) -> None:
+        self.cells: NDArray[np.int64] = cells
+        counts = np.bincount(cells, minlength=len(CELLS)).astype(float)
+        self.seen = np.flatnonzero(counts)
+        self.counts = counts[self.seen]
+        sums = np.stack([np.bincount(cells, weights=axis, minlength=len(CELLS)) for axis in directions.T], axis=1)
+        middles = sums[self.seen] / np.linalg.norm(sums[self.seen], axis=1, keepdims=True)
+        self._middles = middles
+        self._ellipsoid = ellipsoid
+
+    @cached_property
+    def jacobian(self) -> Floats:
+        """(seen, 9) Jacobian in the middle of each seen cell."""
+        return magnitude.information(self._middles, self._ellipsoid)
+
+    @cached_property
+    def _kernel(self) -> Floats:
+        return _kernel(self._middles, self.jacobian, magnitude.information(CELLS, self._ellipsoid))
+
+    def distortion(self, residuals: Floats, *, apart: int, time: float) -> float:
+        """Standard deviation of what residuals of one direction have in common at different times; 0 where unproven.
+
+        Visits to a cell are stretches of readings there, separated by more than `apart` readings. Products of
+        the sums of different visits have no part in the noise of either.
+        """
+        order = np.argsort(self.cells, kind="stable")
+        cells = self.cells[order]
+        begins = np.concatenate([[True], (cells[1:] != cells[:-1]) | (np.diff(order) > apart)])
+        visit = np.cumsum(begins) - 1
+        at = cells[begins]
+        cross = self._between_visits(at, np.asarray(np.bincount(visit, weights=residuals[order]), float))
+        pairs = self._between_visits(at, 1.0 * np.bincount(visit))
+        found = float(np.sum(cross / self.counts))
+        noise = float(np.mean(residuals**2)) * time * np.sqrt(2.0 * float(np.sum(pairs / self.counts**2)))
+        if found <= PROVEN * noise:
+            return 0.0
+        expected = float(np.sum(pairs * self._left_over() / self.counts))
+        return float(np.sqrt(found / expected)) if expected > 0.0 else 0.0
+
+    def scatter(self, direction: float) -> Floats:
+        """(9, 9) Σ JJᵀD over all pairs of readings, for a distortion of that standard deviation."""
+        weighted = self.jacobian * self.counts[:, np.newaxis]
+        scatter: Floats = direction**2 * weighted.T @ self._kernel @ weighted
+        return scatter
+
+    def smoothed(self, residuals: Floats, direction: float, time: float) -> Floats:
+        """(N,) the most probable distortion at each reading."""
+        means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
+        noise = float(np.mean(residuals**2)) * time / self.counts
+        prior = direction**2 * self._kernel
+        everywhere = np.zeros(len(CELLS))
+        everywhere[self.seen] = prior @ np.linalg.solve(prior + np.diag(noise), means)
+        at_each: Floats = everywhere[self.cells]
+        return at_each
+
+    def _between_visits(self, cells: NDArray[np.intp], sums: Floats) -> Floats:
+        """(seen,) Σ over pairs of different visits to a cell of the products of their sums."""
+        whole, squares = (np.bincount(cells, weights=part, minlength=len(CELLS)) for part in (sums, sums**2))
+        products: Floats = np.asarray(whole**2 - squares, float)[self.seen]
+        return products
+
+    def _left_over(self) -> Floats:
+        """(seen,) variance that a distortion of unit size leaves in the residuals of a fit to these readings."""
+        weighted = self.jacobian.T * self.counts
+        fitted = self.jacobian @ np.linalg.pinv(weighted @ self.jacobian, rcond=1e-10, hermitian=True) @ weighted
+        rest = np.eye(len(self.seen)) - fitted
+        variance: Floats = np.einsum("ij,jk,ik->i", rest, self._kernel, rest)
+        return variance
+
+
+def _kernel(middles: Floats, jacobian: Floats, everywhere: Floats) -> Floats:
+    """(K, K) covariance of a smooth function on the sphere, less what an ellipsoid fitted all around absorbs."""
+    inside = _alike(middles, middles)
+    across = _alike(middles, CELLS)
+    absorbed = jacobian @ np.linalg.solve(everywhere.T @ everywhere, everywhere.T)
+    mixed = absorbed @ across.T
+    kernel: Floats = inside - mixed - mixed.T + absorbed @ _alike(CELLS, CELLS) @ absorbed.T
+    return kernel
+
+
+def _alike(some: Floats, others: Floats) -> Floats:
+    angles = np.arccos(np.clip(some @ others.T, -1.0, 1.0))
+    likeness: Floats = np.exp(-0.5 * (angles / SMOOTH) ** 2)
+    return likeness

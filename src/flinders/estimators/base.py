@@ -1,0 +1,112 @@
+"""What an estimator is, and what it gives back."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, Protocol
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.estimators.autocorrelation import Correlation
+    from flinders.estimators.data import Readings
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.geometry.plane import Plane
+    from flinders.result import Stray
+
+FINEST: Final = 1e-6
+"""Of the field: no sensor resolves less, and no fit claims to."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """An ellipsoid with its uncertainty.
+
+    Attributes
+    ----------
+    ellipsoid : Ellipsoid
+    covariance : (9, 9) float
+        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular where a method holds some of them.
+    noise : float
+        Standard deviation of the distance from the ellipsoid, in the unit of the readings.
+    method : str
+        What was run in the end.
+    bias : (9,) float
+        Difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
+        not explain it; in the covariance already.
+    held : float
+        Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
+        it all, 1 where they say nothing.
+    correlation : Correlation, optional
+        How residuals hang together; the covariance is wider for it.
+    textbook : (9, 9) float, optional
+        Covariance that would hold for independent residuals.
+    used : int
+        Readings that it rests on.
+    unseen : int
+        Directions of parameter space of which the readings say nothing.
+    rejected_beyond : float
+        Distance from the surface beyond which readings were left out, in their unit.
+    strays : tuple of Stray
+        All that was left out: `used` and their rows add up to the readings there were.
+    plane : str, optional
+        ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on.
+    strength : float, optional
+        Length that the method gives to corrected readings where no field strength is known; None for that which
+        makes the determinant of the matrix 1.
+    follows : str
+        ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests
+        on it; `strength` is then its mean, and known.
+    z_down : bool, optional
+        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
+        that dip was used and neither an accelerometer nor anybody says which way z points.
+    """
+
+    ellipsoid: Ellipsoid
+    covariance: Floats
+    noise: float
+    method: str
+    bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
+    held: float = 0.0
+    correlation: Correlation | None = None
+    textbook: Floats | None = None
+    used: int = 0
+    unseen: int = 0
+    rejected_beyond: float = np.inf
+    strays: tuple[Stray, ...] = ()
+    strength: float | None = None
+    plane: Plane | None = None
+    follows: Literal["", "constant", "varying"] = ""
+    z_down: bool | None = True
+
+
+class Estimator(Protocol):
+    """A way of finding an ellipsoid.
+
+    Attributes
+    ----------
+    name : str
+        What `flinders.fit(method=…)` calls it.
+    unknowns : int
+        What it finds, the noise among it, and so the least number of readings.
+    use : str
+        When to use it, in one line.
+    is_biased : bool
+        Its model or its equation leaves an error that more readings do not take away.
+    """
+
+    name: ClassVar[str]
+    unknowns: ClassVar[int]
+    use: ClassVar[str]
+    is_biased: ClassVar[bool]
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit.
+
+        Raises
+        ------
+        FitError
+            If these readings give no ellipsoid.
+        """

@@ -1,0 +1,395 @@
+"""What drives the offset, found along with the ellipsoid: motors, throttle, temperature.
+
+Minimises
+
+    Σ s(x − Σ P (c(t − lag) − reference))² / σ² + prior
+
+over offset b, shape S, the offset per unit P of each driver, the growth a of the scale with the temperature, and the
+lag of motors, s being the Sampson distance. `flinders.estimators.regressors` has the columns,
+`flinders.estimators.disturbance_solver` takes the steps, `flinders.estimators.time_delay` looks for lags and keeps
+those that readings prove, and `flinders.estimators.regressor_noise` says whether a column is fit to be followed.
+
+Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
+turned. Not where the driver only changed in step with the attitude (see `Found.shared`), nor for a sensor that was not
+turned: for that there is `flinders.estimators.static_bench`.
+
+The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
+carried over to b and S by `Driving.carried`, so that their covariance is that of the joint fit:
+
+    C = C | P + G C_P Gᵀ,        G = −(JᵀJ)⁻¹ JᵀJ_P
+
+>>> from flinders import simulate
+>>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
+>>> found = driving_of([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
+>>> error = found.drivers[0].per_unit - [0.5, 0.0, -0.3]
+>>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(found.covariance))))
+True
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, cast
+
+import numpy as np
+
+from flinders.core.calibration import Calibration
+from flinders.core.compensation import settled
+from flinders.core.disturbance import Driver, motor
+from flinders.core.samples import singles
+from flinders.errors import NotTurned, UsageError
+from flinders.estimators.disturbance_solver import Problem, Solver, settle
+from flinders.estimators.linearity import curvature
+from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, pooled, rounding, widened
+from flinders.estimators.regressors import Logged
+from flinders.estimators.static_bench import still
+from flinders.estimators.time_delay import kept, lagging, lags_of, residuals_of
+from flinders.geometry.plane import down_of
+from flinders.heading.error_propagation import HeadingError, level_error
+from flinders.likelihood import disturbance, prior
+from flinders.likelihood.equations import NormalEquations
+from flinders.result import Driven
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording
+    from flinders.estimators.disturbance_solver import Solved
+    from flinders.estimators.regressor_noise import Noise
+    from flinders.estimators.time_delay import Lag
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.result import Fit
+
+
+LEANT: Final = 0.5
+"""Leverage from which on a reading says more of the surface through it than all others say there."""
+
+MOST_LEVERAGE: Final = 0.99
+"""More would say anything of what the reading is off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What is known of one driver beside its numbers.
+
+    Attributes
+    ----------
+    name : str
+    shared : float
+        Share of what readings tell about it, in the worst direction, that offset and shape could explain as well.
+    one_way : float
+        Share of its course that a monotone function of time explains.
+    attenuation : float
+        By which share P is too small, as its meter is noisy.
+    lag_sigma_s : float
+        Standard deviation of the lag, s, of none where it is not proven; NaN where none was looked for.
+    chi_square : float
+        What it takes off the sum of squares, in the noise variance that is left.
+    is_beyond : bool
+        The end of the search for a lag is best.
+    curvature : float
+        How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
+    alike : float
+        Share of its course that the other drivers explain.
+    """
+
+    name: str
+    shared: float
+    one_way: float
+    attenuation: float
+    lag_sigma_s: float
+    chi_square: float
+    is_beyond: bool = False
+    curvature: float = 0.0
+    alike: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Driving:
+    """Drivers with their uncertainty, and what that does to an ellipsoid.
+
+    Attributes
+    ----------
+    drivers : tuple of Driver
+    covariance : (K, K) float
+        Of (P₁, P₂, …, a): three rows for each driver, and one for the growth with the temperature where there is one.
+    carried : (9, K) float
+        By how much offset and shape move for each unit of those.
+    ellipsoid : Ellipsoid
+        The one found along with them.
+    noise : float
+        Standard deviation of the distances that are left, in the unit of the readings.
+    noise_without : float
+        The same of the best ellipsoid that follows nothing, over the same readings.
+    found : tuple of Found
+        One for each driver.
+    constant : tuple of str
+        Drivers that hardly changed, of which nothing was found.
+    along : (D, D) float
+        What a unit of one driver goes with of another motor's, in its unit, row by row; ones on the diagonal.
+    leaning : (9, 9) float
+        Covariance of offset and shape from what single readings may be off on which they lean.
+    """
+
+    drivers: tuple[Driver, ...]
+    covariance: Floats
+    carried: Floats
+    ellipsoid: Ellipsoid
+    noise: float
+    noise_without: float
+    found: tuple[Found, ...]
+    constant: tuple[str, ...] = ()
+    along: Floats = field(default_factory=lambda: np.eye(0))
+    leaning: Floats = field(default_factory=lambda: np.zeros((9, 9)))
+
+    @property
+    def calibration(self) -> Calibration:
+        """A calibration that follows the drivers, by which readings are settled."""
+        return replace(Calibration.from_ellipsoid(self.ellipsoid.centre, self.ellipsoid.shape), drivers=self.drivers)
+
+    def widened(self, covariance: Floats) -> Floats:
+        """(9, 9) covariance of offset and shape at the references, from that which takes the drivers as known."""
+        wider: Floats = covariance + self.leaning + self.carried @ self.covariance @ self.carried.T
+        return wider
+
+    def joint(self, covariance: Floats) -> Floats:
+        """(9 + K, 9 + K) covariance of offset, shape and drivers, from that of offset and shape as it was widened."""
+        across = self.carried @ self.covariance
+        return np.block([[covariance, across], [across.T, self.covariance]])
+
+    def at_end(self, covariance: Floats, place: int) -> Floats:
+        """(9, 9) the same at the far end of the range of one driver, all but motors beside it at their references."""
+        driver = self.drivers[place]
+        carried = self.carried.copy()
+        away = (driver.farthest - driver.reference) * self.along[place]
+        carried[:3, : 3 * len(away)] += np.kron(away, np.eye(3))
+        wider: Floats = covariance + carried @ self.covariance @ carried.T
+        return wider
+
+    def left(self, ellipsoid: Ellipsoid, place: int, *, dip_deg: float, down: Floats | None = None) -> HeadingError:
+        """Heading error (1 σ) that the uncertainty of one driver leaves at the far end of its range."""
+        return level_error(ellipsoid, self.at_end(np.zeros((9, 9)), place), dip_deg=dip_deg, down=down)
+
+
+def driving_of(
+    recordings: Sequence[Recording], names: Sequence[str], *, spread: float | None = prior.SPREAD
+) -> Driving:
+    """Find what drives the offset.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        Of one sensor; a lag does not reach from one into the next.
+    names : sequence of str
+        ``current``, ``throttle``, ``temperature``; of one motor ``current1`` or ``throttle1``, of all ``currents`` or
+        ``throttles``.
+    spread : float, optional
+        As for `flinders.likelihood.prior`, on the shape; None for the default, as a solver needs a hold.
+
+    Raises
+    ------
+    UsageError
+        For a name that is not known.
+    InputError
+        Where a recording lacks the column.
+    TooFewSamples
+        For fewer readings than anything can be told from.
+    """
+    logged = Logged.of(recordings, tuple(names))
+    moving, constant = logged.split()
+    held = prior.SPREAD if spread is None else spread
+    without = settle(Problem(logged, (), held, {}))
+    if not moving:
+        nothing = np.zeros((0, 0)), np.zeros((9, 0))
+        return Driving((), *nothing, without.ellipsoid, without.noise, without.noise, (), constant)
+    lags, near = lags_of(logged, moving, held)
+    problem = Problem(logged, moving, held, kept(lags))
+    return _told(problem, settle(problem, near), lags, without, constant)
+
+
+def _told(
+    problem: Problem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
+) -> Driving:
+    """Put together what was found, with the covariance that the residuals allow."""
+    solver = Solver.of(problem)
+    equations = solver.equations(solved, solved.used / solved.noise**2)
+    matrix, inverse = equations.matrix, equations.inverse()
+    residuals = residuals_of(solved)
+    scatter = residuals.scatter(residuals.autocovariance()) / solved.noise**4
+    believed = solver.equations(solved, np.zeros(len(solved.distances))).matrix
+    covariance = _metered(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
+    plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
+    return Driving(
+        _drivers(problem, solved),
+        covariance[9:, 9:],
+        -plain @ matrix[:9, 9:],
+        solved.ellipsoid,
+        solved.noise,
+        _noise_on(without, solved.used),
+        tuple(_found(problem, solved, inverse, name, lags.get(name)) for name in problem.names),
+        constant,
+        _along(problem),
+        _leaning(solved, matrix),
+    )
+
+
+def _leaning(solved: Solved, matrix: Floats) -> Floats:
+    """(9, 9) covariance of offset and shape, the drivers as found, from readings that the fit leans on.
+
+    A reading of leverage h pulls the surface to itself, and its distance s says s/(1 − h) of what it may be off. The
+    others of its kind tell nothing of that: a fit that was told by one reading across a gap of directions would claim
+    the usual noise for it. Source: J. G. MacKinnon, H. White, J. Econometrics 29 (1985) 305–325, their HC3.
+    """
+    rows, distances = solved.jacobian[solved.used], solved.distances[solved.used]
+    inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, len(rows)).inverse() / solved.noise**2
+    leverage = np.minimum(np.einsum("ij,jk,ik->i", rows, inverse, rows), MOST_LEVERAGE)
+    leant = leverage > LEANT
+    off = distances[leant] / (1.0 - leverage[leant])
+    plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, len(rows)).inverse() / solved.noise**2
+    moved = (rows[leant, :9] * off[:, np.newaxis]) @ plain
+    found: Floats = moved.T @ moved
+    return found
+
+
+def _metered(problem: Problem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
+    """(9 + K, 9 + K) covariance with what the meters add to it.
+
+    What was rounded off is the same throughout a setting, and pulls as one beside what it does to the normal matrix.
+    """
+    used = solved.used
+    normals = solved.jacobian[used, :3]
+    squares, turned = np.linalg.eigh(normals.T @ normals)
+    per_variance = turned * np.sqrt(np.maximum(squares, 0.0)) / solved.noise
+    noises = _noises(problem, solved)
+    meters, pulled = [], np.zeros_like(inverse)
+    for place, name in enumerate(problem.names):
+        rounded, setting = rounding(problem.logged.values[name])
+        root = np.zeros((len(inverse), 3))
+        root[9 + 3 * place : 12 + 3 * place] = per_variance
+        meters.append(Meter(noises[name], rounded, root))
+        rows = solved.jacobian[used] * (normals @ solved.driven[3 * place : 3 * place + 3])[:, np.newaxis]
+        pulls = np.stack([np.bincount(setting[used], weights=column) for column in rows.T], axis=1)
+        moved = pulls @ inverse / solved.noise**2
+        pulled += rounded * moved.T @ moved
+    found = np.append(np.zeros(9), solved.driven)
+    found[9 + 3 * len(problem.names) :] = 0.0  # the growth of the scale is multiplied with no column of a meter alone
+    return widened(covariance, inverse, found, meters) + pulled
+
+
+def _noises(problem: Problem, solved: Solved) -> dict[str, Noise]:
+    """Noise of each meter; those of motors that are followed one by one are of one kind."""
+    used, departures, noises = solved.used, problem.departures, {}
+    for place, name in enumerate(problem.names):
+        sensitivity = solved.jacobian[used, :3] @ solved.driven[3 * place : 3 * place + 3]
+        noises[name] = noise_of(departures[used, place], solved.distances[used], sensitivity)
+    for late in lagging(problem.names):
+        noises |= zip(late, pooled([noises[name] for name in late]), strict=True)
+    return noises
+
+
+def _along(problem: Problem) -> Floats:
+    """(D, D) slopes through no current of each motor's column over another's, in one family; else the unit matrix."""
+    departures = problem.departures
+    products = departures.T @ departures
+    slopes = products / np.diag(products)[:, np.newaxis]
+    family = [motor(name) for name in problem.names]
+    beside = [[one[0] == other[0] and bool(one[1] and other[1]) for other in family] for one in family]
+    return np.where(np.array(beside) | np.eye(len(family), dtype=bool), slopes, 0.0)
+
+
+def _drivers(problem: Problem, solved: Solved) -> tuple[Driver, ...]:
+    """The drivers that a solution stands for."""
+    return tuple(
+        Driver(
+            name,
+            solved.driven[3 * place : 3 * place + 3],
+            problem.logged.reference(name),
+            *problem.logged.range(name),
+            problem.lags.get(name, 0.0),
+            float(solved.driven[-1]) if name == "temperature" else 0.0,
+        )
+        for place, name in enumerate(problem.names)
+    )
+
+
+def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: Lag | None) -> Found:
+    """What there is to say of one driver."""
+    place, used = problem.names.index(name), solved.used
+    rows = slice(9 + 3 * place, 12 + 3 * place)
+    values = problem.departures[used, place]
+    normals = solved.jacobian[used, :3]
+    driven = normals * (values - values.mean())[:, np.newaxis]
+    per_unit = solved.driven[3 * place : 3 * place + 3]
+    return Found(
+        name,
+        shared=disturbance.shared(solved.jacobian[used, :9], driven),
+        one_way=one_way(values),
+        attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
+        lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
+        chi_square=float(per_unit @ np.linalg.solve(inverse[rows, rows], per_unit)),
+        is_beyond=lag is not None and lag.is_beyond,
+        curvature=curvature(values, residuals_of(solved), normals, per_unit),
+        alike=alike(values, np.delete(problem.departures[used], place, axis=1)),
+    )
+
+
+def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
+    """Root mean square distance over readings that another solution used."""
+    return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
+
+
+def following(source: object, names: Sequence[str], *, spread: float | None) -> tuple[Driving, Recording]:
+    """Find what drives a recording, and settle it: what is left is fitted like any other.
+
+    Raises
+    ------
+    UsageError
+        For what is no recording, or a driver that is not known.
+    NotTurned
+        Where the sensor was still: `still` finds its drivers, and nothing finds an ellipsoid.
+    InputError, TooFewSamples
+        As `driving_of`.
+    """
+    if not hasattr(source, "blocks"):
+        raise UsageError(f"to follow {' and '.join(names)} needs a recording with that column: give Samples")
+    recording = cast("Recording", source)
+    parts = list(singles(recording))
+    unturned = still(parts, names)
+    if unturned is not None:
+        raise NotTurned(unturned.noise, " and ".join(names))
+    driving = driving_of(parts, names, spread=spread)
+    return driving, settled(recording, driving.calibration)
+
+
+def told(fitted: Fit, driving: Driving) -> Fit:
+    """A fit to settled readings, with what is known of its drivers."""
+    calibration = replace(fitted.calibration, drivers=driving.drivers)
+    dip, down = fitted.heading_error_deg.dip_deg, down_of(fitted.plane)
+    driven = [
+        Driven(
+            driver.name,
+            driver,
+            taken_deg=calibration.driven_deg(driver, dip_deg=dip),
+            left_deg=driving.left(fitted.ellipsoid, place, dip_deg=dip, down=down).worst,
+            shared=found.shared,
+            one_way=found.one_way,
+            attenuation=found.attenuation,
+            lag_is_beyond=found.is_beyond,
+            curvature=found.curvature,
+            alike=found.alike,
+            chi_square=found.chi_square,
+            lag_sigma_s=found.lag_sigma_s,
+        )
+        for place, (driver, found) in enumerate(zip(driving.drivers, driving.found, strict=True))
+    ]
+    constant = [Driven(name) for name in driving.constant]
+    return replace(
+        fitted,
+        calibration=calibration,
+        driven=(*driven, *constant),
+        drivers_covariance=driving.joint(fitted.covariance),
+        noise_undriven=driving.noise_without,
+    )

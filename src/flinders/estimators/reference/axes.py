@@ -1,0 +1,69 @@
+"""Axis-aligned: offset and one scale for each axis, no cross terms. Seven unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final
+
+import numpy as np
+
+from flinders.estimators.base import Estimate
+from flinders.estimators.uncertainty import AXES_ALIGNED, algebraic_covariance, algebraic_noise
+from flinders.geometry.ellipsoid import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.estimators.data import Readings
+
+_COLUMNS: Final = np.array([0, 1, 2, 6, 7, 8, 9])
+
+
+@dataclass(frozen=True, slots=True)
+class AxisAligned:
+    """Offset and a scale for each axis by linear least squares.
+
+    Minimises ``Σ (Σᵢ aᵢxᵢ² + l·x + d)²`` with ``a₁ + a₂ + a₃ = 3``.
+
+    Use it where the sensor's axes have unequal gains and there is no soft iron, or where readings
+    are too few for ten unknowns.
+
+    References
+    ----------
+    .. [1] NXP AN4246 rev. 4 (2015) and AN5019, the seven-element calibration.
+
+    Examples
+    --------
+    >>> from flinders.estimators.data import Readings
+    >>> directions = np.random.default_rng(1).normal(size=(40, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> found = AxisAligned().estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
+    >>> found.centre.round(6), found.semi_axes.round(6)
+    (array([-50.,  20., 100.]), array([20., 30., 50.]))
+    """
+
+    name: ClassVar[str] = "axes"
+    unknowns: ClassVar[int] = 7
+    use: ClassVar[str] = "offset and a scale for each axis: unequal gains, no soft iron"
+    is_biased: ClassVar[bool] = True
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit an ellipsoid whose axes are the sensor's.
+
+        Raises
+        ------
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
+            See `Readings.require`.
+        NotAnEllipsoid
+            If the quadric is open.
+        """
+        readings.require(self.unknowns, self.name)
+        moments = readings.summary.moments
+        origin, scale = moments.mean, moments.spread
+        scatter = moments.about(origin, scale)[np.ix_(_COLUMNS, _COLUMNS)]
+        free = np.concatenate([[[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], *np.zeros((4, 2))], np.eye(7)[:, 3:]], axis=1)
+        fixed = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+        solution = np.linalg.lstsq(free.T @ scatter @ free, -free.T @ scatter @ fixed, rcond=None)[0]
+        coefficients = np.zeros(10)
+        coefficients[_COLUMNS] = fixed + free @ solution
+        ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
+        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
+        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, AXES_ALIGNED), noise, self.name)

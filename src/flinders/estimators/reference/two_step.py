@@ -1,0 +1,162 @@
+"""Two-step in the magnetic-field domain: intermediate coefficients by a linear fit, parameters from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+
+from flinders.errors import NotAnEllipsoid, UsageError
+from flinders.estimators.base import Estimate
+from flinders.estimators.uncertainty import AXES_ALIGNED, EVERYTHING, algebraic_covariance, algebraic_noise
+from flinders.geometry.ellipsoid import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.estimators.data import Readings
+
+Model: TypeAlias = Literal["orthogonal", "non-orthogonal"]
+
+FREE: Final[dict[Model, tuple[int, ...]]] = {
+    "orthogonal": (1, 2, 6, 7, 8, 9),
+    "non-orthogonal": (1, 2, 3, 4, 5, 6, 7, 8, 9),
+}
+"""Coefficients that are left beside that of x²: of y², z², x, y, z and 1; and of the mixed products."""
+
+
+@dataclass(frozen=True, slots=True)
+class TwoStep:
+    """Offset and gains of three axes, and the angles between them, by a linear fit that is relative to the x axis.
+
+    Step 1 divides the quadric by its coefficient of x² and finds the others by least squares,
+
+        −x² = f₁ x + f₂ y² + f₃ y + f₄ z² + f₅ z + f₆
+
+    Step 2 takes offsets bᵢ and gains gᵢ of ``|B|² = Σ ((xᵢ − bᵢ)/gᵢ)²`` from them: b_x = −f₁/2, b_y = −f₃/2f₂,
+    b_z = −f₅/2f₄, g_x² = (b_x² + f₂b_y² + f₄b_z² − f₆)/|B|², g_y = g_x/√f₂, g_z = g_x/√f₄ [1]_. With
+    ``model="non-orthogonal"`` the products xy, xz and yz join step 1, and step 2 gives the triangular model of Foster
+    and Elkaim [2]_, see `triangular`.
+
+    Moving the readings moves the answer alike, and so does another unit; turning them does not turn it, nor does
+    swapping axes swap it where there is noise: the x axis is taken for one that is free of error. Noise in the
+    regressors makes it biased as `Algebraic` is.
+
+    Use it for parity with those papers. Not where accuracy counts or coverage is partial; f₂ or f₄ of the wrong sign,
+    which more noise or less coverage brings, is refused.
+
+    Parameters
+    ----------
+    model : str
+        ``"orthogonal"`` or ``"non-orthogonal"``.
+
+    Notes
+    -----
+    |B| is one and the same, known for the scale alone (``field_strength``). The matrix given is the
+    symmetric root, as for all methods; the papers' triangular one turns the axes against x. The iterated batch fit of
+    the 2006 paper is not offered: `Likelihood` is one. Equations from the literature; the papers' own tables were
+    not read.
+
+    References
+    ----------
+    .. [1] D. Gebre-Egziabher, G. H. Elkaim, J. D. Powell, B. W. Parkinson, "A Non-linear, Two-step Estimation Algorithm
+       for Calibrating Solid-state Strapdown Magnetometers" (2001); "Calibration of Strapdown Magnetometers in Magnetic
+       Field Domain", J. Aerosp. Eng. 19 (2006) 87–102.
+    .. [2] C. C. Foster, G. H. Elkaim, "Extension of a Two-step Calibration Methodology to Include Nonorthogonal Sensor
+       Axes", IEEE Trans. Aerosp. Electron. Syst. 44 (2008) 1070–1078.
+
+    Examples
+    --------
+    >>> from flinders.estimators.data import Readings
+    >>> rng = np.random.default_rng(1)
+    >>> directions = rng.normal(size=(100, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> found = TwoStep().estimate(Readings.of(directions * [45, 50, 60] + [20, 120, 90])).ellipsoid
+    >>> found.centre.round(6), found.shape.diagonal().round(6)
+    (array([ 20., 120.,  90.]), array([45., 50., 60.]))
+    >>> skewed = directions @ (50.0 * np.array([[1.0, 0, 0], [0.1, 1.1, 0], [0.02, -0.05, 0.9]])).T
+    >>> triangular(TwoStep("non-orthogonal").estimate(Readings.of(skewed)).ellipsoid, 50.0).rho_deg
+    5.1944
+    """
+
+    model: Model = "orthogonal"
+
+    name: ClassVar[str] = "two-step"
+    unknowns: ClassVar[int] = 7
+    use: ClassVar[str] = "parity with Gebre-Egziabher and Elkaim, or Foster and Elkaim; relative to the x axis"
+    is_biased: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        """Refuse a model that is not there."""
+        if self.model not in get_args(Model):
+            raise UsageError(f"model is {self.model!r}: need {', '.join(get_args(Model))}")
+
+    def estimate(self, readings: Readings) -> Estimate:
+        """Fit an ellipsoid.
+
+        Raises
+        ------
+        TooFewSamples, OutOfScale, StuckAxis, Unmoved
+            See `Readings.require`; ten readings for ``"non-orthogonal"``.
+        NotAnEllipsoid
+            If f₂ or f₄ is not positive, or the quadric is open for another reason.
+        """
+        free = FREE[self.model]
+        readings.require(len(free) + 1, self.name)
+        moments = readings.summary.moments
+        origin, scale = moments.mean, moments.spread
+        coefficients = relative_to_x(moments.about(origin, scale), free)
+        if not min(coefficients[1], coefficients[2]) > 0.0:
+            largest = float(np.abs(coefficients[:3]).max())
+            raise NotAnEllipsoid(tuple(float(value) / largest for value in coefficients[:3]), self.name)
+        ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
+        noise = algebraic_noise(readings, ellipsoid, len(free))
+        basis = AXES_ALIGNED if self.model == "orthogonal" else EVERYTHING
+        named = self.name if self.model == "orthogonal" else f"{self.name} {self.model}"
+        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, basis), noise, named)
+
+
+def relative_to_x(scatter: Floats, free: tuple[int, ...]) -> Floats:
+    """(10,) coefficients that minimise cᵀ M c, that of x² being 1 and those that are not free 0."""
+    places = list(free)
+    coefficients = np.zeros(10)
+    coefficients[0] = 1.0
+    normal, right = scatter[np.ix_(places, places)], -scatter[places, 0]
+    coefficients[places] = np.linalg.lstsq(normal, right, rcond=1e-15)[0]
+    return coefficients
+
+
+class Triangular(NamedTuple):
+    """The model of Foster and Elkaim: x = a Bx + x₀, y = b (Bx sin ρ + By cos ρ) + y₀, and z likewise.
+
+    z = c (Bx sin λ + By cos λ sin φ + Bz cos λ cos φ) + z₀: the x axis is that of the field, y leans towards
+    it by ρ, z by λ, and towards y by φ.
+
+    >>> Triangular(1.0, 1.1, 0.9, 5.2, 1.1, -3.2).b
+    1.1
+    """
+
+    a: float
+    b: float
+    c: float
+    rho_deg: float
+    lambda_deg: float
+    phi_deg: float
+
+
+def triangular(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
+    """Take the six parameters out of an ellipsoid, for a field of known strength.
+
+    Parameters
+    ----------
+    ellipsoid : Ellipsoid
+    field_strength : float
+        In the unit of the readings.
+    """
+    root = np.linalg.cholesky(ellipsoid.shape @ ellipsoid.shape) / field_strength
+    across = np.hypot(root[2, 1], root[2, 2])
+    angles = np.rad2deg(
+        [np.arctan2(root[1, 0], root[1, 1]), np.arctan2(root[2, 0], across), np.arctan2(root[2, 1], root[2, 2])]
+    )
+    a, b, c = (float(np.linalg.norm(row)) for row in root)
+    return Triangular(a, b, c, *(float(angle) for angle in angles))

@@ -1,0 +1,202 @@
+"""What was logged beside the readings: the columns of the drivers, with a lag where one is asked for.
+
+>>> from flinders.core.samples import Samples
+>>> time = np.arange(40) / 10.0
+>>> one = Samples.of(np.ones((40, 3)), time=time, current=10.0 * time)
+>>> logged = Logged.of([one], ("current",))
+>>> logged.values["current"][:3], logged.lagged("current", 0.1)[:3]
+(array([0., 1., 2.]), array([0., 0., 1.]))
+>>> logged.split()
+(('current',), ())
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.core.disturbance import MOTORS, known, lagged, place_of
+from flinders.errors import InputError, TooFewSamples
+from flinders.estimators.time_series import Track
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Samples
+
+MOST: Final = 20_000
+"""Readings of a longer recording that are looked at, spread evenly over it."""
+
+FEWEST: Final = 30
+"""Readings below which nothing is said of a driver."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Logged:
+    """Columns of the recordings, one after the other.
+
+    Attributes
+    ----------
+    field : (N, 3) float
+    values : dict of str to (N,) float
+        Of each driver, without lag.
+    parts : tuple of Part
+        The same with all that was logged, recording by recording.
+    """
+
+    field: Floats
+    values: dict[str, Floats]
+    parts: tuple[Part, ...]
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], names: tuple[str, ...]) -> Self:
+        """Go through the recordings once; of ``currents`` and ``throttles`` take each motor's.
+
+        Raises
+        ------
+        UsageError
+            For a name that is not known.
+        InputError
+            Where a recording lacks the column.
+        TooFewSamples
+            For fewer readings than anything can be told from.
+        """
+        names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's drivers
+        wholes = [Part.of(recording, names) for recording in recordings]
+        total = sum(len(part.field) for part in wholes)
+        if total < FEWEST:
+            raise TooFewSamples(found=total, needed=FEWEST, method=f"with {' and '.join(names)}")
+        stride = -(-total // MOST)
+        parts = tuple(replace(part, stride=stride) for part in wholes)
+        values = {name: np.concatenate([part.lagged(name, 0.0) for part in parts]) for name in names}
+        return cls(np.concatenate([part.field[::stride] for part in parts]), values, parts)
+
+    def lagged(self, name: str, lag_s: float) -> Floats:
+        """(N,) values of a driver so much earlier."""
+        if lag_s == 0.0:
+            return self.values[name]
+        return np.concatenate([part.lagged(name, lag_s) for part in self.parts])
+
+    def courses(self, name: str) -> list[Track]:
+        """A driver's smoothed course in each recording, which has times."""
+        return [Track.of(part.time, part.columns[name]) for part in self.parts if part.time is not None]
+
+    def along(self, courses: Sequence[Track], lag_s: float) -> Floats:
+        """(N,) values of such courses so much earlier."""
+        times = [part.time[:: part.stride] for part in self.parts if part.time is not None]
+        return np.concatenate([course.at(time - lag_s) for course, time in zip(courses, times, strict=True)])
+
+    @property
+    def is_timed(self) -> bool:
+        """There are ascending times everywhere, and with them a before and an after."""
+        return all(part.time is not None and bool(np.all(np.diff(part.time) > 0.0)) for part in self.parts)
+
+    @property
+    def step_s(self) -> float:
+        """Usual time from one reading to the next."""
+        return float(np.median(np.concatenate([np.diff(part.time) for part in self.parts if part.time is not None])))
+
+    def split(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the drivers that changed, and of those that did not."""
+        moving = tuple(name for name, values in self.values.items() if _changes(name, values))
+        return moving, tuple(name for name in self.values if name not in moving)
+
+    def reference(self, name: str) -> float:
+        """Where the offset holds: no current, no throttle, the middle of the temperatures."""
+        return round(float(np.median(self.values[name])), 1) if name == "temperature" else 0.0
+
+    def range(self, name: str) -> tuple[float, float]:
+        """Lowest and highest value of a driver."""
+        values = self.values[name]
+        return float(np.nanmin(values)), float(np.nanmax(values))
+
+    def departures(self, names: tuple[str, ...], lags: dict[str, float]) -> Floats:
+        """(N, K) values of drivers less their references, each so much earlier as its lag says."""
+        if not names:
+            return np.zeros((len(self.field), 0))
+        rows = [self.lagged(name, lags.get(name, 0.0)) - self.reference(name) for name in names]
+        return np.stack(rows, axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Columns of one recording.
+
+    Attributes
+    ----------
+    field : (M, 3) float
+    time : (M,) float, s, optional
+    columns : dict of str to (M,) float
+    stride : int
+        Every which reading is looked at.
+    """
+
+    field: Floats
+    time: Floats | None
+    columns: dict[str, Floats]
+    stride: int = 1
+
+    @classmethod
+    def of(cls, recording: Recording, names: tuple[str, ...]) -> Self:
+        """Read a recording through; raises `InputError` where it lacks a column."""
+        blocks: list[Samples] = [block for block in recording.blocks() if len(block)]
+        columns: dict[str, Floats] = {}
+        for name in names:
+            pieces = [piece for block in blocks if (piece := block.driving(name)) is not None]
+            if not blocks or len(pieces) < len(blocks) or not np.isfinite(np.concatenate(pieces)).any():
+                raise InputError(_lacking(recording.source, name, blocks[0].drivers if blocks else ()))
+            columns[name] = np.concatenate(pieces)
+        times = [block.time for block in blocks]
+        time = None if any(each is None for each in times) else np.concatenate([t for t in times if t is not None])
+        return cls(np.concatenate([block.field for block in blocks]), time, columns)
+
+    def lagged(self, name: str, lag_s: float) -> Floats:
+        """(M / stride,) what was logged so much earlier."""
+        return lagged(self.columns[name], self.time, lag_s)[:: self.stride]
+
+
+def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
+    """Names of drivers, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
+
+    Raises
+    ------
+    UsageError
+        For a name that is not known.
+    InputError
+        For those of motors where none was recorded.
+
+    Examples
+    --------
+    >>> from flinders.core.samples import Samples
+    >>> spelled_out([Samples.of([[1, 2, 3]], currents=[[4.0, 5.0]])], ["temperature", "currents"])
+    ('temperature', 'current1', 'current2')
+    """
+    found: list[str] = []
+    for name in names:
+        of = next((of for of, many in MOTORS.items() if many == name), None)
+        if of is None:
+            known(name)
+            found.append(name)
+            continue
+        for recording in recordings:
+            there = next(iter(recording.blocks())).drivers
+            each = [one for one in there if one != of and one.startswith(of)]
+            if not each:
+                raise InputError(_lacking(recording.source, name, there))
+            found += each
+    return tuple(dict.fromkeys(found))
+
+
+def _lacking(source: str, name: str, there: Sequence[str]) -> str:
+    """Say that a recording lacks a column, and what it has."""
+    has = f" ({', '.join(there)} were)" if there else ""
+    return f"{source} has no {name}: record it beside the readings{has}, or leave --with {name} out"
+
+
+def _changes(name: str, values: Floats) -> bool:
+    """Whether a driver changed enough for anything to be told of it."""
+    low, high = np.nanquantile(values, [0.02, 0.98])
+    return bool(high - low > known(name).least)

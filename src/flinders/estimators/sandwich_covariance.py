@@ -1,0 +1,335 @@
+"""How far residuals of a joint fit hang together, and what that does to its covariance.
+
+What a fit's error depends on is the scatter of Σ Jr. White residuals give the normal matrix itself. Three things add
+to it:
+
+- in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
+  S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
+- residuals of single readings hang together in time, as in `flinders.estimators.autocorrelation`;
+- stretches of the recording differ by more than that explains: the factor `creep`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.likelihood import gyro_noise as walked
+from flinders.likelihood.observations import Group, Rows, inverse_of, mixed_of, residuals_of, rows_of
+from flinders.likelihood.parameters import across
+from flinders.summary.pooling import chance_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.estimators.solver import Found, Problem
+
+BLOCKS: Final = 8
+BY_CHANCE: Final = 0.02
+"""Stretches of a recording that are held against each other; what chance makes more often than this is chance."""
+
+MOST_WALKED: Final = 0.1
+"""rad within a window: a walk that is longer is a gyro that does not fit, of which second order says nothing."""
+
+MOST_LIFTED: Final = 0.8
+"""Of the variance of verticals' residuals: a walk that would make more is none."""
+
+COARSE: Final = 25
+"""Steps of a walk within a window that are looked at for its size."""
+
+LOOKED_AT: Final = 20_000
+"""Readings that tell how residuals hang together."""
+
+
+@dataclass(slots=True, eq=False)
+class _Evidence:
+    """What stretches of the recording say, added up group by group."""
+
+    scatter: Floats
+    gradients: Floats
+    squares: Floats
+
+
+class Walk(NamedTuple):
+    """The random walk of the direction within windows: the gyro's noise, and what looks like it.
+
+    Attributes
+    ----------
+    variance : float
+        rad² a reading, about each axis.
+    bent : (P,) float
+        Mean gradient that it makes.
+    own : float
+        Share of the variance of verticals' residuals that it does not make.
+    steps : (P, P) float
+        Scatter of the gradient that a walk of one rad² a reading makes.
+    """
+
+    variance: float
+    bent: Floats
+    own: float
+    steps: Floats
+
+
+class Scatter(NamedTuple):
+    """How far the gradient of a fit scatters.
+
+    Attributes
+    ----------
+    covariance : (P, P) float
+        Of the gradient, without what creeps.
+    creep : float
+    """
+
+    covariance: Floats
+    creep: float
+
+
+class Span(NamedTuple):
+    """How residuals of verticals hang together.
+
+    Attributes
+    ----------
+    readings : float
+        In a row that say as much as one; at least 1.
+    noise : float
+        Standard deviation of dᵀq in rad, of verticals that are weighed as they are.
+    """
+
+    readings: float
+    noise: float
+
+
+def span_of(problem: Problem, found: Found) -> Span:
+    """Look at the verticals' residuals, one after the other.
+
+    Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
+    Q²/τ, and Q − Q² comes from the readings.
+    """
+    rows, residuals, expected = [], [], 0.0
+    span = found.weights.span
+    for group, directions in zip(found.groups, found.directions, strict=True):
+        if group.down is None or group.attitudes is not None or group.trust is None:
+            continue
+        _, beside = residuals_of(group, found.at, directions)
+        if beside is not None:
+            told = group.trust > 0.0
+            rows.append(group.rows[told])
+            residuals.append(beside[..., 0][told] * np.sqrt(group.trust[told]))
+            left = _left_of(rows_of(group, found.at, directions, problem.layout, found.weights))[told]
+            expected += float(np.sum(left**2 + span * (left - left**2)))
+    if not rows:
+        return Span(1.0, found.weights.vertical)
+    residual = np.concatenate(residuals)[np.argsort(np.concatenate(rows), kind="stable")]
+    alone = Residuals(residual - residual.mean(), np.zeros((len(residual), 1)), [np.arange(len(residual))])
+    noise = math.sqrt(float(np.sum(residual**2)) / max(expected, 1e-300))
+    return Span(max(1.0, time_of(alone.autocovariance())), noise)
+
+
+def _left_of(rows: Rows) -> Floats:
+    """(W, n) of each vertical's row, what the direction of its group leaves."""
+    inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
+    upright = rows.own[:, 3]
+    left: Floats = 1.0 - np.einsum("wna,wab,wnb->wn", upright, inverse, upright)
+    return left
+
+
+def walk_of(problem: Problem, found: Found, textbook: Floats) -> Walk:
+    """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
+    size = problem.layout.size
+    walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
+    longest, lifted, heights = 1, 0.0, 0.0
+    for group, directions in zip(found.groups, found.directions, strict=True):
+        if group.turned is None:
+            continue
+        rows = rows_of(group, found.at, directions, problem.layout, found.weights)
+        jacobian, residual = projected(rows)
+        pushes = walked.pushes(group, found.at, directions, found.weights)
+        pulled = _later(jacobian, pushes)
+        walks += _walks(rows, residual, pushes, pulled, textbook)
+        pulled[:, 0] = 0.0  # a window begins where its direction is
+        flat = pulled.transpose(3, 2, 0, 1).reshape(size, -1)
+        steps += flat @ flat.T
+        whole = walked.Walked.of(rows, pushes)
+        bent += walked.mean_gradient(whole, group, found.at, directions, problem.layout, found.weights)
+        longest = max(longest, pushes.shape[2])
+        if group.down is not None and group.attitudes is None and group.trust is not None:
+            lifted += _lifted(rows, pushes)
+            heights += float(np.count_nonzero(group.trust))
+    variance = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
+    own = 1.0 - min(variance * lifted / max(heights, 1.0), MOST_LIFTED)
+    return Walk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
+
+
+def scatter_of(problem: Problem, found: Found, walk: Walk) -> Scatter:
+    """Look at the residuals of a fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Found
+        Where it settled.
+    walk : Walk
+        Of the same fit.
+    """
+    size = problem.layout.size
+    evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))
+    readings = 1 + max(int(group.rows.max()) for group in found.groups)
+    looked, chosen = _looked_at(found.groups)
+    for index, (group, directions) in enumerate(zip(found.groups, found.directions, strict=True)):
+        rows = rows_of(group, found.at, directions, problem.layout, found.weights)
+        jacobian, residual = projected(rows)
+        squares = _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
+        if group.turned is not None:
+            evidence.scatter += squares
+        elif index in chosen:
+            evidence.scatter += looked * _hung_together(rows, _free(rows.own[:, :, 0], found.at.direction))
+    evidence.scatter += walk.variance * walk.steps
+    return Scatter(evidence.scatter, _creep(evidence))
+
+
+def _later(rows: Floats, pushes: Floats) -> Floats:
+    """(W, n, 3, m) Σ over reading j and all after it of (W, k, n, m) rows times what a turn at j does to them."""
+    windows, _, n, width = rows.shape
+    products = np.empty((width, 3, windows, n)).transpose(2, 3, 1, 0)
+    np.einsum("wknj,wknm->wnjm", pushes, rows, out=products)
+    summed: Floats = np.cumsum(products[:, ::-1], axis=1)[:, ::-1]
+    return summed
+
+
+def _walks(rows: Rows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
+    """(2,) score and information for the variance of a walk, in rad² a reading: their ratio is the estimate.
+
+    For residuals r = P(n + Σ w_j φ_j), P taking off directions and parameters, Σ (w_jᵀr)² has the mean
+    Σ w_jᵀPw_j + s Σ (w_jᵀPw_l)². A few of the steps j stand for all.
+    """
+    stride = max(1, pushes.shape[2] // COARSE)
+    starts = slice(stride // 2, None, stride)
+    seen = _later(residual[..., np.newaxis], pushes)[:, starts, :, 0]
+    own = rows.own.reshape(len(rows.own), -1, 2)
+    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    of_own, of_all = _later(rows.own, pushes)[:, starts], pulled[:, starts]
+    squares = _later(pushes, pushes)[:, starts]
+    lumps = squares.shape[1]
+    last = np.maximum.outer(np.arange(lumps), np.arange(lumps))
+    gram = squares[:, last].transpose(0, 1, 3, 2, 4).reshape(len(own), 3 * lumps, 3 * lumps)
+    flat_own, flat_all = of_own.reshape(len(own), -1, 2), of_all.reshape(len(own), 3 * lumps, -1)
+    gram = gram - flat_own @ inverse @ np.swapaxes(flat_own, 1, 2) - flat_all @ textbook @ np.swapaxes(flat_all, 1, 2)
+    score = float(np.sum(seen**2)) - float(np.trace(gram, axis1=1, axis2=2).sum())
+    return np.array([score, stride * float(np.sum(gram**2))])
+
+
+def _lifted(rows: Rows, pushes: Floats) -> float:
+    """Σ squares of verticals' residuals that a walk of one rad² a reading makes, the windows' directions taken off."""
+    own = rows.own.reshape(len(rows.own), -1, 2)
+    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    upright, raised = rows.own[:, 3:], pushes[:, 3:]
+    of_uprights = upright.reshape(len(own), -1, 2)
+    taken = _later(rows.own, pushes) @ inverse[:, np.newaxis]  # (W, n, 3, 2): what the direction takes of each step
+    squares = np.trace(_later(raised, raised), axis1=2, axis2=3).sum()
+    crossed = np.sum(_later(upright, raised) * taken)
+    of_own = np.swapaxes(of_uprights, 1, 2) @ of_uprights
+    return float(squares - 2.0 * crossed + np.sum((taken @ of_own[:, np.newaxis]) * taken))
+
+
+def _looked_at(groups: Sequence[Group]) -> tuple[float, set[int]]:
+    """Which groups without windows tell how residuals hang together, and for how many times as many they stand."""
+    single = [index for index, group in enumerate(groups) if group.turned is None]
+    total = sum(groups[index].rows.size for index in single)
+    every = max(1, -(-total // LOOKED_AT))
+    chosen = set(single[::every])
+    some = sum(groups[index].rows.size for index in chosen)
+    return total / max(some, 1), chosen
+
+
+def projected(rows: Rows) -> tuple[Floats, Floats]:
+    """Jacobian (W, k, n, P) and residuals (W, k, n) without what the windows' own directions take up."""
+    own = rows.own
+    inverse = inverse_of(np.einsum("wkna,wknb->wab", own, own))
+    taken = np.einsum("wkna,wab->wknb", own, inverse, out=np.empty_like(own))
+    pulled = np.einsum("wkna,wkn->wa", own, rows.residual)
+    mixed = mixed_of(rows)[:, np.newaxis, np.newaxis]
+    jacobian, part = rows.jacobian.copy("K"), np.empty_like(rows.jacobian)
+    for axis in range(2):
+        jacobian -= np.multiply(taken[..., axis, np.newaxis], mixed[..., axis], out=part)
+    return jacobian, rows.residual - np.einsum("wkna,wa->wkn", taken, pulled)
+
+
+def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
+    """Add gradients and squares to the stretch (W,) of the recording that each window belongs to; (P, P) their sum."""
+    total = np.zeros_like(evidence.scatter)
+    for index in np.unique(block):
+        inside = slice(*np.searchsorted(block, [index, index + 1]))
+        rows = jacobian[inside].transpose(3, 1, 0, 2).reshape(jacobian.shape[-1], -1)
+        squares = rows @ rows.T
+        evidence.squares[index] += squares
+        evidence.gradients[index] += np.einsum("wknp,wkn->p", jacobian[inside], residual[inside])
+        total += squares
+    return total
+
+
+def _hung_together(rows: Rows, basis: Floats) -> Floats:
+    """(P, P) scatter of Σ J r of single readings with residuals that hang together in time, each kind on its own."""
+    jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
+    residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])
+    total = np.zeros((jacobian.shape[-1], jacobian.shape[-1]))
+    for kind in range(residual.shape[1]):
+        own = Residuals(residual[:, kind], jacobian[:, kind], [np.arange(len(residual))])
+        total += own.scatter(own.autocovariance())
+    return total
+
+
+def _free(own: Floats, direction: Floats) -> Floats:
+    """(W, k, f) directions of residual space that a reading's own direction leaves free: outward, and what is beside.
+
+    Beside it is upward for a vertical; for an attitude two, across the site's field in the world, in which errors of
+    attitudes last.
+    """
+    count, kinds, _ = own.shape
+    normal = np.cross(own[:, :3, 0], own[:, :3, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    if kinds == 3:
+        return normal[..., np.newaxis]
+    beside = np.ones((1, 1)) if kinds == 4 else across(direction)
+    free = np.zeros((count, kinds, 1 + beside.shape[1]))
+    free[:, :3, 0] = normal
+    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
+    free[:, 3:, 1:] = beside
+    free[:, :, 1:] -= own @ (inverse @ (np.swapaxes(own[:, 3:], 1, 2) @ beside))
+    values, vectors = np.linalg.eigh(np.swapaxes(free[:, :, 1:], 1, 2) @ free[:, :, 1:])
+    root = vectors / np.sqrt(np.maximum(values, 1e-300))[:, np.newaxis]
+    free[:, :, 1:] = free[:, :, 1:] @ root @ np.swapaxes(vectors, 1, 2)
+    return free
+
+
+def _creep(evidence: _Evidence) -> float:
+    """Factor by which stretches of the recording scatter more than a scatter of the whole allows; at least 1.
+
+    As `flinders.estimators.autocorrelation.Residuals.creep`, over all parameters.
+    """
+    diagonal = np.sqrt(np.maximum(np.diag(evidence.scatter), 1e-300))
+    values, vectors = np.linalg.eigh(evidence.scatter / np.outer(diagonal, diagonal))
+    kept = values > 1e-9 * values[-1]
+    basis = vectors[:, kept] / np.sqrt(values[kept]) / diagonal[:, np.newaxis]
+    gradients = evidence.gradients @ basis
+    squares = np.swapaxes(basis, 0, 1) @ evidence.squares @ basis
+    inverse = np.linalg.pinv(squares.sum(axis=0))
+    gradients = gradients - squares @ (
+        inverse @ gradients.sum(axis=0)
+    )  # where it settled, their sum is what noise makes
+    largest = 1.0
+    while len(gradients) >= 4:
+        shares = inverse @ squares
+        taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
+        total, expected = float(np.sum(gradients**2)), gradients.shape[1] - taken
+        if expected > 0.0 and chance_of(total * expected / taken, max(round(expected**2 / taken), 1)) < BY_CHANCE:
+            largest = max(largest, total / expected)
+        gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
+    return largest

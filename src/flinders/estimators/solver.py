@@ -1,0 +1,623 @@
+"""The solver of `flinders.estimators.aiding`: what is to be found, and the way down to it.
+
+Levenberg–Marquardt on the normal equations of all groups of readings, each with its own directions of the field
+eliminated. Both variances, of readings and of verticals, come from the residuals by Fisher's scoring (components of
+variance), once a step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
+
+import numpy as np
+
+from flinders.errors import FitError
+from flinders.estimators.auto import Auto
+from flinders.estimators.base import FINEST
+from flinders.estimators.data import Readings
+from flinders.estimators.mounting import TURNS
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood import attitude, dip, gyro, prior
+from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.observations import Group, Linearised, Weights, cost_of, linearised, residuals_of
+from flinders.likelihood.parameters import Layout, Parameters, across
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.likelihood.disturbances import Drivers
+    from flinders.likelihood.site_field import Site
+
+STEPS: Final = 60
+"""Of Levenberg and Marquardt; ten are usual."""
+
+SETTLED: Final = 1e-3
+"""Standard deviations: a step shorter than this in all parameters is the last."""
+
+LONGEST_STEP: Final = 0.5
+"""Of the radius: a longer step is cut."""
+
+ROTATION_SIGMA: Final = 0.35
+"""rad: how far the axes of instruments on one body are thought to be apart, beyond what was looked for."""
+
+BIAS_SIGMA: Final = 0.1
+"""rad/s: what the bias of a gyro may be."""
+
+SCALE_SIGMA: Final = 0.02
+"""What the scales of a gyro may be off by, and its axes from square, in rad: data sheets of small ones say 1 to 3 %."""
+
+GRAVITY: Final = 9.80665
+"""m/s², that biases of accelerometers are told in parts of."""
+
+ACCELERATION_SIGMA: Final = 0.3
+"""m/s²: what the bias of an accelerometer may be; small ones that nobody has calibrated have as much."""
+
+DELAY_SIGMA: Final = 0.05
+"""s: by how much a magnetometer may lag."""
+
+SLOPE_SIGMA: Final = 0.01
+"""1/°C: no scale changes by more than a hundredth a degree."""
+
+FEWEST_LEFT: Final = 0.8
+"""Share of the readings that have to belong: where fewer do, the model is wrong and not the readings."""
+
+STRAY: Final = 6.0
+"""Times the median residual beyond which a reading does not belong to the rest."""
+
+LEAST_CHANGE: Final = 0.2
+"""Of a variance in one step: what is far off is approached."""
+
+FINEST_VERTICAL: Final = 1e-4
+"""rad: no vertical is known better."""
+
+LOUDEST: Final = 0.1
+"""Of the field, and rad: what noises begin with at most."""
+
+SAME: Final = 1e-2
+"""Relative change of a standard deviation that is none."""
+
+MOST_DAMPING: Final = 1e9
+"""Beyond which no step makes the fit better."""
+
+STILLER: Final = 2.0
+"""Times less that the field strays in the world: so much makes another way to sit than was thought a start."""
+
+SEATED: Final = 10
+"""Rounds of finding where the field points, and how the magnetometer sits for it."""
+
+MANY_ATTITUDES: Final = 1000
+"""Attitudes that a start is found from."""
+
+MISFIT: Final = 1.5
+"""Times larger than the noise from one reading to the next: residuals that another start may do away with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Groups of readings, and what is thought of the parameters before.
+
+    Attributes
+    ----------
+    groups : tuple of Group
+    layout : Layout
+    aids : tuple of str
+    site : Site, optional
+    spread : float
+    middle : (3,) float
+    width : float
+        Mean reading, and spread of the readings about it.
+    rotation : (3, 3) float
+        About which the prior of the rotation lies.
+    drivers : Drivers, optional
+    interval : float, s
+        Between two readings of a window.
+    gyro_scale : float
+        What the scales of the gyro may be off by, 1 σ; 0 holds them.
+    acceleration_bias : float, m/s²
+        What the accelerometer may be off by on each axis, 1 σ; 0 holds it.
+    """
+
+    groups: tuple[Group, ...]
+    layout: Layout
+    aids: tuple[str, ...]
+    site: Site | None
+    spread: float
+    middle: Floats
+    width: float
+    rotation: Floats
+    drivers: Drivers | None
+    interval: float
+    gyro_scale: float = SCALE_SIGMA
+    acceleration_bias: float = ACCELERATION_SIGMA
+
+    @classmethod
+    def of(
+        cls,
+        samples: Samples,
+        terms: tuple[str, ...],
+        site: Site | None,
+        drivers: Drivers | None,
+        rotation: Floats | None,
+        spread: float,
+        window_s: float,
+        *,
+        delay: bool,
+        gyro_scale: float = SCALE_SIGMA,
+        acceleration_bias: float = ACCELERATION_SIGMA,
+    ) -> Self:
+        """Put the readings in groups, and lay out what is to be found."""
+        if drivers is not None and drivers.constant:
+            drivers = drivers.without(drivers.constant)
+        groups, interval = grouped(samples, terms, drivers, window_s)
+        in_windows = any(group.turned is not None for group in groups)
+        upright = any(group.down is not None for group in groups)
+        pointed = any(group.attitudes is not None for group in groups)
+        layout = Layout.of(
+            drivers=0 if drivers is None else len(drivers.names),
+            rotation=in_windows or upright or pointed,
+            slope=drivers is not None and drivers.warmth is not None,
+            gyro_bias=in_windows,
+            gyro_scale=in_windows and gyro_scale > 0.0,
+            gyro_turn=in_windows and gyro_scale > 0.0 and (upright or pointed),
+            delay=in_windows and delay,
+            sine=upright,
+            direction=pointed,
+        )
+        middle = samples.field.mean(axis=0)
+        width = float(np.sqrt(np.mean(np.sum((samples.field - middle) ** 2, axis=1))))
+        turned = np.eye(3) if rotation is None else rotation
+        chunks = tuple(chunk for group in groups for chunk in group.chunks())
+        return cls(
+            chunks, layout, terms, site, spread, middle, width, turned, drivers, interval, gyro_scale, acceleration_bias
+        )
+
+    def freed(self) -> Self:
+        """The same with the bias of an accelerometer among what is found, where there is one.
+
+        On the way there it is held: noise pretends so much of it that the way down could lead anywhere.
+        """
+        if self.acceleration_bias <= 0.0 or "dip" not in self.aids or "sine" not in self.layout:
+            return self
+        count = 0 if self.drivers is None else len(self.drivers.names)
+        free = dict.fromkeys(self.layout.columns.keys() - {"drivers"}, True)
+        return replace(self, layout=Layout.of(drivers=count, **free, acceleration_bias=True))
+
+    def begin(self, ellipsoid: Ellipsoid) -> Parameters:
+        """Where to start, with directions and dip that follow from an ellipsoid."""
+        count = 0 if self.drivers is None else len(self.drivers.names)
+        at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, drivers=count), rotation=self.rotation)
+        return self.facing(replace(at, rotation=self._seated(at)))
+
+    def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
+        """Where to start with what a fit of another `Layout` has found, of as many drivers."""
+        free = ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
+        found = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
+        at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
+        return self.facing(replace(at, rotation=self._seated(at)))
+
+    def _seated(self, at: Parameters) -> Floats:
+        """(3, 3) how the magnetometer sits, so that attitudes make the field stand still: as it is unless far better.
+
+        From an attitude turned far the way down leads elsewhere, so that each of 24 ways to sit is tried.
+        """
+        attitudes, seen = [], []
+        for group in self.groups:
+            if group.attitudes is not None and group.trust is not None:
+                known = group.trust > 0.0
+                attitudes.append(group.attitudes[known])
+                seen.append(np.linalg.solve(at.shape, group.centred(at)[known].T).T)
+        if not attitudes:
+            return at.rotation
+        rows = slice(None, None, max(1, sum(map(len, seen)) // MANY_ATTITUDES))
+        return seated(np.concatenate(attitudes)[rows], np.concatenate(seen)[rows], at.rotation)
+
+    def facing(self, at: Parameters) -> Parameters:
+        """The same with the dip, or the direction of the site's field, that readings show."""
+        inverse = np.linalg.inv(at.ellipsoid_like)
+        heights, weights, world = 0.0, 0.0, np.zeros(3)
+        for group in self.groups:
+            seen = group.centred(at) @ inverse.T
+            if (down := group.upright(at)) is not None and group.trust is not None:
+                heights += float(np.einsum("wni,wni,wn->", down, seen, group.trust))
+                weights += float(group.trust.sum())
+            if group.attitudes is not None:
+                known = seen if group.trust is None else seen * group.trust[..., np.newaxis]
+                world += np.einsum("wnij,wnj->i", group.attitudes, known)
+        sine = float(np.clip(heights / weights, -0.999, 0.999)) if weights > 0.0 else 0.0
+        of_site = None if self.site is None else self.site.sine
+        length = float(np.linalg.norm(world))
+        return replace(
+            at,
+            sine=sine if of_site is None else of_site,
+            direction=world / length if length > 0.0 else at.direction,
+        )
+
+    def believed(self, at: Parameters) -> NormalEquations:
+        """What was thought before, in standard deviations."""
+        size = self.layout.size
+        matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
+        ellipsoid = Ellipsoid(at.offset, at.shape)
+        of_shape = prior.equations(ellipsoid, spread=self.spread) + prior.sense(ellipsoid, self.middle, self.width)
+        matrix[:9, :9], gradient[:9], cost = of_shape.matrix, of_shape.gradient, of_shape.cost
+        for name, value, sigma in self._thoughts(at):
+            if name in self.layout:
+                columns = self.layout.columns[name]
+                matrix[columns, columns] += np.eye(columns.stop - columns.start) / sigma**2
+                gradient[columns] -= value / sigma**2
+                cost += float(np.sum(np.square(value))) / sigma**2
+        if self.site is not None and self.site.strength is not None:
+            row = np.zeros(size)
+            width = self.site.gain_sigma * self.site.strength
+            row[3:6] = 1.0 / (3.0 * width)
+            left = (self.site.strength - float(np.trace(at.shape)) / 3.0) / width
+            matrix, gradient, cost = matrix + np.outer(row, row), gradient + row * left, cost + left**2
+        if self.site is not None and self.site.sine is not None and "direction" in self.layout:
+            row = np.zeros(size)
+            row[self.layout.columns["direction"]] = across(at.direction)[2] / self.site.sine_sigma
+            left = (self.site.sine - float(at.direction[2])) / self.site.sine_sigma
+            matrix, gradient, cost = matrix + np.outer(row, row), gradient + row * left, cost + left**2
+        return NormalEquations(matrix, gradient, cost, 0)
+
+    def _thoughts(self, at: Parameters) -> list[tuple[str, Floats | float, float]]:
+        """Blocks that are near zero, or near what is known, with their standard deviations."""
+        turned = at.rotation @ self.rotation.T
+        angle = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
+        thoughts: list[tuple[str, Floats | float, float]] = [
+            ("rotation", angle, ROTATION_SIGMA),
+            ("gyro_bias", at.gyro_bias, BIAS_SIGMA),
+            ("gyro_scale", at.gyro_scale, self.gyro_scale),
+            ("gyro_turn", at.gyro_turn, self.gyro_scale),
+            ("delay", at.delay, DELAY_SIGMA),
+            ("acceleration_bias", at.acceleration_bias, self.acceleration_bias / GRAVITY),
+            ("slope", at.slope, SLOPE_SIGMA),
+        ]
+        if self.site is not None and self.site.sine is not None:
+            thoughts.append(("sine", at.sine - self.site.sine, self.site.sine_sigma))
+        return thoughts
+
+
+def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
+    """How a magnetometer sits on a body of known attitude: as was thought, unless another way is far better.
+
+    From each of the 24 ways in which axes can be exchanged, the field's mean direction m = Σ C R q and the rotation
+    that takes all q the nearest to Cᵀ m (Wahba's problem, by singular values) are found in turns.
+
+    Parameters
+    ----------
+    attitudes : (N, 3, 3) float
+        C, from body to world.
+    seen : (N, 3) float
+        q, in the magnetometer's own axes, of about unit length.
+    rotation : (3, 3) float
+        As was thought.
+
+    Returns
+    -------
+    (3, 3) float
+
+    Examples
+    --------
+    >>> from flinders.geometry.quaternions import of_angles
+    >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
+    >>> attitudes = pointing.body_to_world(of_angles(angles))
+    >>> upturned = np.swapaxes(attitudes, 1, 2) @ [0.6, 0.0, 0.8] * [1.0, -1.0, -1.0]
+    >>> seated(attitudes, upturned, np.eye(3)).round(6) + 0.0
+    array([[ 1.,  0.,  0.],
+           [ 0., -1.,  0.],
+           [ 0.,  0., -1.]])
+    """
+    if not len(seen):
+        return rotation
+    ways = np.stack([rotation, *(axes.apply(np.eye(3)).T for axes in TURNS)])
+    pairs = np.einsum("nij,nk->nijk", attitudes, seen).mean(axis=0)  # Σ C_ij q_k: all that is needed of the readings
+    for _ in range(SEATED):
+        north = np.einsum("ijk,wjk->wi", pairs, ways)
+        left, _, right = np.linalg.svd(np.einsum("wi,ijk->wjk", north, pairs))
+        left[:, :, 2] *= np.linalg.det(left @ right)[:, np.newaxis]
+        ways[1:] = (left @ right)[1:]
+    lengths = np.linalg.norm(np.einsum("ijk,wjk->wi", pairs, ways), axis=1)
+    strayed = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
+    best = int(np.argmin(strayed))
+    found: Floats = ways[best] if STILLER**2 * strayed[best] < strayed[0] else rotation
+    return found
+
+
+def grouped(
+    samples: Samples, terms: Sequence[str], drivers: Drivers | None, window_s: float
+) -> tuple[list[Group], float]:
+    """Put readings that share a direction together, and say how far apart those of a window are, in s."""
+    beside = _Beside.of(samples, terms)
+    every = np.arange(len(samples), dtype=np.intp)
+    if "rate" not in terms or samples.rate is None or samples.time is None:
+        return [_group(samples, every[:, np.newaxis], beside, drivers)], 0.0
+    inside = gyro.windows(samples.time, samples.rate, window_s=window_s)
+    groups = []
+    interval = 0.0
+    if len(inside):
+        steps = np.diff(samples.time[inside], axis=1)
+        interval = float(np.median(steps))
+        intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
+        turned = gyro.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
+        groups.append(replace(_group(samples, inside, beside, drivers), turned=turned))
+    rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
+    if len(rest):
+        groups.append(_group(samples, rest, beside, drivers))
+    return groups, interval
+
+
+class _Beside(NamedTuple):
+    """What stands beside each reading: an attitude (N, 3, 3), or a vertical (N, 3), and how far it is trusted (N,)."""
+
+    attitudes: Floats | None = None
+    down: Floats | None = None
+    trust: Floats | None = None
+
+    @classmethod
+    def of(cls, samples: Samples, terms: Sequence[str]) -> Self:
+        """Take the attitude, which holds a vertical, too; else the accelerometer's, else that of the attitude."""
+        if "attitude" in terms and samples.attitude is not None:
+            matrices = attitude.body_to_world(samples.attitude)
+            known = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+            matrices[~known] = np.eye(3)
+            return cls(attitudes=matrices, trust=known.astype(float))
+        if "dip" in terms and samples.acceleration is not None:
+            return cls(None, *dip.verticals(samples.acceleration))
+        if "tilt" in terms and samples.attitude is not None:
+            return cls(None, *dip.verticals_of(samples.attitude))
+        return cls()
+
+
+def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, drivers: Drivers | None) -> Group:
+    """Take what belongs to (W, n) readings."""
+    return Group(
+        rows,
+        gyro.in_pieces(samples.field[rows]),
+        np.ones(rows.shape),
+        attitudes=None if beside.attitudes is None else gyro.in_pieces(beside.attitudes[rows], 2),
+        down=None if beside.down is None else gyro.in_pieces(beside.down[rows]),
+        trust=None if beside.trust is None else beside.trust[rows],
+        drivers=None if drivers is None or not drivers.names else drivers.columns[rows],
+        warmth=None if drivers is None or drivers.warmth is None else drivers.warmth[rows],
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """Where the iteration stands.
+
+    Attributes
+    ----------
+    at : Parameters
+    groups : tuple of Group
+        With weights, trust and integrated rates as they are now.
+    directions : tuple of (W, 3) float
+    weights : Weights
+    """
+
+    at: Parameters
+    groups: tuple[Group, ...]
+    directions: tuple[Floats, ...]
+    weights: Weights
+
+    @property
+    def misfits(self) -> bool:
+        """Residuals are larger than what they change by from one reading to the next."""
+        total, steps, count, pairs = 0.0, 0.0, 0, 0
+        for group, directions in zip(self.groups, self.directions, strict=True):
+            residual, beside = residuals_of(group, self.at, directions)
+            if group.turned is None:
+                if group.attitudes is None or beside is None:
+                    continue
+                residual = np.swapaxes(beside, 0, 1)  # readings have a direction each: one after the other
+            total += float(np.sum(residual**2))
+            steps += 0.5 * float(np.sum(np.diff(residual, axis=1) ** 2))
+            count, pairs = count + residual.size, pairs + residual[:, 1:].size
+        return count > 0 and total / count > MISFIT**2 * steps / max(pairs, 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equations:
+    """Of all groups and the prior, in standard deviations."""
+
+    parts: tuple[Linearised, ...]
+    matrix: Floats
+    gradient: Floats
+    bent: Floats
+    prior: NormalEquations
+
+    @property
+    def cost(self) -> float:
+        """χ² of everything."""
+        return self.prior.cost + sum(part.cost for part in self.parts)
+
+    @classmethod
+    def of(cls, problem: Problem, found: Found) -> Self:
+        """Linearise everything."""
+        parts = tuple(
+            linearised(group, found.at, directions, problem.layout, found.weights)
+            for group, directions in zip(found.groups, found.directions, strict=True)
+        )
+        size = problem.layout.size
+        matrix, gradient, bent = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+        for part in parts:
+            matrix, gradient, bent = matrix + part.matrix, gradient + part.gradient, bent + part.bent
+        return cls(parts, matrix, gradient, bent, problem.believed(found.at))
+
+    def weights(self, problem: Problem, found: Found) -> Weights:
+        """What the residuals say of each kind of noise: a step of Fisher's scoring for both variances."""
+        squares = sum((part.squares for part in self.parts), np.zeros(2))
+        expected = sum((part.expected for part in self.parts), np.zeros(2)) - [problem.layout.size, 0.0]
+        curvature = sum((part.curvature for part in self.parts), np.zeros((2, 2)))
+        floor = FINEST * float(np.cbrt(np.linalg.det(found.at.shape)))
+        if curvature[1, 1] <= 0.0 or found.weights.span > 1.0:  # verticals that hang together are weighed as a whole
+            factor = float(squares[0]) / max(float(expected[0]), 1.0)
+            return found.weights._replace(noise=max(found.weights.noise * math.sqrt(factor), floor))
+        change = np.linalg.lstsq(curvature, squares - expected, rcond=1e-6)[0]
+        noise, vertical = np.sqrt(np.clip(1.0 + change, LEAST_CHANGE, 1.0 / LEAST_CHANGE)).tolist()
+        return found.weights._replace(
+            noise=max(found.weights.noise * noise, floor),
+            vertical=max(found.weights.vertical * vertical, FINEST_VERTICAL),
+        )
+
+
+def starts(samples: Samples, site: Site | None) -> Iterable[Ellipsoid]:
+    """Ellipsoids to begin with: that of all readings, and spheres about them."""
+    known = site.strength if site is not None else None
+    try:
+        estimate = Auto().estimate(Readings.of(samples.field))
+        if not estimate.plane and not estimate.unseen:
+            yield estimate.ellipsoid
+    except FitError:
+        pass
+    middle = samples.field.mean(axis=0)
+    spread = float(np.sqrt(np.mean(np.sum((samples.field - middle) ** 2, axis=1))))
+    if spread > 0.0:
+        yield Ellipsoid(middle, (known or spread) * np.eye(3))
+        for lift in (1.0, -1.0, 2.0, -2.0):
+            normal = np.linalg.eigh(np.cov(samples.field.T))[1][:, 0]
+            radius = spread * math.hypot(1.0, lift)
+            yield Ellipsoid(middle + lift * spread * normal, (known or radius) * np.eye(3))
+
+
+def begun(problem: Problem, at: Parameters) -> Found:
+    """Where to begin with some parameters: directions that readings agree on, and noises that residuals show."""
+    groups = tuple(group.at(at) for group in problem.groups)
+    directions = tuple(group.guess(at) for group in groups)
+    squares, counts = np.zeros(2), np.zeros(2)
+    for group, known in zip(groups, directions, strict=True):
+        residual, beside = residuals_of(group, at, known)
+        squares[0] += float(np.sum(residual**2))
+        counts[0] += 3.0 * residual.shape[0] * residual.shape[1] - 2.0 * len(known)
+        if beside is not None and group.trust is not None:
+            squares[1] += float(np.sum(np.sum(beside**2, axis=2) * group.trust))
+            counts[1] += float(np.count_nonzero(group.trust)) * beside.shape[2]
+    noise, vertical = np.sqrt(squares / np.maximum(counts, 1.0)).tolist()
+    radius = float(np.cbrt(np.linalg.det(at.shape)))
+    widest = Weights(LOUDEST * radius, LOUDEST)
+    return Found(
+        at,
+        groups,
+        directions,
+        Weights(
+            float(np.clip(noise, FINEST * radius, widest.noise)),
+            float(np.clip(vertical, FINEST_VERTICAL, widest.vertical)),
+        ),
+    )
+
+
+def iterated(problem: Problem, found: Found) -> Found:
+    """Take steps until they are small beside what is claimed, with the weights that residuals ask for."""
+    damping = 1e-3
+    for _ in range(STEPS):
+        equations = Equations.of(problem, found)
+        matrix, gradient = equations.matrix + equations.prior.matrix, equations.gradient + equations.prior.gradient
+        step: Floats = gradient
+        before, moved = equations.cost, None
+        while moved is None and damping < MOST_DAMPING:
+            step = solved(matrix, gradient, damping)
+            moved = _moved(problem, found, equations, step, before)
+            damping = damping * 8.0 if moved is None else max(damping / 10.0, 1e-12)
+        weighed = reweighed(problem, found if moved is None else moved, equations)
+        is_weighed = bool(np.all(np.abs(np.log(np.divide(weighed.weights, found.weights))) < SAME))
+        is_small = moved is None or (float(step @ matrix @ step) < SETTLED**2 * len(step) and damping < 1.0)
+        found, damping = weighed, min(damping, 1.0)
+        if is_weighed and is_small:
+            break
+    return found
+
+
+def reweighed(problem: Problem, found: Found, equations: Equations) -> Found:
+    """Weigh each kind of residual by its noise, and trust verticals with a large residual less."""
+    weights = equations.weights(problem, found)
+    groups = tuple(
+        _retrusted(group, original, found.at, directions, weights)
+        for group, original, directions in zip(found.groups, problem.groups, found.directions, strict=True)
+    )
+    return replace(found, weights=weights, groups=groups)
+
+
+def _retrusted(group: Group, original: Group, at: Parameters, directions: Floats, weights: Weights) -> Group:
+    """Trust verticals and attitudes with a large residual less than what was recorded with them asks for."""
+    _, beside = residuals_of(group, at, directions)
+    if beside is None or original.trust is None:
+        return group
+    length = np.sqrt(np.einsum("wni,wni->wn", beside, beside)) / weights.vertical
+    beyond = dip.HUBER if group.attitudes is None else attitude.HUBER
+    return replace(group, trust=original.trust * group.weight * dip.huber(length, beyond=beyond))
+
+
+def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:
+    """The damped step, in a scale in which the matrix has ones on its diagonal."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = matrix / np.outer(scale, scale)
+    damped = scaled + damping * np.eye(len(scale))
+    try:
+        step: Floats = np.linalg.solve(damped, gradient / scale) / scale
+    except np.linalg.LinAlgError:  # nothing speaks for one of them, and it stays
+        step = np.linalg.lstsq(damped, gradient / scale, rcond=None)[0] / scale
+    return step
+
+
+def _moved(problem: Problem, found: Found, equations: Equations, step: Floats, before: float) -> Found | None:
+    """Take a step if it leads to a closed surface and costs no more."""
+    largest = float(np.abs(step[:9]).max()) / float(np.cbrt(np.linalg.det(found.at.shape)))
+    tried = taken(problem, found, equations, step * min(1.0, LONGEST_STEP / max(largest, 1e-300)))
+    if tried is None or not _cost(problem, tried) <= before * (1.0 + 1e-9) + 1e-6:
+        return None
+    return tried
+
+
+def taken(problem: Problem, found: Found, equations: Equations, step: Floats) -> Found | None:
+    """Where a step leads; None where the surface is not closed."""
+    at = found.at.moved(step, problem.layout)
+    axes = np.linalg.eigvalsh(at.shape)
+    if not axes[0] > 1e-3 * axes[2]:
+        return None
+    groups = tuple(group.at(at) for group in found.groups)
+    directions = tuple(part.follow(known, step) for part, known in zip(equations.parts, found.directions, strict=True))
+    return replace(found, at=at, groups=groups, directions=directions)
+
+
+def _cost(problem: Problem, found: Found) -> float:
+    """χ² of everything."""
+    return problem.believed(found.at).cost + sum(
+        cost_of(group, found.at, directions, found.weights)
+        for group, directions in zip(found.groups, found.directions, strict=True)
+    )
+
+
+def surprise(problem: Problem, found: Found) -> float:
+    """−2 log of how probable a fit is, but for what all fits to these readings share."""
+    counts = np.zeros(2)
+    for group in found.groups:
+        told = 0 if group.trust is None else int(np.count_nonzero(group.trust))
+        counts += [3.0 * group.count, told * (1.0 / found.weights.span if group.attitudes is None else 2.0)]
+    return float(2.0 * counts @ np.log(found.weights[:2])) + problem.believed(found.at).cost
+
+
+def without_strays(problem: Problem, found: Found) -> Found:
+    """Leave out readings that do not belong to the rest, and go on without them."""
+    for _ in range(3):
+        groups = tuple(
+            replace(group, weight=_belonging(group, found, directions))
+            for group, directions in zip(found.groups, found.directions, strict=True)
+        )
+        if all(np.array_equal(new.weight, old.weight) for new, old in zip(groups, found.groups, strict=True)):
+            break
+        found = iterated(problem, replace(found, groups=groups))
+    return found
+
+
+def _belonging(group: Group, found: Found, directions: Floats) -> Floats:
+    """(W, n) 1 for a reading that belongs, 0 for one whose residual is far beyond the usual; all where many are."""
+    residual, _ = residuals_of(group, found.at, directions)
+    length = np.sqrt(np.einsum("wni,wni->wn", residual, residual))
+    usual = max(float(np.median(length)), found.weights.noise * 1e-3)
+    belongs = (length <= STRAY * usual).astype(float)
+    return belongs if belongs.mean() > FEWEST_LEFT else np.ones_like(belongs)

@@ -1,0 +1,357 @@
+"""What drives the offset of a sensor that is not turned, as where a motor is run up on a bench.
+
+The readings are a straight line in the drivers,
+
+    x = x₀ + Σ P (c(t − lag) − reference) + noise
+
+by least squares, axis by axis. It tells neither offset nor matrix: what it finds goes `onto` a calibration that was
+made without the motor.
+
+When to use it: the sensor lies still, and the driver goes up **and down** again, several times. Not where it is
+switched on once: a sensor that moved meanwhile would look the same, and `findings` says so. A sensor that moves *with*
+the driver, as one that the motor lifts, leaves nothing in the readings; an accelerometer beside it shows its tilt.
+
+Source: CompassMot of ArduPilot, by regression in place of its filter.
+
+>>> from flinders.core.samples import Samples
+>>> rng = np.random.default_rng(1)
+>>> current = 10.0 - 10.0 * np.cos(np.linspace(0.0, 20.0, 400))
+>>> field = [20.0, -5.0, 43.0] + np.outer(current, [0.5, 0.0, -0.3]) + rng.normal(scale=0.2, size=(400, 3))
+>>> found = still([Samples.of(field, unit="uT", current=current)], ["current"])
+>>> found.drivers[0].per_unit.round(2) + 0.0, round(found.noise, 1), found.findings
+(array([ 0.5,  0. , -0.3]), 0.2, ())
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.core.disturbance import Driver
+from flinders.errors import counted, figures
+from flinders.estimators.autocorrelation import Residuals
+from flinders.estimators.disturbance_solver import WEAK
+from flinders.estimators.linearity import curvature
+from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, rounding, widened
+from flinders.estimators.regressors import Logged
+from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
+from flinders.likelihood.equations import NormalEquations
+from flinders.result import Driven, Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
+    from flinders.core.samples import Recording
+    from flinders.estimators.time_delay import Lag
+
+UNMOVED: Final = 0.03
+"""Of the length of the mean reading: what is left of a recording of a still sensor, once its drivers are taken off."""
+
+SHARES: Final = 0.9
+"""Of the scatter of a recording that a driver has to explain for its sensor to have been still."""
+
+TILTED_DEG: Final = 0.5
+"""Degrees by which the vertical may turn over the range of a driver: at a dip of 60° that is a degree of heading."""
+
+PROVEN: Final = 4.0
+"""Standard deviations from which on a turn of the vertical is one."""
+
+STEPPED: Final = 0.25
+"""Share of what is left that one step explains, from which on it is one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Still:
+    """What drivers do to the readings of a sensor that is not turned.
+
+    Attributes
+    ----------
+    drivers : tuple of Driver
+        Without a gain: a sensor that is not turned does not tell scale from offset.
+    covariance : (K, K) float
+        Of (P₁, P₂, …).
+    noise : float
+        Standard deviation of what is left of an axis, in the unit of the readings.
+    moved : float
+        Standard deviation of what the drivers make, all axes together, in that unit.
+    constant : tuple of str
+        Drivers that hardly changed.
+    driven : tuple of Driven
+        What is known of each driver beside its numbers.
+    step : float
+        The largest step in what is left, in the unit of the readings, where one explains a quarter of it; else 0.
+    tilted_deg : float
+        By how much the vertical turns over the range of a driver, as an accelerometer shows; 0 where there is none, or
+        where it may be its noise.
+    """
+
+    drivers: tuple[Driver, ...]
+    covariance: Floats
+    noise: float
+    moved: float
+    constant: tuple[str, ...] = ()
+    driven: tuple[Driven, ...] = field(default=())
+    step: float = 0.0
+    tilted_deg: float = 0.0
+
+    def onto(self, calibration: Calibration) -> Calibration:
+        """A calibration of the same sensor, made without these drivers, that follows them; others it keeps."""
+        names = {driver.name for driver in self.drivers}
+        kept = tuple(driver for driver in calibration.drivers if driver.name not in names)
+        return replace(calibration, drivers=(*kept, *self.drivers))
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What speaks against this bench: a sensor that moved, once or along with a driver."""
+        found = []
+        if self.step:
+            advice = (
+                f"what the drivers leave makes a step of {figures(self.step)} (noise {figures(self.noise)}): the "
+                "sensor moved, or something magnetic came near; fix both, and record again"
+            )
+            found.append(Finding("bench-moved", "limits", self.step, 4.0 * self.noise, advice))
+        if self.tilted_deg > TILTED_DEG:
+            advice = (
+                f"the vertical turns by {figures(self.tilted_deg)}° with what drives the sensor, as the accelerometer "
+                "shows: the sensor moved with it, and so much of the earth's field was taken for the driver's; fix the "
+                "sensor, and record again"
+            )
+            found.append(Finding("bench-tilted", "limits", self.tilted_deg, TILTED_DEG, advice))
+        return tuple(found)
+
+
+def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:
+    """Find the offset that drivers make where the sensor was not turned; None where it was.
+
+    What is left tells whether the sensor was still: a turn leaves much more than noise.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    names : sequence of str
+        ``current``, ``throttle``, ``temperature``.
+
+    Raises
+    ------
+    UsageError, InputError, TooFewSamples
+        As `flinders.estimators.disturbance.driving_of`.
+    """
+    logged = Logged.of(recordings, tuple(names))
+    moving, constant = logged.split()
+    lags = _lags(logged, moving)
+    seconds = kept(lags)
+    departures = logged.departures(moving, seconds)
+    left, _, design = _line(logged.field, departures)
+    noise = float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
+    if not _is_still(logged.field, min(noise, _quiet(logged, moving))):
+        return None
+    believed = noise**2 * _precision(logged.field, departures)
+    shifts = np.linalg.solve(design.T @ design + believed, design.T @ logged.field)[:-1]
+    left = logged.field - logged.field.mean(axis=0) - (departures - departures.mean(axis=0)) @ shifts
+    drivers = tuple(
+        Driver(name, shifts[place], logged.reference(name), *logged.range(name), seconds.get(name, 0.0))
+        for place, name in enumerate(moving)
+    )
+    made = float(np.sqrt(np.var(departures @ shifts, axis=0).sum()))
+    driven = tuple(_driven(driver, place, departures, left, lags) for place, driver in enumerate(drivers))
+    covariance = _metered(logged, departures, left, drivers, _covariance(left, design, believed))
+    tilted = _tilted_deg(_felt(recordings, logged), departures)
+    return Still(drivers, covariance, noise, made, constant, driven, _step(left), tilted)
+
+
+def described(found: Still, unit: str) -> str:
+    """Say that the sensor was not turned, and what that means."""
+    names = " and ".join(driver.name for driver in found.drivers)
+    return (
+        f"the sensor was not turned in this recording: {names} moved its readings by "
+        f"{found.moved:.3g} {unit} (rms), and {found.noise:.2g} {unit} of noise was left in each axis; "
+        f"this gives {counted(len(found.drivers), 'driver')}, and no offset or matrix"
+    )
+
+
+def _is_still(readings: Floats, noise: float) -> bool:
+    """What is left is noise, and the readings were either hardly scattered or scattered by the drivers."""
+    length = float(np.linalg.norm(readings.mean(axis=0)))
+    scatter = float(np.sqrt(np.mean(np.var(readings, axis=0))))
+    if noise > UNMOVED * length:
+        return False
+    return scatter <= UNMOVED * length or noise**2 < (1.0 - SHARES) * scatter**2
+
+
+def _quiet(logged: Logged, names: tuple[str, ...]) -> float:
+    """What a line in smoothed columns leaves of an axis, 1 σ, where there are times: a noisy meter is no turn."""
+    if not (names and logged.is_timed):
+        return np.inf
+    left, _, design = _line(logged.field, Shifted(logged, names, (), {})(0.0))
+    return float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
+
+
+def _line(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floats]:
+    """What a straight line in the drivers leaves (N, 3), its slopes (K, 3), and its design (N, K + 1)."""
+    design = np.column_stack([departures, np.ones(len(readings))])
+    found = np.linalg.lstsq(design, readings, rcond=None)[0]
+    return readings - design @ found, found[:-1], design
+
+
+def _precision(readings: Floats, departures: Floats) -> Floats:
+    """(K + 1, K + 1) of what is thought likely of the slopes: what drivers make is no longer than the readings."""
+    length = max(float(np.linalg.norm(readings.mean(axis=0))), np.finfo(float).tiny)
+    return np.diag(np.append((np.abs(departures).max(axis=0, initial=0.0) / (WEAK * length)) ** 2, 0.0))
+
+
+def _covariance(left: Floats, design: Floats, believed: Floats | None = None) -> Floats:
+    """(3 K, 3 K) of the slopes, each driver's three together; residuals that hang together count for fewer.
+
+    `believed` (K + 1, K + 1) is what was thought likely before, in the variance of the noise: it alone speaks of what
+    drivers that rise and fall together do one by one.
+    """
+    count = design.shape[1] - 1
+    before = np.zeros((count + 1, count + 1)) if believed is None else believed
+    inverse = NormalEquations(design.T @ design + before, np.zeros(count + 1), 0.0, len(left)).inverse()
+    noise = float(np.mean(left**2))
+    blocks = np.zeros((count, 3, count, 3))
+    rows = [np.arange(len(left))]
+    for axis in range(3):
+        residuals = Residuals(left[:, axis], design, rows)
+        covariance = inverse @ (residuals.scatter(residuals.autocovariance()) + noise * before) @ inverse
+        blocks[:, axis, :, axis] = covariance[:count, :count]
+    return blocks.reshape(3 * count, 3 * count)
+
+
+def _metered(logged: Logged, departures: Floats, left: Floats, drivers: Sequence[Driver], covariance: Floats) -> Floats:
+    """(3 K, 3 K) covariance of the slopes with what the noise of meters adds to it."""
+    about = departures - departures.mean(axis=0)
+    inverse = np.kron(np.linalg.pinv(about.T @ about, hermitian=True), np.eye(3))
+    meters = [
+        Meter(
+            noise_of(departures[:, place], *_along(driver, left)),
+            rounding(logged.values[driver.name])[0],
+            np.sqrt(len(left)) * np.eye(3 * len(drivers))[:, 3 * place : 3 * place + 3],
+        )
+        for place, driver in enumerate(drivers)
+    ]
+    found = np.concatenate([np.zeros(0), *(driver.per_unit for driver in drivers)])
+    return widened(covariance, inverse, found, meters)
+
+
+def _along(driver: Driver, left: Floats) -> tuple[Floats, Floats]:
+    """(N,) what is left along what a driver makes, and by how much that moves with one unit of it."""
+    size = float(np.linalg.norm(driver.per_unit))
+    along = left @ driver.per_unit / size if size > 0.0 else np.zeros(len(left))
+    return along, np.full(len(left), size)
+
+
+def _lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
+    """The best lag of each motor."""
+    lags: dict[str, Lag] = {}
+    for late in lagging(names) if logged.is_timed else ():
+        cost = _Cost(logged, Shifted(logged, names, late, kept(lags)))
+        lag = cost.scattered(profile(late[0], cost, grid_of(logged.step_s)))
+        lags |= {name: replace(lag, name=name) for name in late}
+    return lags
+
+
+class _Cost:
+    """χ² that a straight line leaves, in the variance that the best lag leaves."""
+
+    def __init__(self, logged: Logged, shifted: Shifted) -> None:
+        self._field, self._shifted = logged.field, shifted
+        least = min(float(np.sum(self._left(lag) ** 2)) for lag in grid_of(logged.step_s))
+        self._variance = max(least / (3.0 * len(logged.field)), 1e-300)
+
+    def __call__(self, lag_s: float) -> float:
+        """χ² at a lag in s."""
+        return float(np.sum(self._left(lag_s) ** 2)) / self._variance
+
+    def scattered(self, lag: Lag) -> Lag:
+        """The same lag with the standard deviation that what it leaves allows."""
+        left, slopes, design = _line(self._field, self._shifted(lag.seconds))
+        moved = self._shifted.slope(lag.seconds) @ slopes
+        moved -= design @ np.linalg.lstsq(design, moved, rcond=None)[0]
+        return scattered(lag, left.T, moved.T, self._variance)
+
+    def _left(self, lag_s: float) -> Floats:
+        """(N, 3) what a line leaves."""
+        return _line(self._field, self._shifted(lag_s))[0]
+
+
+def _driven(driver: Driver, place: int, drivers: Floats, left: Floats, lags: dict[str, Lag]) -> Driven:
+    """What is known of one of the drivers beside its numbers."""
+    departures, design = drivers[:, place], np.column_stack([drivers, np.ones(len(left))])
+    lag = lags.get(driver.name)
+    return Driven(
+        driver.name,
+        driver,
+        one_way=one_way(departures),
+        attenuation=attenuation(departures, *_along(driver, left)),
+        lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
+        lag_is_beyond=lag is not None and lag.is_beyond,
+        curvature=_curvature(driver, departures, left, design),
+        alike=alike(departures, np.delete(drivers, place, axis=1)),
+    )
+
+
+def _curvature(driver: Driver, departures: Floats, left: Floats, design: Floats) -> float:
+    """How far all axes together are off a straight line, as a share of what the driver makes."""
+    count = len(left)
+    rows = [np.arange(axis * count, (axis + 1) * count) for axis in range(3)]
+    residuals = Residuals(left.T.ravel(), np.kron(np.eye(3), design), rows)
+    return curvature(np.tile(departures, 3), residuals, np.repeat(np.eye(3), count, axis=0), driver.per_unit)
+
+
+def _felt(recordings: Sequence[Recording], logged: Logged) -> Floats | None:
+    """(N, 3) what an accelerometer felt at the readings that are looked at; None where one has none."""
+    felt: list[Floats] = []
+    for recording, part in zip(recordings, logged.parts, strict=True):
+        pieces = [block.acceleration for block in recording.blocks() if len(block)]
+        given = [piece for piece in pieces if piece is not None]
+        if len(given) < len(pieces):
+            return None
+        felt.append(np.concatenate(given)[:: part.stride])
+    return np.concatenate(felt)
+
+
+def _tilted_deg(felt: Floats | None, departures: Floats) -> float:
+    """By how much the vertical turns over the range of the driver that turns it most; 0 where that may be noise.
+
+    >>> current = np.tile(np.linspace(0.0, 20.0, 50), 4)
+    >>> leaning = np.radians(0.1 * current)
+    >>> felt = 9.8 * np.stack([np.sin(leaning), 0.0 * leaning, -np.cos(leaning)], axis=1)
+    >>> round(_tilted_deg(felt, current[:, np.newaxis]), 1)
+    2.0
+    """
+    if felt is None or not departures.shape[1]:
+        return 0.0
+    finite = np.isfinite(felt).all(axis=1)
+    gravity = float(np.linalg.norm(felt[finite].mean(axis=0))) if finite.sum() > departures.shape[1] + 1 else 0.0
+    if not gravity > 0.0:
+        return 0.0
+    unit = felt[finite] / gravity
+    left, slopes, design = _line(unit, departures[finite])
+    vertical = unit.mean(axis=0)
+    level = np.eye(3) - np.outer(vertical, vertical)
+    covariance, most = _covariance(left, design), 0.0
+    for place, slope in enumerate(slopes):
+        block = covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]
+        turned, sigma = np.linalg.norm(level @ slope), np.sqrt(np.linalg.eigvalsh(block)[-1].clip(0.0))
+        if turned > PROVEN * sigma:
+            most = max(most, float(turned * np.ptp(departures[:, place])))
+    return float(np.degrees(np.arctan(most)))
+
+
+def _step(left: Floats) -> float:
+    """Size of the step that explains most of what is left; 0 where that is less than a quarter of it."""
+    count = len(left)
+    before = np.arange(1, count)[:, np.newaxis]
+    sums = np.cumsum(left, axis=0)[:-1]
+    gains = np.sum(sums**2, axis=1) * count / (before * (count - before))[:, 0]
+    place = int(np.argmax(gains))
+    share = float(gains[place]) / max(float(np.sum(left**2)), np.finfo(float).tiny)
+    if share < STEPPED:
+        return 0.0
+    first, rest = left[: place + 1].mean(axis=0), left[place + 1 :].mean(axis=0)
+    return float(np.linalg.norm(rest - first))
