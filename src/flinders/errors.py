@@ -239,7 +239,7 @@ def _rounded_up(angle: float) -> str:
 class Unmoved(FitError):
     """All readings lie within a small angle (`angle_deg`) of one direction: the sensor was hardly turned.
 
-    What the angle is measured from, see `flinders.unmoved`.
+    What the angle is measured from, see `flinders.diagnostics.unmoved`.
     """
 
     code = "unmoved"

@@ -18,6 +18,8 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
+from flinders.diagnostics.repeatability import Part, compared
+from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, UsageError
 from flinders.estimators import (
     METHODS,
@@ -43,10 +45,8 @@ from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import alignment_error_deg, level_error
 from flinders.likelihood.identifiability import is_flat
 from flinders.likelihood.prior import SPREAD
-from flinders.repeats import Part, compared
 from flinders.result import Aid, Aids, Fit, Refused
 from flinders.summary.coverage import Coverage
-from flinders.unmoved import require_moved
 from flinders.verdict import judge
 
 if TYPE_CHECKING:
@@ -55,11 +55,11 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.core.samples import Recording
+    from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
     from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
-    from flinders.repeats import Repeats
     from flinders.result import Drift, Slip, Unfollowed
     from flinders.summary.summary import Summary
 
@@ -131,7 +131,7 @@ def fit(
     UsageError
         For a method or option that does not exist, or numbers out of range.
     Unmoved
-        For readings of a sensor that was hardly turned, see `flinders.unmoved`.
+        For readings of a sensor that was hardly turned, see `flinders.diagnostics.unmoved`.
     NotTurned, InputError
         For `drivers` of a sensor that was not turned, or that were not recorded.
     """

@@ -33,11 +33,11 @@ import numpy as np
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
+from flinders.diagnostics.repeatability import Part, compared
 from flinders.errors import FitError, UsageError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import HeadingError, direction_error_deg, level_error
 from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
-from flinders.repeats import Part, compared
 from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first
 from flinders.summary.pooling import chi_square_of, pool
 from flinders.verdict import REFUSED_AT, contradiction, of_calibration
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
-    from flinders.repeats import Repeats
+    from flinders.diagnostics.repeatability import Repeats
     from flinders.result import Severity
 
 METHOD: Final = "merged"

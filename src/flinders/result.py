@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import BesideRecord, Document, Provenance
     from flinders.core.disturbance import Driver
+    from flinders.diagnostics.repeatability import Repeats
     from flinders.geometry.plane import Plane
     from flinders.heading.error_propagation import HeadingError
-    from flinders.repeats import Repeats
     from flinders.summary.coverage import Coverage
 
 Severity = Literal["note", "limits", "refuses"]

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Driver
+    from flinders.diagnostics.repeatability import Repeats
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.heading.guidance import Guidance
-    from flinders.repeats import Repeats
     from flinders.result import Driven, Fit, Severity
     from flinders.summary.coverage import Coverage
     from flinders.summary.moments import Moments
@@ -131,7 +131,7 @@ BEYOND_CLAIM: Final = 3.0
 CHANGED: Final = 1e-4
 CHANGED_SHARE: Final = 0.25
 SLIPPED: Final = 1.1
-"""Times closer to an ellipsoid: `flinders.estimators.slips` tells nothing below it."""
+"""Times closer to an ellipsoid: `flinders.diagnostics.axis_swap` tells nothing below it."""
 STRUCTURE: Final = 0.005
 FEW: Final = 20
 CORRELATED: Final = 0.5

@@ -13,8 +13,8 @@ import pytest
 
 from flinders import fitting
 from flinders.core.samples import Samples
+from flinders.diagnostics.axis_swap import SLIPS
 from flinders.errors import FitError
-from flinders.estimators.slips import SLIPS
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import identifiability
 from flinders.result import Refused

@@ -19,8 +19,8 @@ from flinders import fitting, simulate
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Driver
 from flinders.core.samples import Joined, Samples
+from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import FitError, TooFewSamples
-from flinders.estimators.walk import walk_through
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.judged import Judged
 from flinders.likelihood.site_field import Site

@@ -14,12 +14,12 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.core.samples import Samples
+from flinders.diagnostics.unmoved import unmoved_deg
 from flinders.errors import FitError, Unmoved
 from flinders.live.evaluation import evaluate
 from flinders.live.snapshot import Snapshot
 from flinders.result import Refused
 from flinders.summary.summary import Summary
-from flinders.unmoved import unmoved_deg
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,9 +13,9 @@ from scipy.linalg import block_diag
 import flinders
 from flinders import simulate
 from flinders.core.compensation import Settler
+from flinders.diagnostics.random_walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.disturbance import driving_of
-from flinders.estimators.walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.result import Refused
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from benchmarks.wrong_use import CASES, codes_of
 import flinders
 from flinders import simulate
 from flinders.cli._aids import taken
+from flinders.diagnostics.instruments import circular, elsewhere, of_instruments, one_axis
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
-from flinders.estimators.mistakes import circular, elsewhere, of_instruments, one_axis
 from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood.site_field import Site

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from flinders.comparison import Comparison, Strength
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Joined
-    from flinders.estimators.walk import Walk
+    from flinders.diagnostics.random_walk import Walk
     from flinders.judged import Judged
     from flinders.result import Fit, Refused
 
@@ -171,14 +171,14 @@ def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
 
 def _walked(recording: Joined, fresh: Fit) -> Walk:
     """How the offset moved through a recording, by the fit to it."""
-    from flinders.estimators.walk import walk_through
+    from flinders.diagnostics.random_walk import walk_through
 
     return walk_through(recording, fresh.ellipsoid, plane=fresh.plane, dip_deg=fresh.heading_error_deg.dip_deg)
 
 
 def _walked_anyhow(recording: Joined, known: Judged, dip_deg: float) -> Walk | None:
     """How it moved where no fit is fit for use: by the calibration itself; None where nothing can be followed."""
-    from flinders.estimators.walk import walk_through
+    from flinders.diagnostics.random_walk import walk_through
 
     with contextlib.suppress(NeedsSamples, TooFewSamples):
         return walk_through(recording, known.ellipsoid, dip_deg=dip_deg, is_own=False)
@@ -199,7 +199,7 @@ def _told(walk: Walk, unit: str, *, target_deg: float, dip_deg: float, under: st
     """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
     from flinders.cli._reports import can_show
     from flinders.core.units import label
-    from flinders.estimators.walk import BARS
+    from flinders.diagnostics.random_walk import BARS
 
     words = walk.words(label(unit), level_deg=target_deg, dip_deg=abs(dip_deg))
     bars = f"\n{walk.drawn()}  0 to {walk.moved:.2g}" if walk.is_proven and can_show(sys.stdout.encoding, BARS) else ""

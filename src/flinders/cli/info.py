@@ -215,7 +215,7 @@ def _words(rail: Rail) -> str:
 
 def _unmoved(summary: Summary, unit: str) -> str:
     """Why the readings are those of a sensor that was hardly turned; nothing where it was."""
-    from flinders.unmoved import require_moved
+    from flinders.diagnostics.unmoved import require_moved
 
     try:
         require_moved(summary, unit)

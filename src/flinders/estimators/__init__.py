@@ -43,13 +43,15 @@ from __future__ import annotations
 
 from typing import Final
 
+from flinders.diagnostics.axis_swap import slip_of
+from flinders.diagnostics.drift import drift_of
+from flinders.diagnostics.unmodelled import unfollowed_of
 from flinders.estimators.algebraic import Algebraic, fit_error
 from flinders.estimators.auto import Auto
 from flinders.estimators.base import Estimate, Estimator
 from flinders.estimators.bias_inflation import as_correlated, with_bias
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.data import Readings
-from flinders.estimators.drift import drift_of
 from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.level import Level
 from flinders.estimators.likelihood import Likelihood
@@ -73,9 +75,7 @@ from flinders.estimators.reference.trace import Convergence
 from flinders.estimators.reference.two_step import TwoStep
 from flinders.estimators.robust import Robust
 from flinders.estimators.saturation import within_range
-from flinders.estimators.slips import slip_of
 from flinders.estimators.two_axis import TwoAxisRecipe
-from flinders.estimators.unfollowed import unfollowed_of
 
 METHODS: Final[dict[str, type[Estimator]]] = {
     method.name: method

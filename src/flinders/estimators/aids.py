@@ -25,12 +25,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 
-from flinders.errors import FitError, figures
-from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
-from flinders.estimators.data import Readings
-from flinders.estimators.held_out import Missed, fitted, missed
-from flinders.estimators.likelihood import Likelihood, start
-from flinders.estimators.mistakes import (
+from flinders.diagnostics.hold_out import Missed, fitted, missed
+from flinders.diagnostics.instruments import (
     UPRIGHT,
     astray,
     circular,
@@ -44,6 +40,10 @@ from flinders.estimators.mistakes import (
     one_axis,
     without_gaps,
 )
+from flinders.errors import FitError, figures
+from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
+from flinders.estimators.data import Readings
+from flinders.estimators.likelihood import Likelihood, start
 from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn

@@ -194,7 +194,7 @@ class Readings:
             If an axis never changes.
         Unmoved
             If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them. What
-            `flinders.fit` refuses besides, see `flinders.unmoved`.
+            `flinders.fit` refuses besides, see `flinders.diagnostics.unmoved`.
         """
         how = {} if axes == "xyz" else {"how": f"all the way round in the plane {axes}"}
         if len(self) < unknowns:

@@ -25,10 +25,10 @@ import numpy as np
 from flinders.core.compensation import settled
 from flinders.core.disturbance import KINDS, MOTORS, motor
 from flinders.core.samples import Samples, singles
+from flinders.diagnostics.hold_out import folds
 from flinders.errors import FitError, InputError, figures
 from flinders.estimators.cache import concatenated
 from flinders.estimators.disturbance import driving_of
-from flinders.estimators.held_out import folds
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
 from flinders.likelihood import magnitude, prior

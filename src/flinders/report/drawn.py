@@ -20,7 +20,7 @@ import numpy as np
 from flinders.core.compensation import settled
 from flinders.core.samples import Samples, singles
 from flinders.core.units import label
-from flinders.estimators.walk import FEWEST, walk_of
+from flinders.diagnostics.random_walk import FEWEST, walk_of
 from flinders.report.view import lengths_off, view
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.estimators.walk import Walk
+    from flinders.diagnostics.random_walk import Walk
     from flinders.geometry.plane import Plane
     from flinders.report.view import View
     from flinders.result import Fit

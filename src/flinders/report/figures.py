@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.disturbance import Driver
-    from flinders.estimators.walk import Walk
+    from flinders.diagnostics.random_walk import Walk
     from flinders.geometry.plane import Plane
     from flinders.report.drawn import Drawn
     from flinders.report.view import View

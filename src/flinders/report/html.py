@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import SourceFile
     from flinders.core.samples import Recording
+    from flinders.diagnostics.random_walk import Walk
     from flinders.errors import FitError
-    from flinders.estimators.walk import Walk
 
 TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
 """What each verdict is called, as on the page."""

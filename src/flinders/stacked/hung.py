@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.diagnostics.axis_swap import BROKEN
+from flinders.diagnostics.drift import FEWEST, FEWEST_INDEPENDENT
 from flinders.estimators import autocorrelation as correlation
-from flinders.estimators.drift import FEWEST, FEWEST_INDEPENDENT
-from flinders.estimators.slips import BROKEN
 from flinders.likelihood.identifiability import WELL_CONDITIONED
 from flinders.stacked.algebra import (
     Array,
@@ -460,7 +460,7 @@ def may_have_changed(
 
 
 def may_have_slipped(readings: Array, count: Array) -> Array:
-    """(U,) whether (U, 3, N) readings have a break that `flinders.estimators.slips` would look at."""
+    """(U,) whether (U, 3, N) readings have a break that `flinders.diagnostics.axis_swap` would look at."""
     xp = namespace(readings)
     if readings.shape[2] < 3 + 9:
         return xp.zeros(count.shape, dtype=xp.bool)

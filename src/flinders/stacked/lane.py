@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
+from flinders.diagnostics.unmoved import NARROW
 from flinders.estimators.autocorrelation import FEW as FEW_TO_CORRELATE
 from flinders.estimators.base import FINEST
 from flinders.estimators.data import LARGEST, SMALLEST
@@ -52,7 +53,6 @@ from flinders.stacked.strays import looked_for, may_be_bent
 from flinders.stacked.sums import Sums
 from flinders.stacked.support import Supports, pretended
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
-from flinders.unmoved import NARROW
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -1,0 +1,1 @@
+"""What a recording shows of its own faults: still sensors, drift, exchanged axes, instruments that disagree."""
