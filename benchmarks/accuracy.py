@@ -29,7 +29,7 @@ import numpy as np
 import flinders
 from benchmarks.datasets import FIELD_STRENGTH, SETS, bound, dataset, heading_error_deg, parameter_error
 from flinders.errors import FitError, FlindersError
-from flinders.result import Refused
+from flinders.fitting.result import Refused
 from flinders.simulate import angle_error_deg
 
 if TYPE_CHECKING:

@@ -44,8 +44,8 @@ from flinders import simulate
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FlindersError
 from flinders.estimators import Auto, Readings
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
-from flinders.result import Refused
 from flinders.simulate import Sensor, Simulated, angle_error_deg
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from flinders.arrays import Floats
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 WHITE: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S8")
 NOISES: Final = (0.1, 0.5, 2.0)

@@ -35,16 +35,16 @@ from flinders.core.samples import Samples
 from flinders.estimators import Likelihood, Readings
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.static_bench import still
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
-from flinders.result import Refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from flinders.arrays import Floats
     from flinders.estimators.static_bench import Still
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
     from flinders.simulate import Simulated
 
 FIRST, SECOND = np.array([0.5, 0.0, -0.3]), np.array([-0.2, 0.4, 0.1])

@@ -26,10 +26,10 @@ import numpy as np
 import flinders
 from flinders import simulate
 from flinders.errors import FitError
+from flinders.fitting.result import Refused
 from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
-from flinders.result import Refused
 from flinders.simulate import Sensor
 from flinders.simulate.angle_error import best_rotation
 from flinders.simulate.rotations import north_and_down, seen_from, turns
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from flinders.arrays import Floats
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 RATE_HZ: Final = 50.0
 TICK_S: Final = 0.24

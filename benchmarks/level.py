@@ -27,15 +27,15 @@ from benchmarks.terms import swayed, tilted_error_deg
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
+from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
-from flinders.result import Refused
 from flinders.simulate.rotations import rates
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
     from flinders.simulate import Simulated
 
 SEED: Final = 20240916

@@ -18,7 +18,7 @@ import numpy as np
 
 import flinders
 from flinders.errors import FitError, InputError
-from flinders.result import Refused
+from flinders.fitting.result import Refused
 
 FOLDER: Final = Path(os.environ.get("FLINDERS_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
 

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flinders import fitting
 from flinders.core.units import Unit
-from flinders.result import Refused
+from flinders.fitting import calibrate
+from flinders.fitting.result import Refused
 from flinders.simulate.fleet import unit as specimen
 from flinders.stacked import Stack, fit_stack, lane
 from flinders.stacked.algebra import in_stretches, symmetric, with_ones
@@ -119,7 +119,7 @@ def agreement(stack: Stack, units: int) -> str:
     unlike = 0
     for place in np.flatnonzero(found.through)[:units].tolist():
         try:
-            fit = fitting.fit(stack[place])
+            fit = calibrate.fit(stack[place])
         except Refused as error:
             fit = error.fit
         unlike += found.findings[place] != tuple(finding.code for finding in fit.findings)

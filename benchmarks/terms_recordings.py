@@ -24,9 +24,9 @@ import flinders
 from benchmarks.recordings import FOLDER
 from flinders.estimators import Auto, Readings
 from flinders.estimators.aiding import solve
+from flinders.fitting.result import Refused
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_turn
-from flinders.result import Refused
 from flinders.simulate import rotation_vectors
 
 if TYPE_CHECKING:

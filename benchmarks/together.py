@@ -27,9 +27,9 @@ from flinders import open_log, read, simulate
 from flinders.agreement import departures
 from flinders.estimators import Auto, Readings
 from flinders.estimators.multi_sensor import Several, solve
+from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.likelihood.gyro import rotations
-from flinders.result import Fit, Refused
 from flinders.together import fit_together
 
 if TYPE_CHECKING:

@@ -26,12 +26,12 @@ import numpy as np
 from flinders import fit, simulate
 from flinders.core.geomag import site_field
 from flinders.errors import FitError
-from flinders.estimators.aids import aided_by
 from flinders.estimators.mounting import TURNS
+from flinders.fitting.aid_selection import aided_by
+from flinders.fitting.result import Refused
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.likelihood.site_field import Site
-from flinders.result import Refused
 from flinders.simulate.rotations import rates
 
 if TYPE_CHECKING:

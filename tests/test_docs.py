@@ -87,7 +87,7 @@ def test_every_method_is_documented() -> None:
 
 
 def test_every_finding_is_documented() -> None:
-    from flinders.verdict import CODES
+    from flinders.fitting.verdict import CODES
 
     missing = [code for code in CODES if f"| `{code}` |" not in page("findings.md")]
     assert not missing, f"docs/findings.md lacks rows for {missing}"

@@ -28,26 +28,26 @@ if TYPE_CHECKING:
     from flinders.core.units import Unit as Unit
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
-    from flinders.fitting import fit as fit
+    from flinders.fitting.calibrate import fit as fit
+    from flinders.fitting.judged import Judged as Judged
+    from flinders.fitting.result import Finding as Finding
+    from flinders.fitting.result import Fit as Fit
     from flinders.fleet import fit_many as fit_many
-    from flinders.judged import Judged as Judged
     from flinders.merging import merge as merge
     from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
-    from flinders.result import Finding as Finding
-    from flinders.result import Fit as Fit
     from flinders.summary.summary import Summary as Summary
     from flinders.together import fit_together as fit_together
 
 _HOMES: Final = {
     "Axes": "core.axes",
     "Calibration": "core.calibration",
-    "Finding": "result",
-    "Fit": "result",
+    "Finding": "fitting.result",
+    "Fit": "fitting.result",
     "FitError": "errors",
     "FlindersError": "errors",
-    "Judged": "judged",
+    "Judged": "fitting.judged",
     "Samples": "core.samples",
     "Summary": "summary.summary",
     "Unit": "core.units",
@@ -55,7 +55,7 @@ _HOMES: Final = {
     "compare_methods": "contest",
     "errors": "errors",
     "estimators": "estimators",
-    "fit": "fitting",
+    "fit": "fitting.calibrate",
     "fit_many": "fleet",
     "fit_together": "together",
     "merge": "merging",

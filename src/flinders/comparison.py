@@ -1,10 +1,11 @@
 """Do two calibrations of one sensor say the same? In degrees of heading, and against what they claim.
 
 >>> from dataclasses import replace
->>> from flinders import fitting, simulate
->>> from flinders.judged import Judged
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> from flinders.fitting.judged import Judged
 >>> monday, tuesday = (simulate.tumble(seed=seed, sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2))
->>> first, second = (Judged.from_fit(fitting.fit(day.samples)) for day in (monday, tuesday))
+>>> first, second = (Judged.from_fit(calibrate.fit(day.samples)) for day in (monday, tuesday))
 >>> compare(first, second).verdict
 'agree'
 >>> moved = replace(second, calibration=replace(second.calibration, offset=second.calibration.offset + [5, 0, 0]))
@@ -22,17 +23,17 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import UsageError
+from flinders.fitting.judged import refuse_unlike, rescaled, without_scale
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import HeadingError, level_error, level_turn
-from flinders.judged import refuse_unlike, rescaled, without_scale
 from flinders.simulate import fibonacci
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
 Agreement = Literal["agree", "differ", "contradict"]
 

@@ -25,11 +25,11 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
+from flinders.fitting.judged import Judged
+from flinders.fitting.result import Finding, Outcome, error_record, gravest_first
+from flinders.fitting.verdict import of_calibration
 from flinders.geometry.plane import PLANES, order_of
 from flinders.heading.error_propagation import HeadingError, level_turn
-from flinders.judged import Judged
-from flinders.result import Finding, Outcome, error_record, gravest_first
-from flinders.verdict import of_calibration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Document, Fitted, Provenance
+    from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane, Turn
-    from flinders.result import Fit
 
 THEN: Final = ", then "
 """Between the methods of turns that were made one after the other."""
@@ -201,11 +201,12 @@ class Composed(Outcome):
 
     Examples
     --------
-    >>> from flinders import fitting, simulate
+    >>> from flinders import simulate
+    >>> from flinders.fitting import calibrate
     >>> sweep = simulate.tumble(seed=1, motion="sweep-xy")
-    >>> first = Judged.from_fit(fitting.fit(sweep.samples, method="ellipse"))
+    >>> first = Judged.from_fit(calibrate.fit(sweep.samples, method="ellipse"))
     >>> loaded = replace(sweep.samples, field=first.calibration.apply(sweep.samples.field))
-    >>> second = fitting.fit(loaded, method="ellipse", field_strength=first.calibration.field_strength)
+    >>> second = calibrate.fit(loaded, method="ellipse", field_strength=first.calibration.field_strength)
     >>> composed = Composed.of(first, second)      # the same turn once more, which changes nothing
     >>> composed.turns, composed.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)

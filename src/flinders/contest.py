@@ -21,10 +21,10 @@ from flinders.comparison import compare
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Auto, Readings, within_range
 from flinders.estimators.cache import concatenated
-from flinders.fitting import estimator_of, fit
-from flinders.judged import Judged
+from flinders.fitting.calibrate import estimator_of, fit
+from flinders.fitting.judged import Judged
+from flinders.fitting.result import VERDICTS, Refused
 from flinders.likelihood import magnitude
-from flinders.result import VERDICTS, Refused
 from flinders.summary.coverage import Coverage
 from flinders.validation import BLOCKS, LEAST, NotValidated, cross_validated
 
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimator
+    from flinders.fitting.result import Fit, Verdict
     from flinders.heading.error_propagation import HeadingError
-    from flinders.result import Fit, Verdict
     from flinders.validation import Validation
 
 VALIDATED: Final = 20_000

@@ -1,9 +1,10 @@
 """A calibration against the truth: what it really costs in degrees, beside what it claims.
 
->>> from flinders import fitting, simulate
->>> from flinders.judged import Judged
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> from flinders.fitting.judged import Judged
 >>> recording = simulate.tumble(seed=1)
->>> found = Judged.from_fit(fitting.fit(recording.samples))
+>>> found = Judged.from_fit(calibrate.fit(recording.samples))
 >>> told = evaluate(found, simulate.truth.Truth.of(recording))
 >>> told.verdict, told.heading_error_deg.worst < 0.2
 ('as claimed', True)
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.calibration import Calibration
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
     from flinders.simulate.truth import Truth
 
 Outcome = Literal["as claimed", "worse than claimed", "unclaimed"]

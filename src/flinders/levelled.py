@@ -15,10 +15,11 @@ X = V F S⁻¹ δS Vᵀ the calibration expects to first order
 
 since the plane of the readings shows where d is: the antisymmetric part of X, a rotation, goes with it.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> sensor = simulate.Sensor.random(np.random.default_rng(4))
 >>> tumbled, turned = (simulate.tumble(seed=1, motion=how, sensor=sensor) for how in ("hand", "level"))
->>> known, fresh = (Judged.from_fit(fitting.fit(each.samples)) for each in (tumbled, turned))
+>>> known, fresh = (Judged.from_fit(calibrate.fit(each.samples)) for each in (tumbled, turned))
 >>> held = Levelled.of(known, fresh, turned.samples)
 >>> compare_level(held.known, held.fresh, dip_deg=held.dip_deg).verdict
 'agree'
@@ -37,10 +38,10 @@ from flinders.core.calibration import Calibration
 from flinders.core.samples import singles
 from flinders.estimators.autocorrelation import Residuals, time_of
 from flinders.estimators.known_dip import Heights
+from flinders.fitting.judged import Judged
 from flinders.geometry.equator import equator, to_equator
 from flinders.geometry.plane import root
 from flinders.heading.error_propagation import upright
-from flinders.judged import Judged
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -4,10 +4,11 @@ Each is weighted with the covariance that it claims; as far as they scatter beyo
 one to the next, and the scatter goes into the covariance of what they say together. Those that contradict each
 other are not averaged: the merger is limited or refused, and says which of them is off, by how many degrees.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> sensor = simulate.Sensor.random(np.random.default_rng(7))
 >>> monday, tuesday = (
-...     Judged.from_fit(fitting.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples), name=name)
+...     Judged.from_fit(calibrate.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples), name=name)
 ...     for seed, name in ((1, "monday"), (2, "tuesday"))
 ... )
 >>> merged = merge([monday, tuesday])
@@ -35,12 +36,12 @@ from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import Part, compared
 from flinders.errors import FitError, UsageError, counted, figures
+from flinders.fitting.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
+from flinders.fitting.result import DirectionError, Finding, Outcome, error_record, gravest_first
+from flinders.fitting.verdict import REFUSED_AT, contradiction, of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import HeadingError, direction_error_deg, level_error
-from flinders.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
-from flinders.result import DirectionError, Finding, Outcome, error_record, gravest_first
 from flinders.summary.pooling import chi_square_of, pool
-from flinders.verdict import REFUSED_AT, contradiction, of_calibration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -48,7 +49,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.result import Severity
+    from flinders.fitting.result import Severity
 
 METHOD: Final = "merged"
 

@@ -36,10 +36,10 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.cache import concatenated
 from flinders.estimators.inliers import dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
-from flinders.fitting import fit, judged_as
+from flinders.fitting.calibrate import fit, judged_as
+from flinders.fitting.result import Aids, Finding, Fit, Refused, Stray, gravest_first
 from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
-from flinders.result import Aids, Finding, Fit, Refused, Stray, gravest_first
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

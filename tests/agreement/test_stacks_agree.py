@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from flinders import fitting
 from flinders.core.samples import Samples
 from flinders.diagnostics.axis_swap import SLIPS
 from flinders.errors import FitError
+from flinders.fitting import calibrate
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import identifiability
-from flinders.result import Refused
 from flinders.stacked import Stack, columns, fit_stack
 from flinders.stacked.algebra import symmetric, with_ones
 from flinders.stacked.lane import UPPER, through
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
     from flinders.stacked import Columns
 
 AGREED = 1e-9
@@ -142,7 +142,7 @@ def test_kinds_are_enough() -> None:
 def alone(one: Samples, target_deg: float, *, polish: bool = True) -> Fit:
     source = one if polish else Summary.of(one)
     try:
-        return fitting.fit(source, target_deg=target_deg, unit=one.unit)
+        return calibrate.fit(source, target_deg=target_deg, unit=one.unit)
     except Refused as error:
         return error.fit
 
@@ -188,7 +188,7 @@ def test_those_that_left_the_lane_are_fitted_alone() -> None:
     for place, one in enumerate(samples):
         fit = refusal = None
         try:
-            fit = fitting.fit(one, target_deg=5.0)
+            fit = calibrate.fit(one, target_deg=5.0)
             assert_alike(found, place, fit)
         except FitError as error:
             refusal = error

@@ -16,8 +16,8 @@ from benchmarks import terms_recordings as real
 
 import flinders
 from flinders.estimators.aiding import solve
-from flinders.estimators.aids import aided_by
-from flinders.estimators.followed import earned
+from flinders.fitting.aid_selection import aided_by
+from flinders.fitting.disturbance_selection import earned
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders import open_log
-from flinders.result import Fit, Refused
+from flinders.fitting.result import Fit, Refused
 from flinders.together import Member, Together, fit_together
 
 if TYPE_CHECKING:

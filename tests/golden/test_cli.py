@@ -14,7 +14,7 @@ from tests.golden.sessions import ROOT, assert_sessions_are_real, rounded, sessi
 from flinders import simulate
 from flinders.cli import main
 from flinders.estimators import METHODS
-from flinders.verdict import CODES
+from flinders.fitting.verdict import CODES
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden

@@ -25,7 +25,7 @@ from flinders.estimators import (
     Sphere,
     fit_error,
 )
-from flinders.extremes import from_extremes
+from flinders.fitting.axis_extremes import from_extremes
 from flinders.simulate import hemisphere
 
 if TYPE_CHECKING:

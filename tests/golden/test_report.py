@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 
-from flinders import fitting, simulate
+from flinders import simulate
+from flinders.fitting import calibrate
 from flinders.report.drawn import Drawn
 from flinders.report.html import page
 from flinders.report.terminal import plot
@@ -45,12 +46,12 @@ def words(text: str) -> str:
 @pytest.mark.parametrize("motion", ["uniform", "tilted", "level"])
 def test_the_words_of_a_report(motion: str, golden: Golden) -> None:
     samples = simulate.tumble(seed=2, motion=motion).samples
-    golden(f"report/{motion}.txt", words(page(fitting.fit(samples), samples)))
+    golden(f"report/{motion}.txt", words(page(calibrate.fit(samples), samples)))
 
 
 def test_a_drawing_on_a_terminal(golden: Golden) -> None:
     samples = simulate.tumble(seed=2, motion="tilted").samples
-    fit = fitting.fit(samples)
+    fit = calibrate.fit(samples)
     drawn = Drawn.of(fit, samples)
     shown = (plot(drawn, fit, is_plain=is_plain).plain for is_plain in (False, True))
     golden("report/terminal.txt", "\n".join(line.rstrip() for text in shown for line in text.splitlines()) + "\n")

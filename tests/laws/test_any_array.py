@@ -19,7 +19,7 @@ from flinders.estimators import METHODS
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 HUGE = [0.0, 1.0, -1.0, 5e-324, -2.2e-308, 1e-160, 1e-100, 1e77, -1e77, 1e150, -1e155, 1e300, -1.7e308, 1.79e308]
 methods = st.sampled_from(sorted(METHODS))

@@ -16,8 +16,8 @@ import flinders
 from flinders import simulate
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
+from flinders.fitting.judged import Judged, rescaled, trace_with, without_scale
 from flinders.geometry.ellipsoid import upper
-from flinders.judged import Judged, rescaled, trace_with, without_scale
 from flinders.merging import Merged, NotMerged, merge
 
 SENSOR = simulate.Sensor.random(np.random.default_rng(7))

@@ -13,9 +13,9 @@ import flinders
 from flinders import simulate
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
-from flinders.estimators.aids import aided_by
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
+from flinders.fitting.aid_selection import aided_by
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.heading.error_propagation import level_turn

@@ -35,11 +35,11 @@ from flinders.estimators.reference.attitude_independent import (
 )
 from flinders.estimators.reference.sequential import State
 from flinders.evaluation import evaluate
+from flinders.fitting.judged import Judged
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper
-from flinders.judged import Judged
 from flinders.readers import read
 from flinders.report.convergence import Settling, drawing
-from flinders.result import Refused
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.estimators.aiding import solve
-from flinders.estimators.aids import aided_by
-from flinders.estimators.followed import earned
+from flinders.fitting.aid_selection import aided_by
+from flinders.fitting.disturbance_selection import earned
 from flinders.heading.error_propagation import level_turn
 from flinders.likelihood.gyro import rotations
 

@@ -22,7 +22,7 @@ from flinders.core.calibration_file import PARAMETERS, Fitted, beside_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
-from flinders.judged import Judged
+from flinders.fitting.judged import Judged
 from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, TooFewSamples, Undetermined, Unmoved
 from flinders.estimators import METHODS
-from flinders.result import Refused
+from flinders.fitting.result import Refused
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -13,15 +13,15 @@ import flinders
 from flinders.core.samples import Joined, Samples
 from flinders.estimators import Likelihood, Readings, drift_of
 from flinders.estimators import autocorrelation as correlation
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
-from flinders.result import Refused
 from flinders.simulate import RATE_HZ, Sensor, tumble
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.result import Drift, Fit
+    from flinders.fitting.result import Drift, Fit
 
 SENSOR: Final = Sensor(
     np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5

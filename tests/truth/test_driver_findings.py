@@ -20,18 +20,18 @@ from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressor_noise import noise_of
 from flinders.estimators.static_bench import still
 from flinders.evaluation import evaluate
-from flinders.judged import Judged
-from flinders.result import Refused
+from flinders.fitting.judged import Judged
+from flinders.fitting.result import Refused
+from flinders.fitting.verdict import CODES, of_column, of_noisy
 from flinders.simulate import table
 from flinders.simulate.truth import Truth
-from flinders.verdict import CODES, of_column, of_noisy
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from flinders.arrays import Floats
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
 MOTORS: Final = simulate.MotorCurrent(per_ampere=PER_AMPERE)

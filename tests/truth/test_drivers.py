@@ -29,11 +29,11 @@ from flinders.core.units import Unit
 from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators import Likelihood, Readings
 from flinders.estimators.disturbance import driving_of
-from flinders.estimators.followed import earned
 from flinders.estimators.static_bench import still
 from flinders.exporters import EXPORTERS, Asked, find
+from flinders.fitting.disturbance_selection import earned
+from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
-from flinders.result import Refused
 from flinders.simulate import table
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples
 from flinders.estimators import Algebraic, Auto, Consistent, Estimator, Li, Likelihood, Readings, cache, likelihood
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
-from flinders.result import Refused
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
 
 if TYPE_CHECKING:

@@ -9,14 +9,15 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders import fitting, simulate
+from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UnitError, UsageError
 from flinders.evaluation import evaluate
-from flinders.judged import Judged
+from flinders.fitting import calibrate
+from flinders.fitting.judged import Judged
 from flinders.simulate import Sensor, tumble
 from flinders.simulate.truth import Truth
 
@@ -78,14 +79,14 @@ def test_fits_are_as_wrong_as_they_claim(motion: str) -> None:
     tellings = []
     for seed in range(30):
         recording = tumble(seed, motion=motion, n=300)
-        tellings.append(evaluate(Judged.from_fit(fitting.fit(recording.samples)), Truth.of(recording)))
+        tellings.append(evaluate(Judged.from_fit(calibrate.fit(recording.samples)), Truth.of(recording)))
     ratios = np.array([told.heading_ratio for told in tellings], dtype=float)
     assert 0.75 < np.sqrt(np.mean(ratios**2)) < 1.25
     assert sum(told.verdict == "worse than claimed" for told in tellings) <= 2
 
 
 def test_one_that_claims_too_much_is_found_out() -> None:
-    found = Judged.from_fit(fitting.fit(RECORDING.samples))
+    found = Judged.from_fit(calibrate.fit(RECORDING.samples))
     moved = replace(
         found, calibration=replace(found.calibration, offset=found.calibration.offset + np.array([3.0, 0.0, 0.0]))
     )
@@ -97,9 +98,9 @@ def test_one_that_claims_too_much_is_found_out() -> None:
 
 def test_mapped_axes_are_held_against_the_mapped_truth() -> None:
     """As if the axes had been recorded so: a sensor turned over is as good as before."""
-    plain = evaluate(Judged.from_fit(fitting.fit(RECORDING.samples)), TRUTH, dip_deg=60)
+    plain = evaluate(Judged.from_fit(calibrate.fit(RECORDING.samples)), TRUTH, dip_deg=60)
     samples = Samples.of(RECORDING.samples.field, unit="uT", axes="x,-y,-z")
-    over = evaluate(Judged.from_fit(fitting.fit(samples)), TRUTH, dip_deg=-60)
+    over = evaluate(Judged.from_fit(calibrate.fit(samples)), TRUTH, dip_deg=-60)
     npt.assert_allclose(over.offset_error, np.array([1, -1, -1]) * plain.offset_error, atol=1e-6)
     assert over.freed_direction_error_deg[0] == pytest.approx(plain.freed_direction_error_deg[0], rel=1e-3)
     assert over.heading_error_deg.rms == pytest.approx(plain.heading_error_deg.rms, rel=1e-3)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flinders import fitting, simulate
+from flinders import simulate
 from flinders.core.samples import Samples
+from flinders.fitting import calibrate
+from flinders.fitting.result import Fit, Refused
 from flinders.heading.error_propagation import level_error
-from flinders.result import Fit, Refused
 from flinders.summary.coverage import Coverage
 
 
 def judged(samples: Samples) -> Fit:
     try:
-        return fitting.fit(samples)
+        return calibrate.fit(samples)
     except Refused as refusal:
         return refusal.fit
 

@@ -14,7 +14,7 @@ from benchmarks.faults import Piece as Part
 import flinders
 from flinders.errors import UsageError
 from flinders.estimators import slip_of
-from flinders.result import Refused
+from flinders.fitting.result import Refused
 from flinders.simulate import tumble
 from flinders.simulate.fleet import FAULTS, FIELD_UT, HARD_UT, NOISE_UT, SOFT, fleet, unit
 

@@ -19,6 +19,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.comparison import compare
 from flinders.errors import DocumentError, UsageError
+from flinders.fitting.judged import Judged
 from flinders.fleet.changes import Calibrations, between
 from flinders.fleet.drift import drift_of
 from flinders.fleet.history import histories
@@ -26,7 +27,6 @@ from flinders.fleet.overview import overview_of
 from flinders.fleet.scatter import Scatter, scatter_of
 from flinders.fleet.steps import Lines, gaps_of, steps_of
 from flinders.fleet.table import Row, Rows
-from flinders.judged import Judged
 from flinders.report.fleet import page
 
 if TYPE_CHECKING:

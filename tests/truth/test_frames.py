@@ -22,7 +22,7 @@ from flinders.core.samples import Joined, Samples, frame_of
 from flinders.core.units import Unit
 from flinders.errors import AxesError, NotExportable
 from flinders.exporters import EXPORTERS, find, read_back
-from flinders.fitting import fit
+from flinders.fitting.calibrate import fit
 
 if TYPE_CHECKING:
     from click.testing import Result

@@ -12,10 +12,10 @@ import pytest
 
 import flinders
 from flinders import simulate
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import direction_errors_deg, level_turn
 from flinders.heading.guidance import POSES, Guidance, guide
-from flinders.result import Refused
 from flinders.simulate import Sensor
 from flinders.summary.coverage import CELLS
 
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
-    from flinders.result import Fit
 
 DIP_DEG: Final = 60.0
 BATCH: Final = 10

@@ -21,12 +21,12 @@ from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted, beside_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.fitting import fit
+from flinders.fitting.calibrate import fit
+from flinders.fitting.judged import Judged
 from flinders.geometry.angles import folded
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.compass import Compass
 from flinders.heading.error_propagation import deviation_covariance
-from flinders.judged import Judged
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,9 +14,9 @@ from flinders import simulate
 from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
 from flinders.estimators import Level, Readings, cache
+from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.heading.error_propagation import level_error
-from flinders.result import Refused
 from flinders.simulate import Sensor, Simulated
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 TRIALS: Final = 25
 

@@ -11,7 +11,7 @@ import pytest
 import flinders
 from flinders.conventions._rotations import euler
 from flinders.core.samples import Samples
-from flinders.judged import Judged
+from flinders.fitting.judged import Judged
 from flinders.levelled import Levelled, compare_turned
 
 if TYPE_CHECKING:

@@ -21,12 +21,13 @@ import pytest
 from starlette.websockets import WebSocketDisconnect
 
 import flinders
-from flinders import fitting, simulate
+from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import loads
 from flinders.core.units import Unit
 from flinders.exporters import EXPORTERS
-from flinders.judged import Judged
+from flinders.fitting import calibrate
+from flinders.fitting.judged import Judged
 from flinders.live import motioncal, server
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name
 from flinders.live.feeds import Kept, Replay
@@ -423,7 +424,7 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
         bench.path.write_text("t_s,mx,my,mz\n", encoding="utf-8")
         document = loads(bench.client.get("/calibration.json").content, source="the page")
     found = Judged.from_document(document, name="the page").calibration
-    npt.assert_allclose(found.offset, fitting.fit(samples).calibration.offset, rtol=1e-6)
+    npt.assert_allclose(found.offset, calibrate.fit(samples).calibration.offset, rtol=1e-6)
     bench.sink.close()
 
 

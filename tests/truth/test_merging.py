@@ -22,8 +22,8 @@ from flinders.core.axes import Axes
 from flinders.core.calibration_file import FindingRecord
 from flinders.core.units import Unit
 from flinders.errors import AxesError, UnitError, UsageError
+from flinders.fitting.judged import Judged
 from flinders.geometry.ellipsoid import upper
-from flinders.judged import Judged
 from flinders.merging import NotMerged, merge
 from flinders.summary.pooling import chi_square_of
 

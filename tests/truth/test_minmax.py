@@ -19,8 +19,8 @@ from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators import MinMax, Readings
-from flinders.extremes import from_extremes
-from flinders.judged import Judged
+from flinders.fitting.axis_extremes import from_extremes
+from flinders.fitting.judged import Judged
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

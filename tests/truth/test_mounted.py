@@ -14,8 +14,8 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
-from flinders.estimators.aids import aided_by, claim_deg
 from flinders.estimators.solver import seated
+from flinders.fitting.aid_selection import aided_by, claim_deg
 from flinders.geometry.quaternions import inverse, of_angles, rotated
 from flinders.likelihood.attitude import body_to_world
 from flinders.likelihood.gyro import rotations

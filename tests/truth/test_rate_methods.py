@@ -22,7 +22,7 @@ from flinders.errors import FitError, NeedsRate, NeedsSamples, NotAnEllipsoid, O
 from flinders.estimators import METHODS, Estimator, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.reference.gyro_windows import Steps, steps_of
 from flinders.estimators.reference.magyc_ls import Windows, settled
-from flinders.result import Refused
+from flinders.fitting.result import Refused
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ import pytest
 import flinders
 from flinders.errors import FitError, InputError
 from flinders.estimators import Li, Readings
-from flinders.result import Fit, Refused
+from flinders.fitting.result import Fit, Refused
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,14 +15,16 @@ import numpy.testing as npt
 import pytest
 from scipy.spatial.transform import Rotation
 
-from flinders import fitting, simulate
+from flinders import simulate
 from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Driver
 from flinders.core.samples import Joined, Samples
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import FitError, TooFewSamples
+from flinders.fitting import calibrate
+from flinders.fitting.judged import Judged
+from flinders.fitting.result import Refused
 from flinders.geometry.sphere import tile_of, tiles
-from flinders.judged import Judged
 from flinders.likelihood.site_field import Site
 from flinders.report import script
 from flinders.report.beside import mounting
@@ -33,12 +35,11 @@ from flinders.report.revisited import doubts, revisited
 from flinders.report.terminal import plot
 from flinders.report.text import degrees
 from flinders.report.view import tile_errors_deg
-from flinders.result import Refused
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 LARGEST = 1_500_000
 """Bytes of a report of ten thousand readings."""
@@ -60,14 +61,14 @@ class Page:
 @lru_cache(maxsize=8)
 def fitted(motion: str = "hand", n: int = 1000, seed: int = 2) -> tuple[Fit, Samples]:
     samples = simulate.tumble(seed=seed, n=n, motion=motion).samples
-    return fitting.fit(samples), samples
+    return calibrate.fit(samples), samples
 
 
 def flat() -> tuple[Refused, Samples]:
     samples = fitted("level")[1]
     turned = replace(samples, field=samples.field[:, [2, 0, 1]])
     with pytest.raises(Refused) as refused:
-        fitting.fit(turned)
+        calibrate.fit(turned)
     return refused.value, turned
 
 
@@ -103,7 +104,7 @@ def test_a_refused_surface_is_drawn_and_not_told() -> None:
     """A recording of so few directions that the heading is refused, with a surface all the same."""
     samples = simulate.tumble(seed=3, n=60, motion="tilted").samples
     try:
-        fitting.fit(samples, target_deg=0.02)
+        calibrate.fit(samples, target_deg=0.02)
     except Refused as refused:
         found = Page.of(page(refused, samples))
     else:
@@ -251,7 +252,7 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
     samples = fitted("level")[1]
     felt = np.tile([0.0, 0.0, -9.81 if known == "shown" else 9.81], (len(samples), 1))
     turned = replace(samples, acceleration=None if known == "open" else felt)
-    fit = fitting.fit(turned, site=Site(50.0, 60.0))
+    fit = calibrate.fit(turned, site=Site(50.0, 60.0))
     fit.save(tmp_path / "calibration.json")
     again = revisited(Judged.load(tmp_path / "calibration.json"), turned)
     assert again.z_down is fit.z_down is {"shown": True, "elsewhere": False, "open": None}[known]
@@ -287,7 +288,7 @@ def test_a_calibration_of_another_sensor_is_doubted() -> None:
 def driven() -> tuple[Fit, Samples]:
     motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3], amperes=20.0)
     flight = simulate.tumble(seed=3, n=1500, disturbances=[motors]).samples
-    return fitting.fit(flight, drivers=("current",)), flight
+    return calibrate.fit(flight, drivers=("current",)), flight
 
 
 def test_what_the_offset_follows_is_taken_off_before_anything_is_drawn() -> None:
@@ -325,7 +326,7 @@ def test_python_of_a_growing_scale_divides_by_it() -> None:
 
 def test_a_rotation_that_was_found_is_not_said_to_be_unseen() -> None:
     boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
-    fit = fitting.fit(boat, aids=("rate", "dip"))
+    fit = calibrate.fit(boat, aids=("rate", "dip"))
     text = Page.of(page(fit, boat)).words
     assert "no magnetometer can see" not in text
     assert "as told by the gyro and accelerometer" in text
@@ -350,7 +351,7 @@ def test_a_report_says_for_how_long_the_calibration_holds_as_the_terminal_does()
 def test_a_refused_recording_that_changed_shows_how_and_not_for_how_long_it_holds() -> None:
     moved = simulate.tumble(seed=3, disturbances=[simulate.Step([6.0, 0.0, -4.0], at=0.5)]).samples
     with pytest.raises(Refused) as refused:
-        fitting.fit(moved)
+        calibrate.fit(moved)
     told = Page.of(page(refused.value, moved)).words.split(CONSTANT)[1].split("Where it comes from")[0]
     assert "The offset moved by up to" in told
     assert "valid for" not in told

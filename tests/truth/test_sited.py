@@ -19,13 +19,13 @@ from flinders.core.samples import Samples
 from flinders.estimators import Level, Readings
 from flinders.estimators.known_dip import Heights, conditioned, sited
 from flinders.estimators.level import turned_level
+from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
-from flinders.result import Refused
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
     from flinders.simulate import Simulated
 
 SITE = Site(50.0, 60.0)

@@ -16,9 +16,9 @@ from flinders.core.samples import Samples
 from flinders.core.time_alignment import between, paired
 from flinders.errors import FitError, InputError, UsageError
 from flinders.estimators import multi_sensor
+from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.likelihood.gyro import rotations
-from flinders.result import Fit, Refused
 from flinders.together import Member, fit_together, nearest_axes
 
 if TYPE_CHECKING:

@@ -19,11 +19,11 @@ from flinders.cli import two_axis as cli_two_axis
 from flinders.composing import Composed, refuse_unloaded, rotation_error
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
 from flinders.estimators import Ellipse, Readings, TwoAxisRecipe
+from flinders.fitting.judged import Judged
+from flinders.fitting.result import Refused
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
-from flinders.judged import Judged
 from flinders.report.rose import drawing
-from flinders.result import Refused
 from flinders.simulate import TwoAxis, swing
 from flinders.summary.summary import Summary
 

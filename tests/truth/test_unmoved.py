@@ -16,9 +16,9 @@ from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.diagnostics.unmoved import unmoved_deg
 from flinders.errors import FitError, Unmoved
+from flinders.fitting.result import Refused
 from flinders.live.evaluation import evaluate
 from flinders.live.snapshot import Snapshot
-from flinders.result import Refused
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

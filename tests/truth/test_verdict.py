@@ -18,17 +18,17 @@ from flinders.core.axes import Axes
 from flinders.core.calibration_file import Provenance, SourceFile
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, StuckAxis, TooFewSamples
+from flinders.fitting.result import Refused
+from flinders.fitting.verdict import CODES, advised
 from flinders.report.plain import page
 from flinders.report.words import FINDINGS, REFUSALS
-from flinders.result import Refused
 from flinders.simulate import Sensor, tumble
-from flinders.verdict import CODES, advised
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.result import Finding, Fit
+    from flinders.fitting.result import Finding, Fit
 
 BARE: Final = Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2)
 

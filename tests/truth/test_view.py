@@ -15,13 +15,14 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders import fitting, simulate
+from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import figures
+from flinders.fitting import calibrate
+from flinders.fitting.result import Fit, Refused
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.report.view import matrix_sigma, tile_errors_deg, view
-from flinders.result import Fit, Refused
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -31,7 +32,7 @@ DIP = np.deg2rad(60.0)
 
 def fitted(samples: Samples, **options: float) -> Fit:
     try:
-        return fitting.fit(samples, **options)  # type: ignore[arg-type]
+        return calibrate.fit(samples, **options)  # type: ignore[arg-type]
     except Refused as refused:
         return refused.fit
 
@@ -210,7 +211,7 @@ def test_what_is_not_finite_is_null_in_json() -> None:
 
 def test_residuals_of_one_plane_are_those_in_it() -> None:
     samples = simulate.tumble(seed=1, motion="level").samples
-    fit = fitting.fit(samples)
+    fit = calibrate.fit(samples)
     counted = view(fit, samples).residuals
     assert counted is not None
     edges, counts = np.array(counted.edges), np.array(counted.counts)
@@ -220,8 +221,8 @@ def test_residuals_of_one_plane_are_those_in_it() -> None:
 
 def test_what_is_beyond_the_target_is_not_called_good() -> None:
     samples = simulate.tumble(seed=1, motion="tilted").samples
-    assert "may be off by 0.27°" in view(fitting.fit(samples, target_deg=0.1), samples).sentence
-    assert "are good to 0.27°" in view(fitting.fit(samples, target_deg=1.0), samples).sentence
+    assert "may be off by 0.27°" in view(calibrate.fit(samples, target_deg=0.1), samples).sentence
+    assert "are good to 0.27°" in view(calibrate.fit(samples, target_deg=1.0), samples).sentence
 
 
 def run_of_page(program: str) -> object:

@@ -16,7 +16,7 @@ from flinders.core.compensation import Settler
 from flinders.diagnostics.random_walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.disturbance import driving_of
-from flinders.result import Refused
+from flinders.fitting.result import Refused
 
 if TYPE_CHECKING:
     from flinders.core.samples import Samples

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Recording
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
     from flinders.readers import Choice
 
 
@@ -36,7 +36,7 @@ def load(command: str, calibration: str, recordings: Sequence[str]) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
     if calibration == "-":
         raise UsageError(f"the calibration must be a file: flinders {command} calibration.json -")

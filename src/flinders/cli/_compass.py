@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from flinders.core.compensation import Settler
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Samples
+    from flinders.fitting.judged import Judged
     from flinders.heading.compass import Compass, Headings, Voyage
-    from flinders.judged import Judged
 
 ENOUGH_TO_JUDGE: Final = 1000
 """Readings of a stream after which the axes are looked at for the first time; at its end fewer will do."""

@@ -75,7 +75,7 @@ def _watched(recording: Recording, options: dict[str, Any]) -> Convergence | Non
     """What the method, with its options, gives on its way; None where there is nothing to follow."""
     from flinders.estimators import Readings, within_range
     from flinders.estimators.reference.trace import Watched
-    from flinders.fitting import estimator_of
+    from flinders.fitting.calibrate import estimator_of
 
     site = {name: options[name] for name in SITE}
     own = {name: value for name, value in options.items() if name not in {*SITE, *OF_THE_FIT}}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from flinders.core.compensation import Settler
     from flinders.core.samples import Recording
     from flinders.estimators.static_bench import Still
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
 hold = click.option(
     "--hold", "held", multiple=True, metavar="NAME=VALUE",
@@ -80,7 +80,7 @@ def holding(calibration: Calibration, held: Iterable[str]) -> Calibration:
 
 def say_beyond(settler: Settler | None) -> dict[str, Any]:
     """Say what lay outside the range that a driver was found in; the same for JSON, where there are drivers."""
-    from flinders.verdict import of_extrapolation
+    from flinders.fitting.verdict import of_extrapolation
 
     if settler is None or not settler.calibration.drivers:
         return {}
@@ -143,7 +143,7 @@ def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> 
 
     drivers, others = asked_for(words)
     if others:
-        from flinders.estimators.aids import AIDS, AUTO
+        from flinders.fitting.aid_selection import AIDS, AUTO
 
         allowed = ", ".join((AUTO, *AIDS, *KINDS, *MOTORS.values()))
         raise UsageError(
@@ -174,8 +174,8 @@ def bench(
     from flinders.core.units import label
     from flinders.errors import NotTurned
     from flinders.estimators.static_bench import described, still
-    from flinders.judged import Judged
-    from flinders.verdict import of_alike, of_column, of_noisy
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.verdict import of_alike, of_column, of_noisy
 
     parts = list(singles(recording))
     found = still(parts, drivers)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.calibration_file import Provenance
-    from flinders.extremes import Extremes
+    from flinders.fitting.axis_extremes import Extremes
 
 OF_READINGS: Final = {
     "report_html": "--report",
@@ -54,7 +54,7 @@ def calibrate(
     from flinders.core.units import Unit
     from flinders.estimators import METHODS
     from flinders.estimators.reference.minmax import MinMax
-    from flinders.extremes import from_extremes
+    from flinders.fitting.axis_extremes import from_extremes
 
     method = options.pop("method")
     if recordings:

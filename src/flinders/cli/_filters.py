@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
+    from flinders.fitting.result import Finding, Fit
     from flinders.heading.smoothing import Filter
-    from flinders.result import Finding, Fit
 
 UNKNOWN_DEG: Final = 180.0
 """What a filter may have moved the heading by, where there is nothing to hold it against."""
@@ -57,8 +57,8 @@ def fit_filtered(parts: Sequence[Recording], by: Filter, options: dict[str, Any]
     FitError
         If there is no calibration with the filter; `Refused` says what the filter did, too.
     """
-    from flinders.fitting import fit
-    from flinders.result import Refused
+    from flinders.fitting.calibrate import fit
+    from flinders.fitting.result import Refused
 
     plain = _tried(parts, options)
     passed = through(parts, by)
@@ -81,7 +81,7 @@ def _with_findings(found: Fit, plain: Fit | None, filtered: Finding) -> Fit:
     """Add what the filter did, and tell of single readings what was recorded, gravest first."""
     from dataclasses import replace
 
-    from flinders.result import gravest_first
+    from flinders.fitting.result import gravest_first
 
     seen = [finding for finding in found.findings if finding.code not in HIDDEN]
     recorded = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
@@ -103,10 +103,10 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
     """
     import numpy as np
 
+    from flinders.fitting.result import Finding
     from flinders.geometry.ellipsoid import upper
     from flinders.geometry.plane import down_of
     from flinders.heading.error_propagation import level_error
-    from flinders.result import Finding
 
     claimed = found.heading_error_deg.worst
     out = f", {counted(dropped, 'reading')} dropped" if dropped else ""
@@ -190,8 +190,8 @@ class Smoother:
 
 def _tried(parts: Sequence[Recording], options: dict[str, Any]) -> Fit | None:
     """The fit without a filter, also one that is refused; None where there is none."""
-    from flinders.fitting import fit
-    from flinders.result import Refused
+    from flinders.fitting.calibrate import fit
+    from flinders.fitting.result import Refused
 
     try:
         return fit(_joined(parts), **options)

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Recording
     from flinders.errors import FitError
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.report.html import Listing
-    from flinders.result import Fit
 
 FIRST: Final = ("c",)
 """Targets that stand first among the listings of a report, open."""
@@ -66,9 +66,9 @@ def write(
         Where it cannot be written.
     """
     from flinders.core.files import write_text
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.report.html import page
-    from flinders.result import Fit
 
     listed: list[Listing] = []
     if isinstance(outcome, Fit):

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.core.samples import Recording
+    from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.readers import Instrument, Log
-    from flinders.result import Fit
     from flinders.together import Together
 
 Outcome: TypeAlias = "Fit | FlindersError"
@@ -190,7 +190,7 @@ def _fitted(
     force: bool,
 ) -> Fit | FitError | InputError:
     """Fit one magnetometer and write its calibration; a refusal is a result like any other, and so is a dead one."""
-    from flinders.fitting import fit
+    from flinders.fitting.calibrate import fit
 
     part = Counted(instrument)
     asked = {**options, "sensor": instrument.name}

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 WORTH_A_BAR: Final = 4_000_000
 """Bytes from which on a progress bar is shown."""

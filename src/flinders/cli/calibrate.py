@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.samples import Recording
+    from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
-    from flinders.result import Fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,7 +325,7 @@ def _tell(fit: Fit, parts: list[Counted], by: Filter | None, results: _Results, 
 
 def _fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
     """Fit the recordings together, filtered where that was asked for."""
-    from flinders.fitting import fit
+    from flinders.fitting.calibrate import fit
 
     return fit(_filters.through(parts, None), **options) if by is None else _filters.fit_filtered(parts, by, options)
 

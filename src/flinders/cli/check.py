@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Joined
     from flinders.diagnostics.random_walk import Walk
-    from flinders.judged import Judged
-    from flinders.result import Fit, Refused
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit, Refused
 
 
 @click.command(
@@ -66,9 +66,9 @@ def command(
     input; several recordings are fitted together.
     """
     from flinders.core.compensation import settled
-    from flinders.fitting import fit
+    from flinders.fitting.calibrate import fit
+    from flinders.fitting.result import Refused
     from flinders.report.comparison import page
-    from flinders.result import Refused
 
     known, settler = _drivers.settler_of(load("check", calibration, recordings), held)
     with progress("reading") as watch:
@@ -150,7 +150,7 @@ def opened(
 def _compared(known: Judged, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
     """Hold them against each other; where the recording is a level turn, in the plane that was turned."""
     from flinders.comparison import compare
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
     from flinders.levelled import compare_turned
 
     found = Judged.from_fit(fresh, name="fresh fit")

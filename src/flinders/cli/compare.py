@@ -14,7 +14,7 @@ from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
 
 @click.command(
@@ -74,7 +74,7 @@ def _load(path: str, other: str) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
     try:
         return Judged.load(path)

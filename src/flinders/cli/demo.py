@@ -30,7 +30,7 @@ Example:
 @_options.as_json
 def command(seed: int, path: str | None, target_deg: float, dip_deg: float, force: bool, as_json: bool) -> int:
     """Simulate a sensor that is tumbled by hand for a minute, calibrate it, and compare with the truth."""
-    from flinders.fitting import fit
+    from flinders.fitting.calibrate import fit
     from flinders.simulate import angle_error_deg, tumble
 
     simulated = tumble(seed=seed, dip_deg=dip_deg)

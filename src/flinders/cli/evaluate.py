@@ -15,7 +15,7 @@ from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import UnreadableInput, UsageError
 
 if TYPE_CHECKING:
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
     from flinders.simulate.truth import Truth
 
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import SourceFile
     from flinders.exporters import Export, Exporter
-    from flinders.judged import Judged
-    from flinders.result import Fit
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
 
 @click.command(
@@ -229,7 +229,7 @@ def beside(
         Where a target cannot hold it, nobody knows for which compass it is, or it cannot be written; the gravest, once
         all were tried. What has become of the calibration, which is written by then, is said before.
     """
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
     judged = replace(Judged.from_fit(fit, name=", ".join(file.name for file in files)), files=tuple(files))
     failed: list[FlindersError] = []

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Samples
+    from flinders.fitting.result import Fit
     from flinders.readers import Instrument, Log
     from flinders.report.info import Sensor
-    from flinders.result import Fit
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Summary
 
@@ -226,7 +226,7 @@ def _unmoved(summary: Summary, unit: str) -> str:
 
 def _fit(summary: Summary) -> Fit | None:
     """The ellipsoid through the readings, for its size and what was seen; None where there is none."""
-    from flinders.fitting import fit
+    from flinders.fitting.calibrate import fit
 
     try:
         return fit(summary, method="consistent")

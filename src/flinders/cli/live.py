@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.core.axes import Axes
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
     from flinders.live.access import Tokens
     from flinders.live.feeds import Feed
     from flinders.live.messages import Kind
@@ -145,7 +145,7 @@ def command(
 
 
 def _loaded(previous: str) -> Judged:
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
     return Judged.load(previous)
 

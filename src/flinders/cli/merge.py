@@ -15,7 +15,7 @@ from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
     from flinders.merging import Merged, NotMerged
 
 
@@ -109,7 +109,7 @@ def _load(path: str) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
     if path == "-":
         raise UsageError("calibrations are told from each other by their names: give files, not -")

@@ -16,8 +16,8 @@ from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.core.samples import Joined
-    from flinders.judged import Judged
-    from flinders.result import Fit
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
 OTHER = (
     "The recording shown is not one that the calibration was made from: what is claimed is that of its file, what is "

@@ -16,7 +16,7 @@ from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError,
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.exporters import Export
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
     from flinders.live.mavlink import Vehicle
     from flinders.live.plan import Change, Plan
     from flinders.live.sources import ByteSource

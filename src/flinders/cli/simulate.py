@@ -271,7 +271,7 @@ class _Swung:
     ) -> None:  # fmt: skip
         import numpy as np
 
-        from flinders.fitting import fit
+        from flinders.fitting.calibrate import fit
         from flinders.simulate import TwoAxis, swing
         from flinders.simulate.two_axis import Polar
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from flinders.composing import Composed
     from flinders.core.calibration_file import Document
     from flinders.core.samples import Recording
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
-    from flinders.judged import Judged
-    from flinders.result import Fit
     from flinders.summary.summary import Summary
 
 PLANES: Final = ("xy", "yz", "zx")
@@ -84,7 +84,7 @@ def command(context: click.Context, /, recording: str, as_json: bool, **options:
     code 3, as of everything limited.
     """
     from flinders.composing import Composed, refuse_unloaded
-    from flinders.result import Refused
+    from flinders.fitting.result import Refused
 
     after, output, polar = options["after"], options["output"], options["polar"]
     _check(recording, after, output, polar, force=options["force"], as_json=as_json)
@@ -148,7 +148,7 @@ def _loaded(context: click.Context, after: str, options: dict[str, Any]) -> Judg
     DocumentError
         For what is no calibration file.
     """
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
     if after == "-":
         raise UsageError("--after needs a file: standard input is for the recording")
@@ -249,7 +249,7 @@ def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str,
     """
     from dataclasses import replace
 
-    from flinders.fitting import fit
+    from flinders.fitting.calibrate import fit
     from flinders.report.two_axis import trust
 
     given = {name: options[name] for name in ("method", "plane", "target_deg", "dip_deg", "sensor")}

@@ -33,7 +33,7 @@ from flinders.core.samples import BLOCK
 from flinders.errors import FitError
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
-from flinders.result import Slip
+from flinders.fitting.result import Slip
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

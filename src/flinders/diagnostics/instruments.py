@@ -38,10 +38,10 @@ from flinders.estimators.mounting import (
     second_axis,
 )
 from flinders.estimators.solver import SCALE_SIGMA
+from flinders.fitting.result import Mistake
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import attitude, dip
 from flinders.likelihood import gyro as turning
-from flinders.result import Mistake
 from flinders.summary.quality import RAIL_SHARE, Health
 
 if TYPE_CHECKING:

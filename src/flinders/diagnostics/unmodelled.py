@@ -4,13 +4,14 @@ With a driver c that moves the offset by p for each unit of it, residuals of a f
 surface normals n, but for what the nine parameters of the ellipsoid take up. They are regressed on both, and p
 counts where it explains far more than residuals that hang together could by chance.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.3, 0.0, 0.0], amperes=20.0)
 >>> flight = simulate.tumble(seed=3, disturbances=[motors]).samples
->>> found = unfollowed_of(flight, fitting.fit(flight).ellipsoid, dip_deg=60.0)
+>>> found = unfollowed_of(flight, calibrate.fit(flight).ellipsoid, dip_deg=60.0)
 >>> found.name, round(found.heading_deg)
 ('current', 6)
->>> unfollowed_of(simulate.tumble(seed=3).samples, fitting.fit(flight).ellipsoid, dip_deg=60.0) is None
+>>> unfollowed_of(simulate.tumble(seed=3).samples, calibrate.fit(flight).ellipsoid, dip_deg=60.0) is None
 True
 """
 
@@ -22,8 +23,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import known
+from flinders.fitting.result import Unfollowed
 from flinders.likelihood import magnitude
-from flinders.result import Unfollowed
 from flinders.summary.coverage import directions_of
 
 if TYPE_CHECKING:

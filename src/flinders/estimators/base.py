@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.autocorrelation import Correlation
     from flinders.estimators.data import Readings
+    from flinders.fitting.result import Stray
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
-    from flinders.result import Stray
 
 FINEST: Final = 1e-6
 """Of the field: no sensor resolves less, and no fit claims to."""

@@ -44,11 +44,11 @@ from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
 from flinders.estimators.time_delay import kept, lagging, lags_of, residuals_of
+from flinders.fitting.result import Driven
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, level_error
 from flinders.likelihood import disturbance, prior
 from flinders.likelihood.equations import NormalEquations
-from flinders.result import Driven
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,8 +60,8 @@ if TYPE_CHECKING:
     from flinders.estimators.disturbance_solver import Solved
     from flinders.estimators.regressor_noise import Noise
     from flinders.estimators.time_delay import Lag
+    from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.result import Fit
 
 
 LEANT: Final = 0.5

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.estimators.inliers import NO_RUN, left_out
-from flinders.result import Stray
+from flinders.fitting.result import Stray
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

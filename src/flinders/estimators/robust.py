@@ -62,7 +62,7 @@ NORMAL: Final = 2.0
 """Standard errors within which a kurtosis is that of normal residuals."""
 
 QUIET: Final = 0.05
-"""Of the radius: as far off as a recording is allowed to be before `flinders.verdict` calls it noisy."""
+"""Of the radius: as far off as a recording is allowed to be before `flinders.fitting.verdict` calls it noisy."""
 
 ENOUGH_TO_JUDGE: Final = 40
 """Residuals from which on their median tells their spread to a fifth."""

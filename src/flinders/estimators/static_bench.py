@@ -37,8 +37,8 @@ from flinders.estimators.linearity import curvature
 from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, rounding, widened
 from flinders.estimators.regressors import Logged
 from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
+from flinders.fitting.result import Driven, Finding
 from flinders.likelihood.equations import NormalEquations
-from flinders.result import Driven, Finding
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -262,7 +262,7 @@ def _times(factor: Floats, matrices: Floats) -> Floats:
 
 
 def _without_scale(covariance: Floats, factor: Floats, shape: Floats) -> Floats:
-    """(n, 9, 9) what is claimed once shapes were multiplied by (n,) factors, as `flinders.judged.without_scale`."""
+    """(n, 9, 9) what is claimed once shapes were multiplied by (n,) factors, as `flinders.fitting.judged.without_scale`."""
     jacobian = np.tile(np.eye(9), (len(factor), 1, 1))
     entries, inverse = shape[:, *ENTRIES], np.linalg.inv(shape)[:, *ENTRIES] * TRACE
     jacobian[:, 3:, 3:] -= entries[:, :, np.newaxis] * inverse[:, np.newaxis] / 3.0

@@ -1,8 +1,9 @@
 """The table of a fleet: a row for each recording of each unit, with its calibration or the reason why there is none.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> tumble = simulate.tumble(seed=1).samples
->>> row = Row.of_fit(fitting.fit(tumble), "A17", start_s=0.0, end_s=60.0, readings=len(tumble))
+>>> row = Row.of_fit(calibrate.fit(tumble), "A17", start_s=0.0, end_s=60.0, readings=len(tumble))
 >>> row.verdict, row.code, len(row.covariance)
 ('good', '', 45)
 >>> rows = Rows.of([Row(unit="B02", verdict="failed", code="unreadable"), row]).sorted()
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 TEXTS: Final = ("unit", "recording", "verdict", "code", "message", "method", "unit_of_field", "batch")
 """Columns of text."""

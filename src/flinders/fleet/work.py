@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from flinders import fitting
 from flinders.core.samples import Samples, frame_of
 from flinders.errors import FlindersError, InputError, OutputError, UnreadableInput, counted
+from flinders.fitting import calibrate
 from flinders.fleet import store
 from flinders.fleet.gaps import NOT_PLANNED, Gaps, opened_as_planned
 from flinders.fleet.lots import Job, Lot, Wanted, gathered, lot_of
@@ -173,7 +173,7 @@ def _row(job: Job, asked: Asked) -> Row:
         if not asked.polish:
             source = Summary.of(source) if isinstance(source, Samples) else Summary.through(watched)
             options |= {"method": "consistent", "unit": job.source.unit, "axes": job.source.axes}
-        fit = fitting.fit(source, **options)
+        fit = calibrate.fit(source, **options)
     except Exception as error:  # noqa: BLE001 - whatever one recording of a million does, the others are fitted
         told |= {**watched.span(job.start_s), "readings": job.readings or watched.rows}
         return Row.of_error(error, job.unit, unit_of_field=job.source.unit.inside, **told)

@@ -13,8 +13,9 @@ design (as in Wynn 1970), and ends where the readings are worth having, not wher
 
 After all headings but no tilt beyond 35°, a level heading is known well and what is upside down is not:
 
->>> from flinders import fitting, simulate
->>> fit = fitting.fit(simulate.tumble(seed=1, motion="tilted").samples)
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> fit = calibrate.fit(simulate.tumble(seed=1, motion="tilted").samples)
 >>> level, any_attitude = (
 ...     guide(fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, dip_deg=60.0, goal=goal)
 ...     for goal in ("heading", "attitude")

@@ -10,9 +10,10 @@ The first seconds need more care, since directions need a centre and no fit has 
 where its centre is in their own plane, and nothing of what lies across: `rough` puts a sphere there and says so in its
 covariance, which sends the walk out of the plane.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> recording = simulate.tumble(seed=1, motion="tilted")           # never beyond 35° of tilt
->>> fit = fitting.fit(recording.samples)
+>>> fit = calibrate.fit(recording.samples)
 >>> way = plan(Belief.of_fit(fit), [0.5, 0.0, 0.87], target_deg=0.5, goal="attitude")
 >>> way
 Route(4 waypoints, worst 1.78°, at its end 0.44°)
@@ -53,8 +54,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
-    from flinders.result import Fit
 
 STEPS: Final = 6
 """Waypoints that are planned ahead, some 210°; farther ones change nothing (`python -m benchmarks.guidance`)."""

@@ -22,21 +22,21 @@ from flinders.comparison import compare
 from flinders.core.samples import Samples  # noqa: TC001 - the example above makes some
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import FitError, FlindersError, counted, figures
-from flinders.fitting import fit
-from flinders.judged import Judged
+from flinders.fitting.calibrate import fit
+from flinders.fitting.judged import Judged
+from flinders.fitting.result import Refused
 from flinders.live.messages import PreviousState, Reason
 from flinders.live.snapshot import Evaluated
 from flinders.live.way import led
 from flinders.report.view import view
-from flinders.result import Refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.live.snapshot import Snapshot
     from flinders.report.view import View
-    from flinders.result import Fit
 
 WRONG: Final = (
     "saturated",

@@ -20,12 +20,12 @@ from flinders.core.calibration_file import SourceFile
 from flinders.core.samples import Wrapped, frame_of
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, UnreadableInput, counted, figures
-from flinders.fitting import fit
+from flinders.fitting.calibrate import fit
+from flinders.fitting.result import Refused
 from flinders.live.session import rows_of, snapshot
 from flinders.live.store import Edits, Without
 from flinders.live.track import Clock, Track
 from flinders.readers import open_recording
-from flinders.result import Refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
+    from flinders.fitting.result import Fit
     from flinders.live.session import Session
-    from flinders.result import Fit
 
 CHUNK: Final = 1 << 20
 

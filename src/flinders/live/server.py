@@ -635,7 +635,7 @@ async def _saved(request: Request, path: Path) -> int | None:
 async def _previous(request: Request) -> Response:
     """Take a calibration file to compare with."""
     from flinders.core.calibration_file import loads
-    from flinders.judged import Judged
+    from flinders.fitting.judged import Judged
 
     hub: Hub = request.app.state.hub
     name = shown_name(request.query_params.get("name", ""))

@@ -64,8 +64,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
+    from flinders.fitting.judged import Judged
     from flinders.heading.guidance import Frame, Goal
-    from flinders.judged import Judged
     from flinders.live.messages import Link, Phase
     from flinders.report.view import View
 

@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.core.samples import Samples
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
-    from flinders.judged import Judged
     from flinders.live.messages import PreviousState, Reason
     from flinders.report.view import View
-    from flinders.result import Fit
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,10 +5,11 @@ page that follows the sensor can lead it: this puts the first waypoint of `flind
 that direction, and before any fit has a surface a sphere through the readings so far, so that there is something to
 lead on.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> from flinders.report.view import view
 >>> samples = simulate.tumble(seed=1, motion="tilted").samples
->>> fit = fitting.fit(samples, target_deg=0.1)
+>>> fit = calibrate.fit(samples, target_deg=0.1)
 >>> drawn = led(view(fit, samples), fit, samples)
 >>> drawn.guidance.words
 'follow the arrow: turn it about x (y towards z), then about z (x towards y)'
@@ -27,9 +28,9 @@ from flinders.report.view import GuidanceView, Shown
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
     from flinders.report.view import Triple, View
-    from flinders.result import Fit
 
 SPEED_DEG: Final = 90.0
 """Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""

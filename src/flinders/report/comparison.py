@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from flinders.comparison import Comparison, Strength
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 TITLES: Final = {"agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS")}
 """Of two calibrations, and of one on another recording."""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
+from flinders.fitting.result import VERDICTS
 from flinders.geometry.ellipsoid import upper
 from flinders.report.text import COLOURS, FINEST, MARKS, degrees, on_the_point
-from flinders.result import VERDICTS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from flinders.contest import Contest, Entry
     from flinders.core.calibration import Calibration
+    from flinders.fitting.result import Severity, Verdict
     from flinders.heading.error_propagation import HeadingError
-    from flinders.result import Severity, Verdict
 
 NOTHING: Final = 1e-4
 """Degrees of heading that come from rounding alone."""

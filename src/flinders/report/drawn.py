@@ -1,8 +1,9 @@
 """What figures are made of: a fit as a `View`, and some of the readings that it came from.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> samples = simulate.tumble(seed=1).samples
->>> drawn = Drawn.of(fitting.fit(samples), samples, most=1000)
+>>> drawn = Drawn.of(calibrate.fit(samples), samples, most=1000)
 >>> len(drawn.raw), drawn.total, drawn.stride, drawn.clock
 (1000, 3000, 3, 's')
 >>> bool(np.linalg.norm(drawn.corrected, axis=1).std() < 1.1 * drawn.view.noise)
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.diagnostics.random_walk import Walk
+    from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
     from flinders.report.view import View
-    from flinders.result import Fit
 
 MOST: Final = 10_000
 """Readings that are drawn; of a longer recording every k-th."""

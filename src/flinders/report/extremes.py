@@ -1,7 +1,7 @@
 """A calibration from six typed numbers as a page for the terminal: the table that such a board shows, and the limits.
 
 >>> from rich.console import Console
->>> from flinders.extremes import from_extremes
+>>> from flinders.fitting.axis_extremes import from_extremes
 >>> Console(width=60).print(table(from_extremes([-157, 98, -123, 124, -109, 101], variant="largest")))
      min   max   offset   half-range   scale
 ────────────────────────────────────────────
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from flinders.extremes import Extremes
+    from flinders.fitting.axis_extremes import Extremes
 
 
 def page(found: Extremes) -> RenderableType:

@@ -3,10 +3,11 @@
 Colours are classes, which the style sheet of the report gives for light, dark and paper; so a figure is the same text
 in all of them. Numbers and words of our own are all that is in it: no name of a file or sensor.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> from flinders.report.drawn import Drawn
 >>> samples = simulate.tumble(seed=1).samples
->>> drawn = Drawn.of(fitting.fit(samples), samples)
+>>> drawn = Drawn.of(calibrate.fit(samples), samples)
 >>> figure = error_map(drawn.view, 1.0)
 >>> figure.startswith('<svg class="figure"'), "style=" in figure
 (True, False)
@@ -36,10 +37,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.disturbance import Driver
     from flinders.diagnostics.random_walk import Walk
+    from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
     from flinders.report.drawn import Drawn
     from flinders.report.view import View
-    from flinders.result import Fit
 
 AXES: Final = "xyz"
 PLANES: Final = ((0, 1), (0, 2), (1, 2))

@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
+from flinders.fitting.verdict import CODES
 from flinders.report import fleet_figures as drawing
 from flinders.report.colours import variables
 from flinders.report.fleet_view import STATES, SUMS_ALONE
 from flinders.report.script import asset, joined
 from flinders.report.text import degrees
-from flinders.verdict import CODES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

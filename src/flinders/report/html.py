@@ -4,12 +4,13 @@ The file needs nothing else: no server, no network, and no script but for the 3-
 picture for paper. What comes from files, such as names and comments, is escaped; a Content-Security-Policy in the file
 lets nothing run but its own script, and nothing be fetched. Of a refused fit no number is shown that could be copied.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> samples = simulate.tumble(seed=1, n=400).samples
->>> text = page(fitting.fit(samples), samples)
+>>> text = page(calibrate.fit(samples), samples)
 >>> text.startswith("<!doctype html>"), "://" in text.split("<script")[0]
 (True, False)
->>> fit = fitting.fit(samples)
+>>> fit = calibrate.fit(samples)
 >>> found = {"raw": samples.field}
 >>> exec(python_of(fit.calibration), found)
 >>> bool(np.allclose(found["corrected"], fit.calibration.apply(samples.field)))
@@ -32,6 +33,8 @@ import numpy as np
 from flinders.core.calibration_file import Provenance
 from flinders.core.units import label
 from flinders.errors import counted, figures
+from flinders.fitting.result import Fit, Refused
+from flinders.fitting.verdict import UPSIDE_DOWN
 from flinders.report import beside
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS, variables
@@ -39,8 +42,6 @@ from flinders.report.drawn import Drawn
 from flinders.report.script import asset, joined
 from flinders.report.text import FINEST, degrees, matrix_entries, with_uncertainty
 from flinders.report.view import tiles_view
-from flinders.result import Fit, Refused
-from flinders.verdict import UPSIDE_DOWN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.core.geomag import SiteField
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 GAP: Final = 5.0
 """Usual steps from one reading to the next that make a gap."""

@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
+from flinders.fitting.result import TILTS, Fit, Refused
+from flinders.fitting.verdict import HOLE_DEG, OF_THE_RECORDING, UPSIDE_DOWN, remedy, unseen_side
 from flinders.report.beside import mounting
 from flinders.report.text import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
 from flinders.report.words import FINDINGS, REFUSALS
-from flinders.result import TILTS, Fit, Refused
-from flinders.verdict import HOLE_DEG, OF_THE_RECORDING, UPSIDE_DOWN, remedy, unseen_side
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.core.calibration_file import Provenance
     from flinders.errors import FitError
-    from flinders.result import Finding
+    from flinders.fitting.result import Finding
 
 WIDTH: Final = 78
 """Columns: two less than the terminal's 80, so that an e-mail can be quoted."""

@@ -1,9 +1,10 @@
 """Figures of a fit with matplotlib, for papers and notebooks: SVG, PNG or PDF, in print colours.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> from flinders.report.drawn import Drawn
 >>> samples = simulate.tumble(seed=1, n=400).samples
->>> fit = fitting.fit(samples)
+>>> fit = calibrate.fit(samples)
 >>> figure = plotted(Drawn.of(fit, samples), fit, "projections")
 >>> [len(axes.collections) > 0 for axes in figure.axes]
 [True, True, True, True, True, True]
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.report.drawn import Drawn
-    from flinders.result import Fit
 
 FORMATS: Final = ("svg", "png", "pdf")
 

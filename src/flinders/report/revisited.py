@@ -3,10 +3,11 @@
 Nothing is fitted: the numbers, what is claimed of them and the findings are those of the file; what is seen of
 directions is that of the recording.
 
->>> from flinders import fitting, simulate
->>> from flinders.judged import Judged
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> from flinders.fitting.judged import Judged
 >>> samples = simulate.tumble(seed=1).samples
->>> fit = fitting.fit(samples)
+>>> fit = calibrate.fit(samples)
 >>> again = revisited(Judged.from_fit(fit), samples)
 >>> again.verdict, abs(again.heading_error_deg.worst - fit.heading_error_deg.worst) < 1e-9
 ('good', True)
@@ -20,12 +21,12 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.comparison import Strength
+from flinders.fitting.result import Finding, Fit, gravest_first
+from flinders.fitting.verdict import Z_ELSEWHERE, Z_OPEN
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import level_error
-from flinders.result import Finding, Fit, gravest_first
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
-from flinders.verdict import Z_ELSEWHERE, Z_OPEN
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -33,9 +34,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import FindingRecord
     from flinders.core.samples import Recording
+    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Severity
     from flinders.heading.error_propagation import HeadingError
-    from flinders.judged import Judged
-    from flinders.result import Severity
 
 DIP_DEG: Final = 60.0
 TARGET_DEG: Final = 1.0

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.geometry.plane import PlaneEllipse, Turn
-    from flinders.result import Fit
 
 WIDE, HIGH, RADIUS = 800, 524, 152
 LEFT, RIGHT, MIDDLE = 206.0, 594.0, 288.0

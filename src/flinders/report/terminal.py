@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
     from flinders.report.drawn import Drawn
     from flinders.report.view import View
-    from flinders.result import Fit
 
 ROWS, COLUMNS, WIDE, GAP = 10, 20, 32, 3
 WIDTH: Final = 2 * (COLUMNS + GAP) + WIDE

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.verdict import OF_THE_RECORDING, UPSIDE_DOWN, movement
+from flinders.fitting.verdict import OF_THE_RECORDING, UPSIDE_DOWN, movement
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.result import Finding, Fit
+    from flinders.fitting.result import Finding, Fit
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
 MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("·", "dim")}

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.errors import counted, figures
+from flinders.fitting.result import Fit, Refused
 from flinders.report.info import written_time
 from flinders.report.text import COLOURS, MARKS, degrees
-from flinders.result import Fit, Refused
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.errors import FlindersError
-    from flinders.result import Verdict
+    from flinders.fitting.result import Verdict
     from flinders.together import Member, Together
 
 

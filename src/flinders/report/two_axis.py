@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.composing import Composed
+    from flinders.fitting.result import Fit
     from flinders.geometry.plane import PlaneEllipse, Turn
-    from flinders.result import Fit
 
 NOTHING: Final = 0.1
 """Of the target: what costs less is not worth a word."""

@@ -4,9 +4,10 @@
 number is given that somebody could copy; where it has a surface all the same, `shown` says under which correction the
 readings are drawn, so that the picture gets better while the sensor is being turned.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> samples = simulate.tumble(seed=1).samples
->>> fit = fitting.fit(samples)
+>>> fit = calibrate.fit(samples)
 >>> seen = view(fit, samples)
 >>> seen.verdict, seen.unit, seen.heading_error_deg.worst == fit.heading_error_deg.worst
 ('good', 'µT', True)
@@ -27,12 +28,12 @@ from msgspec import Struct
 
 from flinders.core.units import label
 from flinders.errors import figures
+from flinders.fitting.verdict import UPSIDE_DOWN, WORTH_IT, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
 from flinders.heading.guidance import guide
 from flinders.summary.quality import Health
-from flinders.verdict import UPSIDE_DOWN, WORTH_IT, movement
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,9 +42,9 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
     from flinders.heading.guidance import Frame, Goal, Guidance
-    from flinders.result import Fit
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -73,7 +74,7 @@ class ErrorView(Struct, frozen=True):
 
 
 class FindingView(Struct, frozen=True):
-    """A finding, as `flinders.result.Finding`."""
+    """A finding, as `flinders.fitting.result.Finding`."""
 
     code: str
     severity: Literal["note", "limits", "refuses"]
@@ -375,8 +376,9 @@ def tile_errors_deg(fit: Fit) -> Floats:
 def sentence(fit: Fit, limit_deg: float | None = None) -> str:
     """The verdict in plain words, in a sentence or two; `limit_deg` is the attitude limit, where that is known already.
 
-    >>> from flinders import fitting, simulate
-    >>> sentence(fitting.fit(simulate.tumble(seed=1, motion="tilted").samples))
+    >>> from flinders import simulate
+    >>> from flinders.fitting import calibrate
+    >>> sentence(calibrate.fit(simulate.tumble(seed=1, motion="tilted").samples))
     'Headings are good to 0.27° (1 σ, worst heading), up to 30° of tilt. The target is 1°.'
     """
     if fit.is_flat:

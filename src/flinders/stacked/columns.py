@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders import fitting
 from flinders.core.samples import Samples
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators import unfollowed_of
+from flinders.fitting import calibrate
+from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.result import Fit, Refused
 from flinders.stacked.lane import MOST, UPPER, Lane, through
 from flinders.stacked.stack import Lined, Stack
 from flinders.stacked.surfaces import DOUBTFUL
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.result import Severity
+    from flinders.fitting.result import Severity
 
 AT_A_TIME: Final = 512
 """Units that go through the lane together: enough to make each call cheap, few enough to need little memory."""
@@ -268,8 +268,8 @@ def _alone(one: Samples, *, polish: bool, target_deg: float, dip_deg: float) -> 
     """What `flinders.fit` makes of one unit: a fit, or the error that it raises."""
     try:
         if polish:
-            return fitting.fit(one, target_deg=target_deg, dip_deg=dip_deg)
-        return fitting.fit(Summary.of(one), target_deg=target_deg, dip_deg=dip_deg, unit=one.unit, axes=one.axes)
+            return calibrate.fit(one, target_deg=target_deg, dip_deg=dip_deg)
+        return calibrate.fit(Summary.of(one), target_deg=target_deg, dip_deg=dip_deg, unit=one.unit, axes=one.axes)
     except UsageError:
         raise
     except Refused as error:

@@ -24,6 +24,7 @@ import numpy as np
 from flinders.diagnostics.axis_swap import BROKEN
 from flinders.diagnostics.drift import FEWEST, FEWEST_INDEPENDENT
 from flinders.estimators import autocorrelation as correlation
+from flinders.fitting.verdict import CHANGED
 from flinders.likelihood.identifiability import WELL_CONDITIONED
 from flinders.stacked.algebra import (
     Array,
@@ -49,7 +50,6 @@ from flinders.stacked.algebra import (
 )
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units, surface, weighing
 from flinders.summary.coverage import BANDS, CELLS, EDGES, STARTS
-from flinders.verdict import CHANGED
 
 if TYPE_CHECKING:
     from flinders.stacked.likelihood import Fitted

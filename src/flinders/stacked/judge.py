@@ -1,4 +1,4 @@
-"""What is said of many units: health, heading errors and findings, as `flinders.verdict` and `flinders.heading.error_propagation` say it.
+"""What is said of many units: health, heading errors and findings, as `flinders.fitting.verdict` and `flinders.heading.error_propagation` say it.
 
 Only findings that are numbers held against a limit are made here. A unit with any other, or one that refuses the
 calibration, leaves the stack.
@@ -20,11 +20,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
-from flinders.heading.error_propagation import HEADINGS, level_turn
-from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
-from flinders.summary.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
-from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
-from flinders.verdict import (
+from flinders.fitting.verdict import (
     ALTERNATING,
     AXIS_RATIO,
     CORRELATED,
@@ -38,11 +34,15 @@ from flinders.verdict import (
     REFUSED_AT,
     REPEATS,
 )
+from flinders.heading.error_propagation import HEADINGS, level_turn
+from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
+from flinders.summary.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
+from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flinders.result import Severity
+    from flinders.fitting.result import Severity
     from flinders.stacked.surfaces import Ellipsoids
 
 FOUND: Final[tuple[tuple[str, Severity], ...]] = (
@@ -185,7 +185,7 @@ class Evidence:
     ----------
     ellipsoids : Ellipsoids
     worst_deg, noise, held, independent, lag_one, count
-        As the attributes of `flinders.result.Fit`; `held` is zero and `lag_one` too where nobody looked.
+        As the attributes of `flinders.fitting.result.Fit`; `held` is zero and `lag_one` too where nobody looked.
     has_hole : bool
     extent : (U, 3)
     repeats

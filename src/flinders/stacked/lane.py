@@ -2,13 +2,14 @@
 
 A unit that needs anything but the plain course leaves the stack on the way; `Lane.at` names those that came through.
 
->>> from flinders import fitting, simulate
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
 >>> from flinders.stacked.stack import Stack
 >>> tumbles = [simulate.tumble(seed=seed, n=500, motion="uniform").samples for seed in range(3)]
 >>> judged = through(Stack.of(tumbles), target_deg=1.0, dip_deg=60.0)
 >>> judged.at.tolist(), judged.numbers["worst_deg"].round(3) < 1.0
 ([0, 1, 2], array([ True,  True,  True]))
->>> alone = fitting.fit(tumbles[0])
+>>> alone = calibrate.fit(tumbles[0])
 >>> bool(np.isclose(judged.numbers["worst_deg"][0], alone.heading_error_deg.worst, rtol=1e-9))
 True
 """
@@ -57,7 +58,7 @@ from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flinders.result import Severity
+    from flinders.fitting.result import Severity
     from flinders.stacked.stack import Stack
 
 FEWEST, MOST = FEW_TO_CORRELATE, 2 * GLANCE - 1

@@ -27,6 +27,7 @@ import numpy as np
 
 from flinders.estimators.data import PER_CELL
 from flinders.estimators.robust import SEED
+from flinders.fitting.verdict import HOLE_DEG
 from flinders.stacked import hung
 from flinders.stacked.algebra import (
     SHORTEST,
@@ -41,7 +42,6 @@ from flinders.stacked.algebra import (
 )
 from flinders.summary.cloud import LOOKED_AT, SMALLEST_SIDE
 from flinders.summary.coverage import CELLS, cells_of, fibonacci
-from flinders.verdict import HOLE_DEG
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

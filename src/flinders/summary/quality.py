@@ -1,6 +1,6 @@
 """What a recording says about itself before any fit: repeats, stuck axes, rails and jumps in time.
 
-None of it is a verdict; `flinders.verdict` turns these counts into findings. They add up in the order of
+None of it is a verdict; `flinders.fitting.verdict` turns these counts into findings. They add up in the order of
 recording, like everything a `Summary` holds; recordings of their own are put `beside` each other.
 
 >>> from flinders.core.samples import Samples

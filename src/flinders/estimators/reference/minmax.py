@@ -50,7 +50,7 @@ class MinMax:
     A field strength that is given takes the place of F. Moving and scaling the readings moves and scales
     the answer alike, and so does swapping axes or changing their signs; turning them does not turn it.
 
-    Use it for parity with such a program, or where six numbers are all there is (`flinders.extremes`).
+    Use it for parity with such a program, or where six numbers are all there is (`flinders.fitting.axis_extremes`).
     Not where accuracy counts: two readings settle each axis, the noise of the outermost
     always makes it wider, ends that the turn did not reach make it narrower, and soft iron across axes is not seen.
 

@@ -34,20 +34,20 @@ from flinders.estimators import (
     within_range,
 )
 from flinders.estimators.aiding import refuse_without
-from flinders.estimators.aids import AUTO, aided_by, available
 from flinders.estimators.cache import concatenated
 from flinders.estimators.disturbance import following, told
-from flinders.estimators.followed import earned
 from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.solver import ACCELERATION_SIGMA, SCALE_SIGMA
+from flinders.fitting.aid_selection import AUTO, aided_by, available
+from flinders.fitting.disturbance_selection import earned
+from flinders.fitting.result import Aid, Aids, Fit, Refused
+from flinders.fitting.verdict import judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import alignment_error_deg, level_error
 from flinders.likelihood.identifiability import is_flat
 from flinders.likelihood.prior import SPREAD
-from flinders.result import Aid, Aids, Fit, Refused
 from flinders.summary.coverage import Coverage
-from flinders.verdict import judge
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,9 +58,9 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
+    from flinders.fitting.result import Drift, Slip, Unfollowed
     from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
-    from flinders.result import Drift, Slip, Unfollowed
     from flinders.summary.summary import Summary
 
 LOOKED_AT: Final = 5_000

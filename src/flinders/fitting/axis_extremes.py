@@ -28,10 +28,10 @@ from flinders.errors import UsageError, figures
 from flinders.estimators.base import FINEST
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
+from flinders.fitting.result import Finding, Outcome, gravest_first
+from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error
-from flinders.result import Finding, Outcome, gravest_first
-from flinders.verdict import of_calibration
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -31,8 +31,8 @@ from flinders.estimators.cache import concatenated
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
+from flinders.fitting.result import Aid
 from flinders.likelihood import magnitude, prior
-from flinders.result import Aid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -15,10 +15,10 @@ from flinders.core.compensation import beyond_words
 from flinders.core.disturbance import known, motor
 from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
+from flinders.fitting.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.geometry.plane import order_of
 from flinders.heading.guidance import guide
 from flinders.likelihood.identifiability import flatness_limit, is_flat
-from flinders.result import ONE_PLANE, TILTS, Finding, gravest_first
 from flinders.summary.quality import RAIL_SHARE
 
 if TYPE_CHECKING:
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Driver
     from flinders.diagnostics.repeatability import Repeats
+    from flinders.fitting.result import Driven, Fit, Severity
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.heading.guidance import Guidance
-    from flinders.result import Driven, Fit, Severity
     from flinders.summary.coverage import Coverage
     from flinders.summary.moments import Moments
     from flinders.summary.quality import Health

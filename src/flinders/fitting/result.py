@@ -57,7 +57,7 @@ class Finding:
     Attributes
     ----------
     code : str
-        Stable name, one of `flinders.verdict.CODES`.
+        Stable name, one of `flinders.fitting.verdict.CODES`.
     severity : str
         ``note``: good to know; ``limits``: the calibration holds with limits; ``refuses``: it is not given.
     number : float

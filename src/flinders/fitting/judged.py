@@ -1,7 +1,8 @@
 """A calibration with what is claimed of it: what is needed to hold it against others, or to put it together with them.
 
->>> from flinders import fitting, simulate
->>> found = fitting.fit(simulate.tumble(seed=1).samples)
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> found = calibrate.fit(simulate.tumble(seed=1).samples)
 >>> one = Judged.from_fit(found, name="monday")
 >>> one.name, one.samples, one.covariance.shape
 ('monday', 3000, (9, 9))
@@ -28,7 +29,7 @@ from flinders.geometry.equator import equator, to_equator
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Fitted, SourceFile
-    from flinders.result import Fit
+    from flinders.fitting.result import Fit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
