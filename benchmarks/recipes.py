@@ -23,14 +23,14 @@ import numpy as np
 import flinders
 from benchmarks.datasets import dataset, heading_error_deg
 from benchmarks.recordings import FOLDER
-from flinders.contest import compare_methods
+from flinders.comparison.methods import compare_methods
 from flinders.errors import FitError
 from flinders.estimators import METHODS, Readings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.contest import Entry
+    from flinders.comparison.methods import Entry
 
 SETS: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7", "S8")
 

@@ -24,21 +24,21 @@ import numpy as np
 
 from benchmarks.datasets import heading_error_deg
 from flinders import open_log, read, simulate
-from flinders.agreement import departures
+from flinders.comparison.agreement import departures
+from flinders.comparison.multi_sensor import fit_together
 from flinders.estimators import Auto, Readings
 from flinders.estimators.multi_sensor import Several, solve
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.likelihood.gyro import rotations
-from flinders.together import fit_together
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.comparison.multi_sensor import Together
     from flinders.estimators import Estimate
     from flinders.simulate import Sensor, Simulated
-    from flinders.together import Together
 
 SEED: Final = 20261121
 FIELD: Final = 50.0

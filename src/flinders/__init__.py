@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from flinders import errors as errors
     from flinders import estimators as estimators
     from flinders import simulate as simulate
-    from flinders.comparison import compare as compare
-    from flinders.contest import compare_methods as compare_methods
+    from flinders.comparison.comparison import compare as compare
+    from flinders.comparison.merging import merge as merge
+    from flinders.comparison.methods import compare_methods as compare_methods
+    from flinders.comparison.multi_sensor import fit_together as fit_together
     from flinders.core import units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
@@ -33,12 +35,10 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Finding as Finding
     from flinders.fitting.result import Fit as Fit
     from flinders.fleet import fit_many as fit_many
-    from flinders.merging import merge as merge
     from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
     from flinders.summary.summary import Summary as Summary
-    from flinders.together import fit_together as fit_together
 
 _HOMES: Final = {
     "Axes": "core.axes",
@@ -51,14 +51,14 @@ _HOMES: Final = {
     "Samples": "core.samples",
     "Summary": "summary.summary",
     "Unit": "core.units",
-    "compare": "comparison",
-    "compare_methods": "contest",
+    "compare": "comparison.comparison",
+    "compare_methods": "comparison.methods",
     "errors": "errors",
     "estimators": "estimators",
     "fit": "fitting.calibrate",
     "fit_many": "fleet",
-    "fit_together": "together",
-    "merge": "merging",
+    "fit_together": "comparison.multi_sensor",
+    "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
     "read": "readers",

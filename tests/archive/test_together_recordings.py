@@ -13,8 +13,8 @@ import numpy.testing as npt
 import pytest
 
 from flinders import open_log
+from flinders.comparison.multi_sensor import Member, Together, fit_together
 from flinders.fitting.result import Fit, Refused
-from flinders.together import Member, Together, fit_together
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def test_a_few_methods_on_a_tumble(golden: Golden, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ticks = itertools.count()
-    monkeypatch.setattr("flinders.contest.time.perf_counter", lambda: next(ticks) * 1e-3)
+    monkeypatch.setattr("flinders.comparison.methods.time.perf_counter", lambda: next(ticks) * 1e-3)
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
     field = simulate.tumble(seed=8, n=1500).samples.field

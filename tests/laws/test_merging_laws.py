@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 import flinders
 from flinders import simulate
+from flinders.comparison.merging import Merged, NotMerged, merge
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
 from flinders.fitting.judged import Judged, rescaled, trace_with, without_scale
 from flinders.geometry.ellipsoid import upper
-from flinders.merging import Merged, NotMerged, merge
 
 SENSOR = simulate.Sensor.random(np.random.default_rng(7))
 KNOWN = (None, 50.0)

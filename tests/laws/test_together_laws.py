@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flinders import simulate
-from flinders.agreement import departures
+from flinders.comparison.agreement import departures
 from flinders.core.time_alignment import between
 from flinders.estimators.multi_sensor import mirror_or_rotation, solve
 from flinders.likelihood.gyro import rotations

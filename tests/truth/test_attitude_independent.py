@@ -18,6 +18,7 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.comparison.evaluation import evaluate
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import AlonsoShuster, Ekf, Estimator, Readings, Sequential, at_one_strength
@@ -34,7 +35,6 @@ from flinders.estimators.reference.attitude_independent import (
     theta_of,
 )
 from flinders.estimators.reference.sequential import State
-from flinders.evaluation import evaluate
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper

@@ -14,7 +14,7 @@ from scipy import stats
 
 import flinders
 from flinders import simulate
-from flinders.comparison import Strength, compare
+from flinders.comparison.comparison import Strength, compare
 from flinders.conventions._rotations import euler
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
-    from flinders.comparison import Comparison
+    from flinders.comparison.comparison import Comparison
 
 SENSOR = simulate.Sensor.random(np.random.default_rng(7))
 

@@ -13,12 +13,12 @@ from click.testing import CliRunner
 
 from flinders import simulate
 from flinders.cli import main
-from flinders.contest import Contest, compare_methods
+from flinders.comparison.cross_validation import Validation
+from flinders.comparison.methods import Contest, compare_methods
 from flinders.errors import FitError, NeedsSamples, TooFewSamples, UsageError
 from flinders.estimators import METHODS
 from flinders.heading.error_propagation import HeadingError
 from flinders.summary.summary import Summary
-from flinders.validation import Validation
 
 TUMBLE = simulate.tumble(seed=5, n=1000, motion="uniform")
 
@@ -155,6 +155,6 @@ def test_more_blocks_than_readings_are_as_many_as_there_are() -> None:
 
 
 def test_errors_are_of_one_tree() -> None:
-    from flinders.validation import NotValidated
+    from flinders.comparison.cross_validation import NotValidated
 
     assert issubclass(NotValidated, FitError)

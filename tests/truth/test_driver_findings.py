@@ -13,13 +13,13 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.comparison.evaluation import evaluate
 from flinders.conventions.ardupilot import Parameters as ArduPilot
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressor_noise import noise_of
 from flinders.estimators.static_bench import still
-from flinders.evaluation import evaluate
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.fitting.verdict import CODES, of_column, of_noisy

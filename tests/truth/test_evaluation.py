@@ -10,12 +10,12 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
+from flinders.comparison.evaluation import evaluate
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UnitError, UsageError
-from flinders.evaluation import evaluate
 from flinders.fitting import calibrate
 from flinders.fitting.judged import Judged
 from flinders.simulate import Sensor, tumble

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.comparison import compare
+from flinders.comparison.comparison import compare
 from flinders.errors import DocumentError, UsageError
 from flinders.fitting.judged import Judged
 from flinders.fleet.changes import Calibrations, between

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import flinders
+from flinders.comparison.level_plane import Levelled, compare_turned
 from flinders.conventions._rotations import euler
 from flinders.core.samples import Samples
 from flinders.fitting.judged import Judged
-from flinders.levelled import Levelled, compare_turned
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.comparison.merging import NotMerged, merge
 from flinders.core import calibration_file
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import FindingRecord
@@ -24,7 +25,6 @@ from flinders.core.units import Unit
 from flinders.errors import AxesError, UnitError, UsageError
 from flinders.fitting.judged import Judged
 from flinders.geometry.ellipsoid import upper
-from flinders.merging import NotMerged, merge
 from flinders.summary.pooling import chi_square_of
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.agreement import departures, heading_deg
+from flinders.comparison.agreement import departures, heading_deg
+from flinders.comparison.multi_sensor import Member, fit_together, nearest_axes
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import between, paired
 from flinders.errors import FitError, InputError, UsageError
@@ -19,7 +20,6 @@ from flinders.estimators import multi_sensor
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.likelihood.gyro import rotations
-from flinders.together import Member, fit_together, nearest_axes
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -440,7 +440,7 @@ def test_wrong_use_says_what_is_needed() -> None:
 
 
 def test_nearest_axes_of_each_of_the_24_and_their_mirror_images() -> None:
-    from flinders.together import ALL_TURNS
+    from flinders.comparison.multi_sensor import ALL_TURNS
 
     for axes in ALL_TURNS:
         assert nearest_axes(axes.apply(np.eye(3)).T) == (str(axes), 0.0)

@@ -16,7 +16,7 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.cli import two_axis as cli_two_axis
-from flinders.composing import Composed, refuse_unloaded, rotation_error
+from flinders.comparison.composition import Composed, refuse_unloaded, rotation_error
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
 from flinders.estimators import Ellipse, Readings, TwoAxisRecipe
 from flinders.fitting.judged import Judged

@@ -11,10 +11,10 @@ import pytest
 from benchmarks.datasets import dataset, heading_error_deg
 
 from flinders import simulate
+from flinders.comparison.cross_validation import NotValidated, cross_validated
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.estimators import METHODS, Consistent, Level, Likelihood, MinMax, Readings, Sphere
-from flinders.validation import NotValidated, cross_validated
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
+    from flinders.comparison.multi_sensor import Together
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.readers import Instrument, Log
-    from flinders.together import Together
 
 Outcome: TypeAlias = "Fit | FlindersError"
 

@@ -10,9 +10,9 @@ from flinders.errors import FlindersError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flinders.comparison.multi_sensor import Together
     from flinders.heading.smoothing import Filter
     from flinders.readers import Log
-    from flinders.together import Together
 
 TAKEN: Final = ("target_deg", "dip_deg", "field_strength", "prior", "aids", "site")
 """Options of `flinders.fit_together`."""
@@ -50,7 +50,7 @@ def fitted(
     UsageError
         For a reference that there is not, or a log with just one.
     """
-    from flinders.together import fit_together
+    from flinders.comparison.multi_sensor import fit_together
 
     chosen = None if reference is None else log.sensor(reference).name
     parts = {instrument.name: Counted(instrument) for instrument in log.instruments}

@@ -163,7 +163,7 @@ class Corrector:
     """
 
     def __init__(self, correction: Calibration, source: str) -> None:
-        from flinders.comparison import Strength
+        from flinders.comparison.comparison import Strength
 
         self._correction, self._source = correction, source
         self.strength = Strength()
@@ -178,7 +178,7 @@ class Corrector:
         """
         import numpy as np
 
-        from flinders.comparison import Strength
+        from flinders.comparison.comparison import Strength
 
         corrected = self._correction.apply(readings)
         strength = np.linalg.norm(corrected, axis=1) / self._correction.field_strength

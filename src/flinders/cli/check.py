@@ -16,7 +16,7 @@ from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import NeedsSamples, TooFewSamples, UsageError
 
 if TYPE_CHECKING:
-    from flinders.comparison import Comparison, Strength
+    from flinders.comparison.comparison import Comparison, Strength
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Joined
     from flinders.diagnostics.random_walk import Walk
@@ -149,9 +149,9 @@ def opened(
 
 def _compared(known: Judged, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
     """Hold them against each other; where the recording is a level turn, in the plane that was turned."""
-    from flinders.comparison import compare
+    from flinders.comparison.comparison import compare
+    from flinders.comparison.level_plane import compare_turned
     from flinders.fitting.judged import Judged
-    from flinders.levelled import compare_turned
 
     found = Judged.from_fit(fresh, name="fresh fit")
     if found.plane == "xy" and known.plane is None:
@@ -208,6 +208,6 @@ def _told(walk: Walk, unit: str, *, target_deg: float, dip_deg: float, under: st
 
 def _strength(calibration: Calibration, recording: Joined) -> Strength:
     """How evenly long the readings come out."""
-    from flinders.comparison import Strength
+    from flinders.comparison.comparison import Strength
 
     return sum((Strength.under(calibration, block.field) for block in recording.blocks()), Strength())

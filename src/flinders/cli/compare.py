@@ -43,7 +43,7 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     themselves; two calibrations from one recording agree better than that. A file without a covariance is
     taken as exact.
     """
-    from flinders.comparison import compare
+    from flinders.comparison.comparison import compare
     from flinders.report.comparison import page
 
     a, b = _load(first, second), _load(second, first)

@@ -70,7 +70,7 @@ def command(
     once, and what it asks for is carried over to the heading. Methods that cannot be trusted on this recording say
     why. Nothing is written; of several recordings of one sensor the blocks follow each other.
     """
-    from flinders.contest import compare_methods, known
+    from flinders.comparison.methods import compare_methods, known
     from flinders.core.samples import Joined
     from flinders.readers import open_recording
     from flinders.report.contest import page

@@ -50,7 +50,7 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     True errors of heading, direction, offset and matrix stand beside those that the calibration claims, with their
     ratio: about 1 where the claims are true. A rotation that no magnetometer can see is given on its own.
     """
-    from flinders.evaluation import evaluate
+    from flinders.comparison.evaluation import evaluate
     from flinders.report.evaluation import page
 
     found, known = _load(calibration, truth)

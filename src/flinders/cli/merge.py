@@ -14,9 +14,9 @@ from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
+    from flinders.comparison.merging import Merged, NotMerged
     from flinders.core.calibration_file import Provenance
     from flinders.fitting.judged import Judged
-    from flinders.merging import Merged, NotMerged
 
 
 @click.command(
@@ -62,7 +62,7 @@ def command(
     uncertainty of the result; calibrations that contradict each other are refused, not averaged. They must
     come from recordings of their own: from recordings that are still there, flinders calibrate makes a better one.
     """
-    from flinders.merging import NotMerged, merge
+    from flinders.comparison.merging import NotMerged, merge
 
     _check_outputs(calibrations, output, force=force, as_json=as_json)
     try:

@@ -16,7 +16,7 @@ from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.composing import Composed
+    from flinders.comparison.composition import Composed
     from flinders.core.calibration_file import Document
     from flinders.core.samples import Recording
     from flinders.fitting.judged import Judged
@@ -83,7 +83,7 @@ def command(context: click.Context, /, recording: str, as_json: bool, **options:
     wrong: --method ellipse fits the ellipse of least squares instead. The result holds for this plane alone: exit
     code 3, as of everything limited.
     """
-    from flinders.composing import Composed, refuse_unloaded
+    from flinders.comparison.composition import Composed, refuse_unloaded
     from flinders.fitting.result import Refused
 
     after, output, polar = options["after"], options["output"], options["polar"]

@@ -1,4 +1,4 @@
-"""Pairs of calibrations held against each other, thousands at once: what `flinders.comparison.compare` says of each.
+"""Pairs of calibrations held against each other, thousands at once: what `flinders.comparison.comparison.compare` says of each.
 
 Readings of one sensor are longer in a stronger field, which says nothing of the sensor. Both ellipsoids of a pair are
 therefore brought to one radius, and their common scale is taken out of what they claim.
@@ -156,7 +156,7 @@ SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma
 
 
 def between(first: Calibrations, second: Calibrations, *, dip_deg: float | Floats = 60.0) -> Changes:
-    """Say how far the second calibration of each pair is from the first, as `flinders.comparison.compare` does.
+    """Say how far the second calibration of each pair is from the first, as `flinders.comparison.comparison.compare` does.
 
     Parameters
     ----------

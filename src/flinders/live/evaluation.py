@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 import numpy as np
 
-from flinders.comparison import compare
+from flinders.comparison.comparison import compare
 from flinders.core.samples import Samples  # noqa: TC001 - the example above makes some
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import FitError, FlindersError, counted, figures

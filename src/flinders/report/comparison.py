@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.comparison import CHANCE
+from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.report.text import COLOURS, MARKS, degrees, with_uncertainty
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from flinders.comparison import Comparison, Strength
+    from flinders.comparison.comparison import Comparison, Strength
     from flinders.fitting.result import Fit
 
 TITLES: Final = {"agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS")}

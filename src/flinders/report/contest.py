@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from flinders.contest import Contest, Entry
+    from flinders.comparison.methods import Contest, Entry
     from flinders.core.calibration import Calibration
     from flinders.fitting.result import Severity, Verdict
     from flinders.heading.error_propagation import HeadingError

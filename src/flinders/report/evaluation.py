@@ -12,7 +12,7 @@ from flinders.report.text import COLOURS, degrees, with_uncertainty
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from flinders.evaluation import Evaluation
+    from flinders.comparison.evaluation import Evaluation
 
 TITLES: Final = {"as claimed": "AS CLAIMED", "worse than claimed": "WORSE THAN CLAIMED", "unclaimed": "NO CLAIM"}
 

@@ -14,7 +14,7 @@ from flinders.report.text import COLOURS, MARKS, degrees, numbers
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from flinders.merging import Merged
+    from flinders.comparison.merging import Merged
 
 
 def page(merged: Merged) -> RenderableType:

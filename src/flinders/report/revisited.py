@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.comparison import Strength
+from flinders.comparison.comparison import Strength
 from flinders.fitting.result import Finding, Fit, gravest_first
 from flinders.fitting.verdict import Z_ELSEWHERE, Z_OPEN
 from flinders.geometry.plane import down_of

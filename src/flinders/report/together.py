@@ -12,9 +12,9 @@ from flinders.report.text import COLOURS, MARKS, degrees
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from flinders.comparison.multi_sensor import Member, Together
     from flinders.errors import FlindersError
     from flinders.fitting.result import Verdict
-    from flinders.together import Member, Together
 
 
 def page(found: Together, target_deg: float) -> RenderableType:

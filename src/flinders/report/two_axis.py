@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.composing import ANY_ANGLE, in_words
+from flinders.comparison.composition import ANY_ANGLE, in_words
 from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import across
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.composing import Composed
+    from flinders.comparison.composition import Composed
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import PlaneEllipse, Turn
 

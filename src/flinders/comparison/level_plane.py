@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.comparison import IN_PLANE, compare_level
+from flinders.comparison.comparison import IN_PLANE, compare_level
 from flinders.core.calibration import Calibration
 from flinders.core.samples import singles
 from flinders.estimators.autocorrelation import Residuals, time_of
@@ -45,7 +45,7 @@ from flinders.heading.error_propagation import upright
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.comparison import Comparison
+    from flinders.comparison.comparison import Comparison
     from flinders.core.samples import Recording
 
 STEP: Final = 1e-6
@@ -94,7 +94,7 @@ class Levelled:
 
 
 def compare_turned(known: Judged, fresh: Judged, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
-    """Say how far a calibration is from a level turn, as `flinders.comparison.compare` does for two calibrations.
+    """Say how far a calibration is from a level turn, as `flinders.comparison.comparison.compare` does for two calibrations.
 
     Parameters
     ----------

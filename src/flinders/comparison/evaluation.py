@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.comparison import CHANCE, DIRECTIONS
+from flinders.comparison.comparison import CHANCE, DIRECTIONS
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
 from flinders.heading.error_propagation import (

@@ -19,8 +19,8 @@ True
 >>> moved = replace(tuesday, calibration=replace(tuesday.calibration, offset=tuesday.calibration.offset + [3, 0, 0]))
 >>> merge([monday, moved])
 Traceback (most recent call last):
-flinders.merging.NotMerged: monday and tuesday are 6.4° of heading apart (3.0 µT in the offset), which is not chance: \
-something magnetic changed in between; use recordings made in the state of use
+flinders.comparison.merging.NotMerged: monday and tuesday are 6.4° of heading apart (3.0 µT in the offset), which is not
+chance: \ something magnetic changed in between; use recordings made in the state of use
 """
 
 from __future__ import annotations

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.comparison import compare
+from flinders.comparison.comparison import compare
+from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Auto, Readings, within_range
 from flinders.estimators.cache import concatenated
@@ -26,18 +27,17 @@ from flinders.fitting.judged import Judged
 from flinders.fitting.result import VERDICTS, Refused
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import Coverage
-from flinders.validation import BLOCKS, LEAST, NotValidated, cross_validated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
+    from flinders.comparison.cross_validation import Validation
     from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimator
     from flinders.fitting.result import Fit, Verdict
     from flinders.heading.error_propagation import HeadingError
-    from flinders.validation import Validation
 
 VALIDATED: Final = 20_000
 """Readings of a longer recording that are cross-validated, evenly spread over it."""

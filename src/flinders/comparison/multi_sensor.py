@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from flinders.agreement import Departure, departures, heading_deg, length_scatter, scatter
+from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, paired
