@@ -26,7 +26,7 @@ from flinders.estimators import Auto, Readings
 from flinders.estimators.aiding import solve
 from flinders.fitting.result import Refused
 from flinders.heading.attitude import magnetic_heading_deg
-from flinders.heading.error_propagation import level_turn
+from flinders.heading.error_propagation import level_error, level_turn
 from flinders.simulate import rotation_vectors
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def third_of(whole: Aided, third: Samples) -> Third:
         math.sqrt(float(apart @ np.linalg.solve(covariance[:3, :3], apart)) / 3.0),
         between_deg(truth.centre, truth.shape, alone.centre, alone.shape),
         between_deg(truth.centre, truth.shape, aided.parameters.offset, aided.parameters.shape),
-        flinders.heading.error_propagation.level_error(truth, covariance).rms,
+        level_error(truth, covariance).rms,
         aided.parameters.gyro_scale,
     )
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.comparison.merging import merge as merge
     from flinders.comparison.methods import compare_methods as compare_methods
     from flinders.comparison.multi_sensor import fit_together as fit_together
-    from flinders.core import units
+    from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
     from flinders.core.samples import Samples as Samples

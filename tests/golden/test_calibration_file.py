@@ -66,7 +66,7 @@ def test_the_reviewed_file_reads_back_to_the_document_it_was_written_from() -> N
 
 
 def test_the_shipped_json_schema_has_not_drifted() -> None:
-    """If it has: ``python -c "from flinders.core.calibration_file import *; print(lay_out(schema()))"`` into the file."""
+    """If it has, write `calibration_file.lay_out(calibration_file.schema())` into the file."""
     assert SHIPPED.read_text("utf-8") == calibration_file.lay_out(calibration_file.schema()) + "\n"
 
 

@@ -14,6 +14,7 @@ from flinders.core.samples import Samples
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, TooFewSamples, Undetermined, Unmoved
 from flinders.estimators import METHODS
 from flinders.fitting.result import Refused
+from flinders.heading.error_propagation import level_turn
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -61,7 +62,7 @@ def answered(field: Floats, method: str) -> flinders.Fit | None:
 
 def heading_error(fit: flinders.Fit, shape: Floats) -> float:
     """Worst error in degrees of the heading of a level vehicle at dip 60°, the mean taken off."""
-    heading, directions = flinders.heading.error_propagation.level_turn(60.0)
+    heading, directions = level_turn(60.0)
     x, y, _ = fit.calibration.matrix @ (
         CENTRE[:, np.newaxis] + shape @ directions - fit.calibration.offset[:, np.newaxis]
     )

@@ -11,8 +11,7 @@ from benchmarks.claims import by_hand
 
 import flinders
 from flinders.core.samples import Joined, Samples
-from flinders.estimators import Likelihood, Readings, drift_of
-from flinders.estimators import autocorrelation as correlation
+from flinders.estimators import Likelihood, Readings, autocorrelation, drift_of
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import RATE_HZ, Sensor, tumble
@@ -195,7 +194,7 @@ def test_an_offset_that_wanders_slowly_below_the_noise_widens_the_claim(monkeypa
     """A fifth of the noise, over ten seconds, for two minutes: the autocovariance alone misses most of it."""
     fields = [tumbled(seed, 6000) + wandering(seed, 0.1, 10.0, 6000) for seed in range(40)]
     allowing = float(np.mean([weighed(field) for field in fields]))
-    monkeypatch.setattr(correlation.Residuals, "creep", lambda *_: 1.0)
+    monkeypatch.setattr(autocorrelation.Residuals, "creep", lambda *_: 1.0)
     missing = float(np.mean([weighed(field) for field in fields]))
     assert 0.5 < allowing < 1.6
     assert missing > 3.0

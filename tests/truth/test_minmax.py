@@ -21,6 +21,8 @@ from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSample
 from flinders.estimators import MinMax, Readings
 from flinders.fitting.axis_extremes import from_extremes
 from flinders.fitting.judged import Judged
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.heading.error_propagation import level_error, level_turn
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -150,7 +152,7 @@ def test_the_claim_covers_the_error(iron: str, motion: str, n: int) -> None:
 
 def heading_rms(fit: flinders.Fit, iron: Floats) -> float:
     """Error in degrees of the heading of a level vehicle at dip 60°, the mean taken off."""
-    heading, directions = flinders.heading.error_propagation.level_turn(60.0)
+    heading, directions = level_turn(60.0)
     raw = OFFSET[:, np.newaxis] + 50.0 * iron @ directions
     x, y, _ = fit.calibration.matrix @ (raw - fit.calibration.offset[:, np.newaxis])
     error = np.angle(np.exp(1j * (np.arctan2(-y, x) - heading)))
@@ -283,10 +285,8 @@ def test_what_a_short_turn_would_cost_is_what_it_costs() -> None:
     finding = found.findings[0]
     covariance = np.zeros((9, 9))
     covariance[1, 1] = 10.0**2
-    sphere = flinders.geometry.ellipsoid.Ellipsoid(np.zeros(3), 120.0 * np.eye(3))
-    assert finding.number == pytest.approx(
-        flinders.heading.error_propagation.level_error(sphere, covariance, dip_deg=60.0).worst
-    )
+    sphere = Ellipsoid(np.zeros(3), 120.0 * np.eye(3))
+    assert finding.number == pytest.approx(level_error(sphere, covariance, dip_deg=60.0).worst)
     assert found.calibration.offset[1] == -10.0
     assert "off by up to 10 counts" in finding.advice
 

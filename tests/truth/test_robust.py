@@ -12,8 +12,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators import Auto, Likelihood, Readings, Robust, likelihood
-from flinders.estimators import cache as kept
+from flinders.estimators import Auto, Likelihood, Readings, Robust, cache, likelihood
 from flinders.estimators.robust import asks_for_it
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
@@ -131,7 +130,7 @@ def test_what_is_listed_is_what_was_left_out(rows: int | None, monkeypatch: pyte
     _, samples = with_magnet()
     whole = Robust().estimate(Readings.of(samples))
     if rows is not None:
-        monkeypatch.setattr(kept, "HELD", 500)
+        monkeypatch.setattr(cache, "HELD", 500)
     found = whole if rows is None else Robust().estimate(Readings.of(Streamed(samples, rows)))
     assert found.used + sum(stray.rows for stray in found.strays) == len(samples)
     assert [str(stray) for stray in found.strays] == [str(stray) for stray in whole.strays]
@@ -154,7 +153,7 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
     """The fit from a part of the readings, then the whole again and again, block by block."""
     _, samples = with_magnet()
     whole = flinders.fit(samples)
-    monkeypatch.setattr(kept, "HELD", 1000)
+    monkeypatch.setattr(cache, "HELD", 1000)
     streamed = flinders.fit(Streamed(samples))
     apart = np.abs(streamed.calibration.offset - whole.calibration.offset)
     assert (apart < 0.1 * whole.offset_sigma).all()

@@ -94,7 +94,7 @@ class Levelled:
 
 
 def compare_turned(known: Judged, fresh: Judged, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
-    """Say how far a calibration is from a level turn, as `flinders.comparison.comparison.compare` does for two calibrations.
+    """Say how far a calibration is from a level turn, as `flinders.compare` does for two calibrations.
 
     Parameters
     ----------

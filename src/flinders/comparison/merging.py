@@ -1,4 +1,4 @@
-"""Several calibrations of one sensor put together into one, where the recordings are gone or too many to fit at once.
+r"""Several calibrations of one sensor put together into one, where the recordings are gone or too many to fit at once.
 
 Each is weighted with the covariance that it claims; as far as they scatter beyond their claims, something changed from
 one to the next, and the scatter goes into the covariance of what they say together. Those that contradict each
@@ -19,8 +19,8 @@ True
 >>> moved = replace(tuesday, calibration=replace(tuesday.calibration, offset=tuesday.calibration.offset + [3, 0, 0]))
 >>> merge([monday, moved])
 Traceback (most recent call last):
-flinders.comparison.merging.NotMerged: monday and tuesday are 6.4° of heading apart (3.0 µT in the offset), which is not
-chance: \ something magnetic changed in between; use recordings made in the state of use
+flinders.comparison.merging.NotMerged: monday and tuesday are 6.4° of heading apart (3.0 µT in the offset), \
+which is not chance: something magnetic changed in between; use recordings made in the state of use
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pairs of calibrations held against each other, thousands at once: what `flinders.comparison.comparison.compare` says of each.
+"""Pairs of calibrations held against each other, thousands at once, as `flinders.compare` does it.
 
 Readings of one sensor are longer in a stronger field, which says nothing of the sensor. Both ellipsoids of a pair are
 therefore brought to one radius, and their common scale is taken out of what they claim.
@@ -156,7 +156,7 @@ SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma
 
 
 def between(first: Calibrations, second: Calibrations, *, dip_deg: float | Floats = 60.0) -> Changes:
-    """Say how far the second calibration of each pair is from the first, as `flinders.comparison.comparison.compare` does.
+    """Say how far the second calibration of each pair is from the first, as `flinders.compare` does.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def _times(factor: Floats, matrices: Floats) -> Floats:
 
 
 def _without_scale(covariance: Floats, factor: Floats, shape: Floats) -> Floats:
-    """(n, 9, 9) what is claimed once shapes were multiplied by (n,) factors, as `flinders.fitting.judged.without_scale`."""
+    """(n, 9, 9) what is claimed once shapes were multiplied by (n,) factors, as `without_scale` of `judged`."""
     jacobian = np.tile(np.eye(9), (len(factor), 1, 1))
     entries, inverse = shape[:, *ENTRIES], np.linalg.inv(shape)[:, *ENTRIES] * TRACE
     jacobian[:, 3:, 3:] -= entries[:, :, np.newaxis] * inverse[:, np.newaxis] / 3.0

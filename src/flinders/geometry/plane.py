@@ -66,7 +66,7 @@ def across(plane: Plane) -> str:
 
 
 def down_of(plane: Plane | None) -> Floats | None:
-    """(3,) which way is down when a sensor turns in a plane; None for +z, as `flinders.heading.error_propagation` has it.
+    """(3,) which way is down when a sensor turns in a plane; None for +z.
 
     >>> down_of("yz"), down_of("xy")
     (array([1., 0., 0.]), None)

@@ -376,7 +376,7 @@ def _variances(wanted: Floats, information: Floats) -> Floats:
 
 
 def _blunt_worst(variances: Floats) -> Floats:
-    """(B,) nearly the largest of (B, M) variances, yet not blind to the next ones, as in `flinders.heading.guidance`."""
+    """(B,) nearly the largest of (B, M) variances, yet not blind to the next ones, as in `guidance`."""
     largest = variances.max()
     blunt: Floats = largest * np.mean((variances / largest) ** SHARPNESS, axis=1) ** (1.0 / SHARPNESS)
     return blunt

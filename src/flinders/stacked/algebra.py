@@ -229,7 +229,7 @@ def weighed(sums: Array) -> Array:
 
 
 def gathered(vectors: Array, directions: Array, *, room: int = 0) -> Array:
-    """(U, 9 + room, N) coefficients of v·δb + vᵀ δS u, as `flinders.geometry.ellipsoid.gathered`, for (U, 3, N) v and u.
+    """(U, 9 + room, N) coefficients of v·δb + vᵀ δS u, as `geometry.ellipsoid.gathered`, for (U, 3, N) v and u.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ import numpy as np
 
 from flinders.diagnostics.axis_swap import BROKEN
 from flinders.diagnostics.drift import FEWEST, FEWEST_INDEPENDENT
-from flinders.estimators import autocorrelation as correlation
+from flinders.estimators import autocorrelation
 from flinders.fitting.verdict import CHANGED
 from flinders.likelihood.identifiability import WELL_CONDITIONED
 from flinders.stacked.algebra import (
@@ -54,7 +54,7 @@ from flinders.summary.coverage import BANDS, CELLS, EDGES, STARTS
 if TYPE_CHECKING:
     from flinders.stacked.likelihood import Fitted
 
-CREEPS: Final = NormalDist().inv_cdf(1.0 - correlation.BY_CHANCE)
+CREEPS: Final = NormalDist().inv_cdf(1.0 - autocorrelation.BY_CHANCE)
 CHANGES: Final = NormalDist().inv_cdf(1.0 - CHANGED)
 """Standard deviations that chance exceeds as often as it may make what creeps, and what looks like a change."""
 HINTS: Final = NormalDist().inv_cdf(0.95)
@@ -113,19 +113,21 @@ def _residuals(
     rows = monomials(unit, room=1)
     products = _of_blocks(rows, weighing(rows, distances, square, inside), count)
     units = products.shape[0]
-    blocks = weighed(xp.reshape(products[:, :, :9, :4], (units * correlation.BLOCKS, 9, 4)))
-    return distances, cells_of(unit), products[:, :, :9, 4], xp.reshape(blocks, (units, correlation.BLOCKS, 9, 9))
+    blocks = weighed(xp.reshape(products[:, :, :9, :4], (units * autocorrelation.BLOCKS, 9, 4)))
+    return distances, cells_of(unit), products[:, :, :9, 4], xp.reshape(blocks, (units, autocorrelation.BLOCKS, 9, 9))
 
 
 def _of_blocks(rows: Array, others: Array, count: Array) -> Array:
     """(u, 8, k, m) products of (u, k, N) and (u, m, N) rows over eight blocks, cut as `numpy.array_split` cuts."""
     xp = namespace(rows)
     counts = np.unique(np.asarray(count))
-    block = np.arange(correlation.BLOCKS + 1)
-    edges = block * (counts[:, None] // correlation.BLOCKS) + np.minimum(counts[:, None] % correlation.BLOCKS, block)
+    block = np.arange(autocorrelation.BLOCKS + 1)
+    edges = block * (counts[:, None] // autocorrelation.BLOCKS) + np.minimum(
+        counts[:, None] % autocorrelation.BLOCKS, block
+    )
     first, last = edges.min(axis=0).tolist(), edges.max(axis=0).tolist()
     products = []
-    for begin, end in pairwise(range(correlation.BLOCKS + 1)):
+    for begin, end in pairwise(range(autocorrelation.BLOCKS + 1)):
         cut = slice(first[begin], last[end])
         part = rows[:, :, cut]
         if len(counts) > 1:
@@ -186,8 +188,8 @@ class Autocovariances:
         count = xp.astype(count, distances.dtype)
         square = xp.sum(distances * distances, axis=1)
         lag_one = xp.sum(distances[:, 1:] * distances[:, :-1], axis=1) / xp.maximum(square, 1e-300)
-        most = xp.minimum(xp.floor(count - correlation.PARTNERS * count), float(correlation.LONGEST_LAG))
-        (hangs,) = xp.nonzero((xp.abs(lag_one) >= correlation.SIGNIFICANT / xp.sqrt(count)) & (most >= 2.0))
+        most = xp.minimum(xp.floor(count - autocorrelation.PARTNERS * count), float(autocorrelation.LONGEST_LAG))
+        (hangs,) = xp.nonzero((xp.abs(lag_one) >= autocorrelation.SIGNIFICANT / xp.sqrt(count)) & (most >= 2.0))
         length = xp.ones(count.shape, dtype=xp.int64)
         values = (square / count)[:, None]
         if not hangs.shape[0]:
@@ -211,7 +213,7 @@ def _correlated(distances: Array, count: Array, most: Array) -> tuple[Array, Arr
     power = xp.real(spectrum) ** 2 + xp.imag(spectrum) ** 2
     sums = xp.fft.irfft(xp.astype(power, spectrum.dtype), n=2 * distances.shape[1])[:, : int(xp.max(most))]
     lag = xp.arange(sums.shape[1], dtype=sums.dtype, device=sums.device)[None, :]
-    sunk = (sums < (correlation.SIGNIFICANT / xp.sqrt(count) * sums[:, 0])[:, None]) | (lag >= most[:, None])
+    sunk = (sums < (autocorrelation.SIGNIFICANT / xp.sqrt(count) * sums[:, 0])[:, None]) | (lag >= most[:, None])
     sunk = xp.concat([sunk, xp.ones((sunk.shape[0], 1), dtype=xp.bool)], axis=1)
     length = xp.argmax(xp.astype(sunk, xp.int64), axis=1)
     longest = int(xp.max(length))
@@ -231,7 +233,7 @@ def scatters(rows: Array, white: Array, found: Autocovariances) -> Array:
     for length in np.unique(np.asarray(found.length)).tolist():
         (those,) = xp.nonzero(found.length == length)
         total = xp.take(squares, those, axis=0)
-        lags, _ = correlation.quadrature(np.ones(length))
+        lags, _ = autocorrelation.quadrature(np.ones(length))
         if lags:
             hats = np.stack([np.interp(np.arange(1, length), lags, unit) for unit in np.eye(len(lags))])
             weights = xp.take(found.values, those, axis=0)[:, 1:length] @ like(hats.T, rows)
@@ -307,7 +309,7 @@ def hung_together(readings: Array, inside: Array | None, count: Array, ellipsoid
         part = scatters(rows, xp.take(white, hangs, axis=0), found.only(hangs))
         scatter = put(scatter, hangs, part)
     independent = readings_of / time
-    freedom = xp.minimum(independent / xp.maximum(independent - 9.0, 1.0), correlation.MOST_FREEDOM)
+    freedom = xp.minimum(independent / xp.maximum(independent - 9.0, 1.0), autocorrelation.MOST_FREEDOM)
     in_time = freedom[:, None, None] * scatter
     inverse = scaled_inverse(white)
     in_time_inverse = inverse / (freedom * found.values[:, 0])[:, None, None]
@@ -420,7 +422,7 @@ def _proven(distances: Array, cells: Array, count: Array, length: Array, time: A
     found = xp.sum(between_visits(sums)[1] / counts, axis=1)
     square = xp.sum(distances**2, axis=1) / xp.astype(count, distances.dtype)
     noise = square * time * xp.sqrt(2.0 * xp.sum(pairs / counts**2, axis=1))
-    return found > correlation.PROVEN * noise
+    return found > autocorrelation.PROVEN * noise
 
 
 def may_have_changed(

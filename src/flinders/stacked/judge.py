@@ -1,4 +1,4 @@
-"""What is said of many units: health, heading errors and findings, as `flinders.fitting.verdict` and `flinders.heading.error_propagation` say it.
+"""What is said of many units: health, heading errors and findings, as `flinders.fitting.verdict` says it of one.
 
 Only findings that are numbers held against a limit are made here. A unit with any other, or one that refuses the
 calibration, leaves the stack.
@@ -133,7 +133,7 @@ def facings(counts: Array, dip_deg: float) -> tuple[Array, Array]:
 
 
 def level_errors(ellipsoids: Ellipsoids, covariance: Array, dip_deg: Array) -> tuple[Array, Array]:
-    """(U,) rms and worst heading error of a level vehicle in degrees, as `flinders.heading.error_propagation.level_error`.
+    """(U,) rms and worst heading error of a level vehicle in degrees, as `error_propagation.level_error`.
 
     Parameters
     ----------

@@ -187,7 +187,7 @@ def _seen(
 
 
 def mild_and_sensible(ellipsoids: Ellipsoids, middle: Array, spread: Array) -> Array:
-    """(U, 10, 10) products of the residuals of `flinders.likelihood.prior`, `equations` and `sense`, and their Jacobian."""
+    """(U, 10, 10) products of the residuals of `likelihood.prior`, `equations` and `sense`, and their Jacobian."""
     xp = namespace(middle)
     rows = xp.zeros((middle.shape[0], 10, 10), dtype=middle.dtype, device=middle.device)
     rows[:, :6, :] = mild(ellipsoids)

@@ -67,7 +67,7 @@ def ranks(count: int) -> NDArray[np.int64]:
 
 
 def natural_sides(readings: Array, count: Array) -> Array:
-    """(u,) edges of the cells of (u, 4, N) readings, as `flinders.summary.cloud.natural_side`; NaN where there is none."""
+    """(u,) edges of the cells of (u, 4, N) readings, as `summary.cloud.natural_side`; NaN where there is none."""
     xp = namespace(readings)
     if int(xp.min(count)) == readings.shape[2] < 2 * LOOKED_AT:
         looked_at, many = None, count
