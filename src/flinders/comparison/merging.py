@@ -1,4 +1,4 @@
-r"""Several calibrations of one sensor put together into one, where the recordings are gone or too many to fit at once.
+"""Several calibrations of one sensor put together into one, where the recordings are gone or too many to fit at once.
 
 Each is weighted with the covariance that it claims; as far as they scatter beyond their claims, something changed from
 one to the next, and the scatter goes into the covariance of what they say together. Those that contradict each

@@ -305,7 +305,7 @@ def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     --------
     >>> from flinders.geometry.quaternions import of_angles
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
-    >>> attitudes = pointing.body_to_world(of_angles(angles))
+    >>> attitudes = attitude.body_to_world(of_angles(angles))
     >>> upturned = np.swapaxes(attitudes, 1, 2) @ [0.6, 0.0, 0.8] * [1.0, -1.0, -1.0]
     >>> seated(attitudes, upturned, np.eye(3)).round(6) + 0.0
     array([[ 1.,  0.,  0.],
