@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flinders.diagnostics.axis_swap import SLIPS, moments_of
-from flinders.estimators import slip_of
+from flinders.diagnostics.axis_swap import SLIPS, moments_of, slip_of
 from flinders.simulate import MOTIONS, tumble
 
 seeds = st.integers(0, 2**32 - 1)

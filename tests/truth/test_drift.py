@@ -11,7 +11,8 @@ from benchmarks.claims import by_hand
 
 import flinders
 from flinders.core.samples import Joined, Samples
-from flinders.estimators import Likelihood, Readings, autocorrelation, drift_of
+from flinders.diagnostics.drift import drift_of
+from flinders.estimators import Likelihood, Readings, autocorrelation
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import RATE_HZ, Sensor, tumble
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.fitting.result import Drift, Fit
+    from flinders.diagnostics.drift import Drift
+    from flinders.fitting.result import Fit
 
 SENSOR: Final = Sensor(
     np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5

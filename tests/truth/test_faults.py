@@ -12,8 +12,8 @@ from benchmarks.faults import TELLING, judged, off_deg, summary, table, tallied
 from benchmarks.faults import Piece as Part
 
 import flinders
+from flinders.diagnostics.axis_swap import slip_of
 from flinders.errors import UsageError
-from flinders.estimators import slip_of
 from flinders.fitting.result import Refused
 from flinders.simulate import tumble
 from flinders.simulate.fleet import FAULTS, FIELD_UT, HARD_UT, NOISE_UT, SOFT, fleet, unit

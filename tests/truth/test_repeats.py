@@ -22,7 +22,8 @@ from flinders.simulate import Sensor, Simulated, tumble
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.fitting.result import Finding, Fit
+    from flinders.core.finding import Finding
+    from flinders.fitting.result import Fit
 
 SENSOR: Final = Sensor(
     np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.arrays import Floats
-    from flinders.fitting.result import Finding, Fit
+    from flinders.core.finding import Finding
+    from flinders.fitting.result import Fit
 
 BARE: Final = Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2)
 

@@ -116,7 +116,7 @@ def told(fit: Any) -> str:  # noqa: ANN401 - a Fit
     """What each aid and each driver changed, a line each; nothing where there were none.
 
     >>> from types import SimpleNamespace
-    >>> from flinders.fitting.result import Aid, Aids
+    >>> from flinders.fitting.aiding import Aid, Aids
     >>> each = Aid("rate", True, 0.4, 2.0, 0.5), Aid("dip", False, words="claims no less: 0.60° with it, 0.50° without")
     >>> print(told(SimpleNamespace(aids=Aids(each))))
     rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it

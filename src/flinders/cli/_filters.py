@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.finding import Finding
     from flinders.core.samples import Recording, Samples
-    from flinders.fitting.result import Finding, Fit
+    from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
 
 UNKNOWN_DEG: Final = 180.0
@@ -81,7 +82,7 @@ def _with_findings(found: Fit, plain: Fit | None, filtered: Finding) -> Fit:
     """Add what the filter did, and tell of single readings what was recorded, gravest first."""
     from dataclasses import replace
 
-    from flinders.fitting.result import gravest_first
+    from flinders.core.finding import gravest_first
 
     seen = [finding for finding in found.findings if finding.code not in HIDDEN]
     recorded = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
@@ -103,7 +104,7 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
     """
     import numpy as np
 
-    from flinders.fitting.result import Finding
+    from flinders.core.finding import Finding
     from flinders.geometry.ellipsoid import upper
     from flinders.geometry.plane import down_of
     from flinders.heading.error_propagation import level_error

@@ -23,10 +23,11 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import msgspec
 import numpy as np
 
+from flinders.core.finding import Finding, gravest_first
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
 from flinders.fitting.judged import Judged
-from flinders.fitting.result import Finding, Outcome, error_record, gravest_first
+from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.plane import PLANES, order_of
 from flinders.heading.error_propagation import HeadingError, level_turn

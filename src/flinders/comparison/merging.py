@@ -33,14 +33,15 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
+from flinders.core.finding import Finding, gravest_first
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import Part, compared
 from flinders.errors import FitError, UsageError, counted, figures
 from flinders.fitting.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
-from flinders.fitting.result import DirectionError, Finding, Outcome, error_record, gravest_first
+from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import REFUSED_AT, contradiction, of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading.error_propagation import HeadingError, direction_error_deg, level_error
+from flinders.heading.error_propagation import DirectionError, HeadingError, direction_error_deg, level_error
 from flinders.summary.pooling import chi_square_of, pool
 
 if TYPE_CHECKING:
@@ -48,8 +49,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
+    from flinders.core.finding import Severity
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.fitting.result import Severity
 
 METHOD: Final = "merged"
 

@@ -28,6 +28,7 @@ import numpy as np
 
 from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
 from flinders.core.axes import Axes
+from flinders.core.finding import Finding, gravest_first
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
@@ -36,8 +37,9 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.cache import concatenated
 from flinders.estimators.inliers import dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
+from flinders.fitting.aiding import Aids
 from flinders.fitting.calibrate import fit, judged_as
-from flinders.fitting.result import Aids, Finding, Fit, Refused, Stray, gravest_first
+from flinders.fitting.result import Fit, Refused
 from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
 
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.estimators import Estimate
+    from flinders.estimators.outliers import Stray
     from flinders.likelihood.site_field import Site
 
 COPY: Final = 0.1

@@ -25,6 +25,7 @@ True
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -33,7 +34,6 @@ from flinders.core.samples import BLOCK
 from flinders.errors import FitError
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood
-from flinders.fitting.result import Slip
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,6 +71,25 @@ MOST: Final = 1000.0
 
 LOOKED_AT: Final = 20_000
 """Readings that noises are compared by, at most: they tell one to √(1/40000) = 0.5 %, of the 10 % that `GAIN` asks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Slip:
+    """Axes that changed their sign, or were exchanged, while the recording was made.
+
+    Attributes
+    ----------
+    axes : str
+        ``x``, ``y`` or ``z`` for a sign; ``xy``, ``yz`` or ``zx`` for two that were exchanged.
+    rows : tuple of int
+        Readings, counted from 0, from each of which on it is so, or is so no longer.
+    gain : float
+        How many times closer to an ellipsoid all readings lie once it is undone.
+    """
+
+    axes: str
+    rows: tuple[int, ...]
+    gain: float
 
 
 def slip_of(readings: Floats, noise: float = np.inf) -> Slip | None:

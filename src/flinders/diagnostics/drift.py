@@ -21,13 +21,13 @@ pole to pole along a spiral has time and direction in one: what only noise tells
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.estimators.autocorrelation import Residuals, time_of
 from flinders.estimators.base import FINEST
-from flinders.fitting.result import Drift
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
@@ -43,6 +43,28 @@ FEWEST, FEWEST_INDEPENDENT = 100, 20
 
 LEAST_SHARE: Final = 0.1
 """Part that a change has in a direction of which readings say nothing, from which on it is not told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A steady change over a recording, from its beginning to its end.
+
+    Attributes
+    ----------
+    offset : (3,) float
+        In the unit of the readings.
+    strength : float
+        Of the field, as a fraction of it.
+    heading_deg : float
+        What the change of the offset does to a level heading, at the worst heading.
+    p_value : float
+        How often chance alone makes as much.
+    """
+
+    offset: tuple[float, float, float]
+    strength: float
+    heading_deg: float
+    p_value: float
 
 
 def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:

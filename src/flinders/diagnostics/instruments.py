@@ -17,7 +17,7 @@ each is named, and how often wrongly, is measured by ``python -m benchmarks.wron
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -38,7 +38,6 @@ from flinders.estimators.mounting import (
     second_axis,
 )
 from flinders.estimators.solver import SCALE_SIGMA
-from flinders.fitting.result import Mistake
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import attitude, dip
 from flinders.likelihood import gyro as turning
@@ -75,6 +74,31 @@ FAR_ASTRAY: Final = 0.2
 
 STEEP_DEG: Final = 10.0
 """A steeper dip has a sign that no iron near it turns round."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """What does not fit together in a recording.
+
+    Attributes
+    ----------
+    code : str
+        Of the finding that it makes.
+    aid : str
+        Which aid it is about.
+    number, limit : float
+        As those of a finding.
+    words : str
+    drops : bool
+        The aid was left out for it.
+    """
+
+    code: str
+    aid: str
+    number: float
+    limit: float
+    words: str
+    drops: bool = False
 
 
 def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:

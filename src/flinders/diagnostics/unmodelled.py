@@ -18,12 +18,12 @@ True
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.core.disturbance import known
-from flinders.fitting.result import Unfollowed
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import directions_of
 
@@ -40,6 +40,28 @@ FEWEST: Final = 100
 
 PROVEN: Final = 40.0
 """χ² of three, for independent readings, from which on a driver explains residuals: chance makes it once in 10⁸."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unfollowed:
+    """Something that was recorded beside the readings and moves them, and that the calibration does not follow.
+
+    Attributes
+    ----------
+    name : str
+        ``current``, ``throttle`` or ``temperature``.
+    per_unit : tuple of float
+        By how much it moves the offset for each unit of it, roughly, in the unit of the readings.
+    heading_deg : float
+        What that makes of a level heading at the far end of its recorded range, at most.
+    chi_square : float
+        How much better residuals are explained with it, for independent readings.
+    """
+
+    name: str
+    per_unit: tuple[float, ...]
+    heading_deg: float
+    chi_square: float
 
 
 def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0) -> Unfollowed | None:

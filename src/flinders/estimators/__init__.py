@@ -43,9 +43,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.diagnostics.axis_swap import slip_of
-from flinders.diagnostics.drift import drift_of
-from flinders.diagnostics.unmodelled import unfollowed_of
 from flinders.estimators.algebraic import Algebraic, fit_error
 from flinders.estimators.auto import Auto
 from flinders.estimators.base import Estimate, Estimator
@@ -138,11 +135,8 @@ __all__ = [
     "TwoStep",
     "as_correlated",
     "at_one_strength",
-    "drift_of",
     "fit_error",
-    "slip_of",
     "strays_of",
-    "unfollowed_of",
     "with_bias",
     "within_range",
 ]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.autocorrelation import Correlation
     from flinders.estimators.data import Readings
-    from flinders.fitting.result import Stray
+    from flinders.estimators.outliers import Stray
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 

@@ -44,8 +44,6 @@ from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
 from flinders.estimators.time_delay import kept, lagging, lags_of, residuals_of
-from flinders.fitting.result import Driven
-from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, level_error
 from flinders.likelihood import disturbance, prior
 from flinders.likelihood.equations import NormalEquations
@@ -60,7 +58,6 @@ if TYPE_CHECKING:
     from flinders.estimators.disturbance_solver import Solved
     from flinders.estimators.regressor_noise import Noise
     from flinders.estimators.time_delay import Lag
-    from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
 
 
@@ -362,34 +359,3 @@ def following(source: object, names: Sequence[str], *, spread: float | None) -> 
         raise NotTurned(unturned.noise, " and ".join(names))
     driving = driving_of(parts, names, spread=spread)
     return driving, settled(recording, driving.calibration)
-
-
-def told(fitted: Fit, driving: Driving) -> Fit:
-    """A fit to settled readings, with what is known of its drivers."""
-    calibration = replace(fitted.calibration, drivers=driving.drivers)
-    dip, down = fitted.heading_error_deg.dip_deg, down_of(fitted.plane)
-    driven = [
-        Driven(
-            driver.name,
-            driver,
-            taken_deg=calibration.driven_deg(driver, dip_deg=dip),
-            left_deg=driving.left(fitted.ellipsoid, place, dip_deg=dip, down=down).worst,
-            shared=found.shared,
-            one_way=found.one_way,
-            attenuation=found.attenuation,
-            lag_is_beyond=found.is_beyond,
-            curvature=found.curvature,
-            alike=found.alike,
-            chi_square=found.chi_square,
-            lag_sigma_s=found.lag_sigma_s,
-        )
-        for place, (driver, found) in enumerate(zip(driving.drivers, driving.found, strict=True))
-    ]
-    constant = [Driven(name) for name in driving.constant]
-    return replace(
-        fitted,
-        calibration=calibration,
-        driven=(*driven, *constant),
-        drivers_covariance=driving.joint(fitted.covariance),
-        noise_undriven=driving.noise_without,
-    )

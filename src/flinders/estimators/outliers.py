@@ -10,12 +10,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from flinders.estimators.inliers import NO_RUN, left_out
-from flinders.fitting.result import Stray
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -32,6 +33,43 @@ TOGETHER: Final = 5
 
 LISTED: Final = 1000
 """Runs of a recording that are kept; more are counted with the last."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stray:
+    """A run of readings that do not belong to the rest.
+
+    Attributes
+    ----------
+    first, last : int
+        Usable readings, counted from 1 over all recordings.
+    rows : int
+        Strays among them.
+    start, end : float, s
+        Times of the first and the last; NaN without time.
+    farthest : float
+        Largest distance from the ellipsoid, in the unit of the readings.
+    """
+
+    first: int
+    last: int
+    rows: int
+    start: float
+    end: float
+    farthest: float
+
+    def as_dict(self) -> dict[str, int | float | None]:
+        """JSON-ready fields; a time that is not known is None."""
+        fields = dataclasses.asdict(self)
+        return {name: None if value != value else value for name, value in fields.items()}  # noqa: PLR0124
+
+    def __str__(self) -> str:
+        rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
+        if np.isnan(self.start):
+            if self.first == self.last:
+                return f"reading {self.first}"
+            return f"readings {self.first}–{self.last}: {rows}"
+        return f"{self.start:.1f} s: {rows}" if self.rows == 1 else f"{self.start:.1f}–{self.end:.1f} s: {rows}"
 
 
 def strays_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Stray, ...]:

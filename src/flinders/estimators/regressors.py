@@ -13,11 +13,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.core.disturbance import MOTORS, known, lagged, place_of
+from flinders.core.disturbance import MOTORS, Driver, known, lagged, place_of
 from flinders.errors import InputError, TooFewSamples
 from flinders.estimators.time_series import Track
 
@@ -32,6 +32,61 @@ MOST: Final = 20_000
 
 FEWEST: Final = 30
 """Readings below which nothing is said of a driver."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """What is known of something that the offset follows.
+
+    Attributes
+    ----------
+    name : str
+        ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``.
+    driver : Driver, optional
+        None where it hardly changed, and nothing was found.
+    taken_deg : float
+        Heading error that following it takes away, at the far end of its recorded range, at the worst attitude.
+    left_deg : float
+        Heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has
+        a driver of its own, with the others as they usually were then.
+    shared : float
+        Share of what tells about it that the attitude could explain as well, 0 to 1.
+    chi_square : float
+        What it takes off the sum of squares, in the noise that is left.
+    lag_sigma_s : float, s
+        Of its lag; NaN where none was looked for.
+    lag_is_beyond : bool
+        The end of the search for a lag is best.
+    one_way : float
+        Share of its course that a monotone function of time explains, 0 to 1.
+    attenuation : float
+        By which share its offset per unit is too small, as its meter is noisy.
+    curvature : float
+        How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
+    alike : float
+        Share of its course that the other drivers explain, 0 to 1.
+    """
+
+    name: str
+    driver: Driver | None = None
+    taken_deg: float = 0.0
+    left_deg: float = 0.0
+    shared: float = 0.0
+    chi_square: float = 0.0
+    lag_sigma_s: float = np.nan
+    lag_is_beyond: bool = False
+    one_way: float = 0.0
+    attenuation: float = 0.0
+    curvature: float = 0.0
+    alike: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        fields = {name: getattr(self, name) for name in self.__slots__ if name != "driver"}
+        finite = {
+            name: value if isinstance(value, str) or np.isfinite(value) else None for name, value in fields.items()
+        }
+        return {**finite, "found": self.driver is not None}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

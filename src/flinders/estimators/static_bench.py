@@ -30,14 +30,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import Driver
+from flinders.core.finding import Finding
 from flinders.errors import counted, figures
 from flinders.estimators.autocorrelation import Residuals
 from flinders.estimators.disturbance_solver import WEAK
 from flinders.estimators.linearity import curvature
 from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, rounding, widened
-from flinders.estimators.regressors import Logged
+from flinders.estimators.regressors import Driven, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
-from flinders.fitting.result import Driven, Finding
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:

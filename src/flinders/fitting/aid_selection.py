@@ -28,6 +28,7 @@ import numpy as np
 from flinders.diagnostics.hold_out import Missed, fitted, missed
 from flinders.diagnostics.instruments import (
     UPRIGHT,
+    Mistake,
     astray,
     circular,
     dip_of,
@@ -45,7 +46,7 @@ from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
-from flinders.fitting.result import Aid, Aids, Mistake
+from flinders.fitting.aiding import Aid, Aids
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
@@ -303,7 +304,7 @@ class _Trial(NamedTuple):
 def turned_deg(rotation: Floats, dip_deg: float) -> float:
     """By how much a rotation of the magnetometer changes the heading of a level vehicle, rms, 180 at most.
 
-    As `flinders.fitting.result.Aids.alignment_error_deg` of a rotation that is not known: z² + ½ tan² I (x² + y²).
+    As `flinders.fitting.aiding.Aids.alignment_error_deg` of a rotation that is not known: z² + ½ tan² I (x² + y²).
 
     >>> from flinders.likelihood.gyro import rotations
     >>> round(turned_deg(rotations(np.array([[0.0, 0.0, 0.01]]))[0], 60.0), 3)

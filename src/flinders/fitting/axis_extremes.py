@@ -23,12 +23,13 @@ from flinders.arrays import floats
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
+from flinders.core.finding import Finding, gravest_first
 from flinders.core.units import Unit, label
 from flinders.errors import UsageError, figures
 from flinders.estimators.base import FINEST
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
-from flinders.fitting.result import Finding, Outcome, gravest_first
+from flinders.fitting.result import Outcome
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error

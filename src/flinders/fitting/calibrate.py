@@ -18,7 +18,10 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
+from flinders.diagnostics.axis_swap import slip_of
+from flinders.diagnostics.drift import drift_of
 from flinders.diagnostics.repeatability import Part, compared
+from flinders.diagnostics.unmodelled import unfollowed_of
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, UsageError
 from flinders.estimators import (
@@ -27,21 +30,20 @@ from flinders.estimators import (
     Readings,
     as_correlated,
     at_one_strength,
-    drift_of,
-    slip_of,
-    unfollowed_of,
     with_bias,
     within_range,
 )
 from flinders.estimators.aiding import refuse_without
 from flinders.estimators.cache import concatenated
-from flinders.estimators.disturbance import following, told
+from flinders.estimators.disturbance import following
 from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
+from flinders.estimators.regressors import Driven
 from flinders.estimators.solver import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.fitting.aid_selection import AUTO, aided_by, available
+from flinders.fitting.aiding import Aid, Aids
 from flinders.fitting.disturbance_selection import earned
-from flinders.fitting.result import Aid, Aids, Fit, Refused
+from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import alignment_error_deg, level_error
@@ -55,10 +57,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.core.samples import Recording
+    from flinders.diagnostics.axis_swap import Slip
+    from flinders.diagnostics.drift import Drift
     from flinders.diagnostics.repeatability import Repeats
+    from flinders.diagnostics.unmodelled import Unfollowed
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
-    from flinders.fitting.result import Drift, Slip, Unfollowed
     from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
     from flinders.summary.summary import Summary
@@ -545,5 +549,36 @@ def _judged(
     )
     fitted = replace(fitted, heading_error_deg=fitted.heading_error_deg.beside(fitted.structure_deg))
     if driving is not None:
-        fitted = told(fitted, driving)
+        fitted = _with_disturbances(fitted, driving)
     return replace(fitted, findings=judge(fitted, summary))
+
+
+def _with_disturbances(fitted: Fit, driving: Driving) -> Fit:
+    """A fit to settled readings, with what is known of its drivers."""
+    calibration = replace(fitted.calibration, drivers=driving.drivers)
+    dip, down = fitted.heading_error_deg.dip_deg, down_of(fitted.plane)
+    driven = [
+        Driven(
+            driver.name,
+            driver,
+            taken_deg=calibration.driven_deg(driver, dip_deg=dip),
+            left_deg=driving.left(fitted.ellipsoid, place, dip_deg=dip, down=down).worst,
+            shared=found.shared,
+            one_way=found.one_way,
+            attenuation=found.attenuation,
+            lag_is_beyond=found.is_beyond,
+            curvature=found.curvature,
+            alike=found.alike,
+            chi_square=found.chi_square,
+            lag_sigma_s=found.lag_sigma_s,
+        )
+        for place, (driver, found) in enumerate(zip(driving.drivers, driving.found, strict=True))
+    ]
+    constant = [Driven(name) for name in driving.constant]
+    return replace(
+        fitted,
+        calibration=calibration,
+        driven=(*driven, *constant),
+        drivers_covariance=driving.joint(fitted.covariance),
+        noise_undriven=driving.noise_without,
+    )

@@ -31,7 +31,7 @@ from flinders.estimators.cache import concatenated
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
-from flinders.fitting.result import Aid
+from flinders.fitting.aiding import Aid
 from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:

@@ -8,363 +8,46 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 from msgspec import UNSET
 
-from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, beside_record, write
+from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, write
+from flinders.core.finding import ONE_PLANE, VERDICTS, Finding, Verdict
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import down_of
-from flinders.heading.error_propagation import attitude_limit_deg, direction_error_deg, raw_error, tilted_error
+from flinders.heading.error_propagation import (
+    DirectionError,
+    attitude_limit_deg,
+    direction_error_deg,
+    raw_error,
+    tilted_error,
+)
 from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable
-
-    from msgspec import UnsetType
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import BesideRecord, Document, Provenance
-    from flinders.core.disturbance import Driver
+    from flinders.core.calibration_file import Document, Provenance
+    from flinders.diagnostics.axis_swap import Slip
+    from flinders.diagnostics.drift import Drift
     from flinders.diagnostics.repeatability import Repeats
+    from flinders.diagnostics.unmodelled import Unfollowed
+    from flinders.estimators.outliers import Stray
+    from flinders.estimators.regressors import Driven
+    from flinders.fitting.aiding import Aids
     from flinders.geometry.plane import Plane
     from flinders.heading.error_propagation import HeadingError
     from flinders.summary.coverage import Coverage
 
-Severity = Literal["note", "limits", "refuses"]
-Verdict = Literal["good", "limited", "refused"]
-
-VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
-"""What each severity makes of a fit, the gravest first."""
-
 TILTS: Final = (10.0, 30.0, 90.0)
 """Degrees of tilt at which it is said how much worse headings get."""
-
-ONE_PLANE: Final = "one-plane"
-"""The finding that no surface is supported by these readings, so that nothing which rests on one means anything."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """Something to know about a fit.
-
-    Attributes
-    ----------
-    code : str
-        Stable name, one of `flinders.fitting.verdict.CODES`.
-    severity : str
-        ``note``: good to know; ``limits``: the calibration holds with limits; ``refuses``: it is not given.
-    number : float
-        What was found; its meaning and unit belong to the code.
-    limit : float
-        What it was held against.
-    advice : str
-        What was found, and what to do, in a sentence.
-    """
-
-    code: str
-    severity: Severity
-    number: float
-    limit: float
-    advice: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready fields."""
-        return {name: getattr(self, name) for name in self.__slots__}
-
-
-def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Put findings in order of severity, those of one severity as they came."""
-    order = list(VERDICTS)
-    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
-
-
-@dataclass(frozen=True, slots=True)
-class Stray:
-    """A run of readings that do not belong to the rest.
-
-    Attributes
-    ----------
-    first, last : int
-        Usable readings, counted from 1 over all recordings.
-    rows : int
-        Strays among them.
-    start, end : float, s
-        Times of the first and the last; NaN without time.
-    farthest : float
-        Largest distance from the ellipsoid, in the unit of the readings.
-    """
-
-    first: int
-    last: int
-    rows: int
-    start: float
-    end: float
-    farthest: float
-
-    def as_dict(self) -> dict[str, int | float | None]:
-        """JSON-ready fields; a time that is not known is None."""
-        fields = dataclasses.asdict(self)
-        return {name: None if value != value else value for name, value in fields.items()}  # noqa: PLR0124
-
-    def __str__(self) -> str:
-        rows = f"{self.rows:,} readings" if self.rows > 1 else "a reading"
-        if np.isnan(self.start):
-            if self.first == self.last:
-                return f"reading {self.first}"
-            return f"readings {self.first}–{self.last}: {rows}"
-        return f"{self.start:.1f} s: {rows}" if self.rows == 1 else f"{self.start:.1f}–{self.end:.1f} s: {rows}"
-
-
-class DirectionError(NamedTuple):
-    """What to expect of the direction of the corrected field, 1 σ, in degrees: over the whole sphere and at the worst.
-
-    >>> DirectionError(rms=0.1, worst=0.2)._asdict()
-    {'rms': 0.1, 'worst': 0.2}
-    """
-
-    rms: float
-    worst: float
-
-
-@dataclass(frozen=True, slots=True)
-class Drift:
-    """A steady change over a recording, from its beginning to its end.
-
-    Attributes
-    ----------
-    offset : (3,) float
-        In the unit of the readings.
-    strength : float
-        Of the field, as a fraction of it.
-    heading_deg : float
-        What the change of the offset does to a level heading, at the worst heading.
-    p_value : float
-        How often chance alone makes as much.
-    """
-
-    offset: tuple[float, float, float]
-    strength: float
-    heading_deg: float
-    p_value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Slip:
-    """Axes that changed their sign, or were exchanged, while the recording was made.
-
-    Attributes
-    ----------
-    axes : str
-        ``x``, ``y`` or ``z`` for a sign; ``xy``, ``yz`` or ``zx`` for two that were exchanged.
-    rows : tuple of int
-        Readings, counted from 0, from each of which on it is so, or is so no longer.
-    gain : float
-        How many times closer to an ellipsoid all readings lie once it is undone.
-    """
-
-    axes: str
-    rows: tuple[int, ...]
-    gain: float
-
-
-@dataclass(frozen=True, slots=True)
-class Unfollowed:
-    """Something that was recorded beside the readings and moves them, and that the calibration does not follow.
-
-    Attributes
-    ----------
-    name : str
-        ``current``, ``throttle`` or ``temperature``.
-    per_unit : tuple of float
-        By how much it moves the offset for each unit of it, roughly, in the unit of the readings.
-    heading_deg : float
-        What that makes of a level heading at the far end of its recorded range, at most.
-    chi_square : float
-        How much better residuals are explained with it, for independent readings.
-    """
-
-    name: str
-    per_unit: tuple[float, ...]
-    heading_deg: float
-    chi_square: float
-
-
-@dataclass(frozen=True, slots=True)
-class Driven:
-    """What is known of something that the offset follows.
-
-    Attributes
-    ----------
-    name : str
-        ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``.
-    driver : Driver, optional
-        None where it hardly changed, and nothing was found.
-    taken_deg : float
-        Heading error that following it takes away, at the far end of its recorded range, at the worst attitude.
-    left_deg : float
-        Heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has
-        a driver of its own, with the others as they usually were then.
-    shared : float
-        Share of what tells about it that the attitude could explain as well, 0 to 1.
-    chi_square : float
-        What it takes off the sum of squares, in the noise that is left.
-    lag_sigma_s : float, s
-        Of its lag; NaN where none was looked for.
-    lag_is_beyond : bool
-        The end of the search for a lag is best.
-    one_way : float
-        Share of its course that a monotone function of time explains, 0 to 1.
-    attenuation : float
-        By which share its offset per unit is too small, as its meter is noisy.
-    curvature : float
-        How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
-    alike : float
-        Share of its course that the other drivers explain, 0 to 1.
-    """
-
-    name: str
-    driver: Driver | None = None
-    taken_deg: float = 0.0
-    left_deg: float = 0.0
-    shared: float = 0.0
-    chi_square: float = 0.0
-    lag_sigma_s: float = np.nan
-    lag_is_beyond: bool = False
-    one_way: float = 0.0
-    attenuation: float = 0.0
-    curvature: float = 0.0
-    alike: float = 0.0
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        fields = {name: getattr(self, name) for name in self.__slots__ if name != "driver"}
-        finite = {
-            name: value if isinstance(value, str) or np.isfinite(value) else None for name, value in fields.items()
-        }
-        return {**finite, "found": self.driver is not None}
-
-
-@dataclass(frozen=True, slots=True)
-class Aid:
-    """What one aid did to a fit.
-
-    Attributes
-    ----------
-    name : str
-        One of `flinders.estimators.aiding.AIDS`.
-    kept : bool
-    changed_deg : float
-        By how much it changed the heading of a level vehicle, rms.
-    before_deg, after_deg : float
-        Worst heading error that is claimed without and with it.
-    words : str
-        Why it was left out.
-    """
-
-    name: str
-    kept: bool
-    changed_deg: float = 0.0
-    before_deg: float = 0.0
-    after_deg: float = 0.0
-    words: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Mistake:
-    """What does not fit together in a recording.
-
-    Attributes
-    ----------
-    code : str
-        Of the finding that it makes.
-    aid : str
-        Which aid it is about.
-    number, limit : float
-        As those of a finding.
-    words : str
-    drops : bool
-        The aid was left out for it.
-    """
-
-    code: str
-    aid: str
-    number: float
-    limit: float
-    words: str
-    drops: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Aids:
-    """What gyro, accelerometer or attitude told beside the ellipsoid.
-
-    Attributes
-    ----------
-    each : tuple of Aid
-        In the order in which they were taken.
-    rotation : (3, 3) float, optional
-        From the magnetometer's axes to those of the body; None where nothing saw it.
-    rotation_covariance : (3, 3) float, optional, rad²
-        Of its rotation vector, in body axes.
-    gyro_bias, gyro_bias_sigma : (3,) float, optional, rad/s
-    acceleration_bias, acceleration_bias_sigma : (3,) float, optional, m/s²
-    delay_s, delay_sigma_s : float, optional
-        By how much the magnetometer is behind the gyro.
-    dip_deg, dip_sigma_deg : float, optional
-        Inclination of the field as the recording shows it.
-    creep : float
-        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
-    mistakes : tuple of Mistake
-    """
-
-    each: tuple[Aid, ...]
-    rotation: Floats | None = None
-    rotation_covariance: Floats | None = None
-    gyro_bias: Floats | None = None
-    gyro_bias_sigma: Floats | None = None
-    acceleration_bias: Floats | None = None
-    acceleration_bias_sigma: Floats | None = None
-    delay_s: float | None = None
-    delay_sigma_s: float | None = None
-    dip_deg: float | None = None
-    dip_sigma_deg: float | None = None
-    creep: float = 1.0
-    mistakes: tuple[Mistake, ...] = ()
-
-    def alignment_error_deg(self, dip_deg: float) -> float | None:
-        """Heading error (rms over a level turn, 1 σ) that the rotation's own uncertainty makes.
-
-        A turn about z goes straight into the heading, tilts mix the vertical field in: C₃₃ + ½ tan² I (C₁₁ + C₂₂).
-        """
-        if self.rotation_covariance is None:
-            return None
-        x, y, z = np.diag(self.rotation_covariance).tolist()
-        return float(np.rad2deg(np.sqrt(z + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x + y))))
-
-    def to_record(self) -> BesideRecord | UnsetType:
-        """What the calibration file keeps of it."""
-        return beside_record(
-            rotation_covariance=self.rotation_covariance,
-            acceleration_bias=self.acceleration_bias,
-            acceleration_bias_sigma=self.acceleration_bias_sigma,
-        )
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        biases = ("gyro_bias", "gyro_bias_sigma", "acceleration_bias", "acceleration_bias_sigma")
-        arrays = {name: getattr(self, name) for name in ("rotation", "rotation_covariance", *biases)}
-        return {
-            "each": [dataclasses.asdict(aid) for aid in self.each],
-            **{name: None if value is None else value.tolist() for name, value in arrays.items()},
-            **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg", "creep")},
-        }
 
 
 class Outcome:

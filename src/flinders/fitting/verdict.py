@@ -13,9 +13,10 @@ import numpy as np
 
 from flinders.core.compensation import beyond_words
 from flinders.core.disturbance import known, motor
+from flinders.core.finding import ONE_PLANE, Finding, gravest_first
 from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
-from flinders.fitting.result import ONE_PLANE, TILTS, Finding, gravest_first
+from flinders.fitting.result import TILTS
 from flinders.geometry.plane import order_of
 from flinders.heading.guidance import guide
 from flinders.likelihood.identifiability import flatness_limit, is_flat
@@ -26,8 +27,10 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Driver
+    from flinders.core.finding import Severity
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.fitting.result import Driven, Fit, Severity
+    from flinders.estimators.regressors import Driven
+    from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.heading.guidance import Guidance
     from flinders.summary.coverage import Coverage

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,17 @@ MARGIN: Final = 1.1
 """By how much an error may be larger between directions that are 10° apart."""
 
 _EVERYWHERE: Final = fibonacci(400)
+
+
+class DirectionError(NamedTuple):
+    """What to expect of the direction of the corrected field, 1 σ, in degrees: over the whole sphere and at the worst.
+
+    >>> DirectionError(rms=0.1, worst=0.2)._asdict()
+    {'rms': 0.1, 'worst': 0.2}
+    """
+
+    rms: float
+    worst: float
 
 
 @dataclass(frozen=True, slots=True)

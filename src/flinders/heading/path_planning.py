@@ -38,7 +38,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
+    from flinders.summary.coverage import Coverage
 
 STEPS: Final = 6
 """Waypoints that are planned ahead, some 210°; farther ones change nothing (`python -m benchmarks.guidance`)."""
@@ -76,10 +76,24 @@ ROUGHEST: Final = 0.01
 """Of the radius: no arc is trusted to be rounder than this."""
 THINNED: Final = 400
 """Readings that `rough` looks at."""
-KNOWN_DEG: Final = 10.0
-"""A fit that is farther off than this in some direction is asked for none."""
 
 _EVERYWHERE: Final = fibonacci(50)
+
+
+class Fitted(Protocol):
+    """What is taken of a fit."""
+
+    @property
+    def ellipsoid(self) -> Ellipsoid: ...  # noqa: D102
+
+    @property
+    def covariance(self) -> Floats: ...  # noqa: D102
+
+    @property
+    def noise(self) -> float: ...  # noqa: D102
+
+    @property
+    def coverage(self) -> Coverage: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,8 +117,8 @@ class Belief:
     is_rough: bool = False
 
     @classmethod
-    def of_fit(cls, fit: Fit) -> Self:
-        """What a fit claims. A refused one may claim nothing that makes sense: see `believe`."""
+    def of_fit(cls, fit: Fitted) -> Self:
+        """What a fit claims. A refused one may claim nothing that makes sense: see `rough`."""
         jacobian = magnitude.information(CELLS, fit.ellipsoid)
         variance = reading_variance(jacobian, fit.covariance, fit.noise, fit.coverage.counts)
         return cls(fit.ellipsoid, fit.covariance, variance)
@@ -215,20 +229,6 @@ def plan(
     best = int(np.argmin(worst if (worst <= target).any() else _blunt_worst(variances)))
     before = float(_variances(wanted, now[np.newaxis]).max())
     return Route(start, _graph().nodes[walks.nodes[best]], _in_degrees(before), _in_degrees(float(worst[best])))
-
-
-def believe(fit: Fit | None, readings: ArrayLike) -> Belief | None:
-    """What is known after a fit, also a refused one: what it claims where that makes sense, else what is `rough`.
-
-    Parameters
-    ----------
-    fit : Fit, optional
-    readings : (N, 3) array-like
-        Those that it was made of.
-    """
-    if fit is None or fit.is_flat or fit.direction_error_deg.worst > KNOWN_DEG:
-        return rough(readings)
-    return Belief.of_fit(fit)
 
 
 def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:

@@ -26,12 +26,16 @@ from flinders.heading import path_planning
 from flinders.report.view import GuidanceView, Shown
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
     from flinders.report.view import Triple, View
 
+KNOWN_DEG: Final = 10.0
+"""A fit that is farther off than this in some direction is asked for none."""
 SPEED_DEG: Final = 90.0
 """Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""
 
@@ -52,7 +56,7 @@ def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame
     """
     if fit.plane or not len(samples):
         return view
-    belief = path_planning.believe(fit, samples.field)
+    belief = believe(fit, samples.field)
     if belief is None:
         return view
     here = belief.direction(samples.field[-1])
@@ -73,6 +77,20 @@ def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame
     words = f"follow the arrow: {way.words(frame)}"
     leads = GuidanceView(_triple(way.waypoints[0]), words, way.worst_deg, way.after_deg, goal)
     return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
+
+
+def believe(fit: Fit | None, readings: ArrayLike) -> path_planning.Belief | None:
+    """What is known after a fit, also a refused one: what it claims where that makes sense, else a sphere.
+
+    Parameters
+    ----------
+    fit : Fit, optional
+    readings : (N, 3) array-like
+        Those that it was made of.
+    """
+    if fit is None or fit.is_flat or fit.direction_error_deg.worst > KNOWN_DEG:
+        return path_planning.rough(readings)
+    return path_planning.Belief.of_fit(fit)
 
 
 def _readings_per_deg(samples: Samples) -> float:

@@ -24,7 +24,8 @@ from flinders.report.text import degrees, with_uncertainty
 
 if TYPE_CHECKING:
     from flinders.core.disturbance import Driver
-    from flinders.fitting.result import Driven, Fit
+    from flinders.estimators.regressors import Driven
+    from flinders.fitting.result import Fit
 
 WHO: Final = {"rate": "gyro", "dip": "accelerometer", "tilt": "logged tilt", "attitude": "logged attitude"}
 """What each aid goes by."""

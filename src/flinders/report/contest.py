@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.finding import VERDICTS
 from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.fitting.result import VERDICTS
 from flinders.geometry.ellipsoid import upper
 from flinders.report.text import COLOURS, FINEST, MARKS, degrees, on_the_point
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from flinders.comparison.methods import Contest, Entry
     from flinders.core.calibration import Calibration
-    from flinders.fitting.result import Severity, Verdict
+    from flinders.core.finding import Severity, Verdict
     from flinders.heading.error_propagation import HeadingError
 
 NOTHING: Final = 1e-4

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.core.calibration_file import Provenance
+    from flinders.core.finding import Finding
     from flinders.errors import FitError
-    from flinders.fitting.result import Finding
 
 WIDTH: Final = 78
 """Columns: two less than the terminal's 80, so that an e-mail can be quoted."""

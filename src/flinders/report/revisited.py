@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.comparison.comparison import Strength
-from flinders.fitting.result import Finding, Fit, gravest_first
+from flinders.core.finding import Finding, gravest_first
+from flinders.fitting.result import Fit
 from flinders.fitting.verdict import Z_ELSEWHERE, Z_OPEN
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import level_error
@@ -33,9 +34,9 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import FindingRecord
+    from flinders.core.finding import Severity
     from flinders.core.samples import Recording
     from flinders.fitting.judged import Judged
-    from flinders.fitting.result import Severity
     from flinders.heading.error_propagation import HeadingError
 
 DIP_DEG: Final = 60.0

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.fitting.result import Finding, Fit
+    from flinders.core.finding import Finding
+    from flinders.fitting.result import Fit
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
 MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("·", "dim")}

@@ -74,7 +74,7 @@ class ErrorView(Struct, frozen=True):
 
 
 class FindingView(Struct, frozen=True):
-    """A finding, as `flinders.fitting.result.Finding`."""
+    """A finding, as `flinders.core.finding.Finding`."""
 
     code: str
     severity: Literal["note", "limits", "refuses"]

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.samples import Samples
+from flinders.diagnostics.unmodelled import unfollowed_of
 from flinders.errors import FitError, FlindersError, UsageError
-from flinders.estimators import unfollowed_of
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fitting.result import Severity
+    from flinders.core.finding import Severity
 
 AT_A_TIME: Final = 512
 """Units that go through the lane together: enough to make each call cheap, few enough to need little memory."""

@@ -42,7 +42,7 @@ from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flinders.fitting.result import Severity
+    from flinders.core.finding import Severity
     from flinders.stacked.surfaces import Ellipsoids
 
 FOUND: Final[tuple[tuple[str, Severity], ...]] = (

@@ -58,7 +58,7 @@ from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flinders.fitting.result import Severity
+    from flinders.core.finding import Severity
     from flinders.stacked.stack import Stack
 
 FEWEST, MOST = FEW_TO_CORRELATE, 2 * GLANCE - 1
