@@ -11,8 +11,8 @@ import pytest
 from tests.truth.test_report import fitted, flat
 
 from flinders.cli._reports import BROWSERS, printed
+from flinders.report.formatting import degrees
 from flinders.report.html import page as report
-from flinders.report.text import degrees
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -30,10 +30,10 @@ from flinders.report import script
 from flinders.report.beside import mounting
 from flinders.report.drawn import Drawn
 from flinders.report.figures import coverage_map, error_map, projections, wandered
+from flinders.report.formatting import degrees
 from flinders.report.html import page, python_of
 from flinders.report.revisited import doubts, revisited
 from flinders.report.terminal import plot
-from flinders.report.text import degrees
 from flinders.report.view import tile_errors_deg
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from flinders.cli._site import site_of
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -102,8 +103,6 @@ def _field_of(place: str, date: str | None) -> SiteField:
     UsageError
         For no place, no day, or one without a model.
     """
-    from flinders.cli._compass import site_of
-
     if date is None:
         raise UsageError(
             "the field changes with the years: give the day of the recording with --at, such as --date 2026-11-21, "

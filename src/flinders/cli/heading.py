@@ -12,6 +12,7 @@ import click
 
 from flinders.cli import _compass, _drivers, _filters, _options
 from flinders.cli._calibration import choice, load, say_sensor, sensor_option
+from flinders.cli._site import clock_start
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import UsageError
 
@@ -126,7 +127,7 @@ def _beside(log: _compass.Log, numbers: Floats, samples: Samples) -> dict[str, F
     """The columns that say which reading it is."""
     named = {"line" if hasattr(log.recording, "numbered_blocks") else "reading": numbers}
     if samples.time is not None:
-        named["time_s"] = samples.time + _compass.clock_start(log.recording)
+        named["time_s"] = samples.time + clock_start(log.recording)
     return named
 
 

@@ -9,6 +9,7 @@ import click
 
 from flinders.cli import _compass, _options
 from flinders.cli._calibration import is_calibration
+from flinders.cli._site import site_of
 from flinders.cli._talk import drawn, print_json, progress
 from flinders.errors import FitError, InputError, Unmoved, UsageError
 
@@ -140,7 +141,7 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
 
     if place is not None:
         day = date or (held.begun.date().isoformat() if held.begun else None)
-        return _compass.site_of(place, day)
+        return site_of(place, day)
     if held.position is None or held.begun is None or not FIRST_YEAR <= held.begun.year < LAST_YEAR:
         return None
     where = held.position

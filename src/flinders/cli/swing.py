@@ -11,6 +11,7 @@ import click
 from flinders.cli import _compass, _options
 from flinders.cli._calibration import is_calibration
 from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._site import site_of
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UsageError
 
@@ -185,7 +186,7 @@ def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: st
     if "true" in columns:
         if place is None:
             raise UsageError(f"{path} holds true headings: say where with --at LAT,LON and when with --date")
-        site = _compass.site_of(place, date)
+        site = site_of(place, date)
         columns = {**columns, "magnetic": wrapped(columns["true"] - site.declination_deg)}
     elif place is not None:
         raise UsageError(f"{path} holds no true headings: leave --at out, or call its column 'true'")

@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.estimators.autocorrelation import Residuals, time_of
-from flinders.estimators.base import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
+from flinders.likelihood.equations import FINEST
 from flinders.likelihood.identifiability import Support, turning
 from flinders.summary.coverage import directions_of
 from flinders.summary.pooling import chance_of, chi_square_of

@@ -37,9 +37,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.base import FINEST
 from flinders.likelihood import magnitude
-from flinders.likelihood.equations import ROUNDING
+from flinders.likelihood.equations import FINEST, ROUNDING
 from flinders.summary.coverage import CELLS, cells_of, directions_of
 from flinders.summary.pooling import DEPENDENT, chance_of
 

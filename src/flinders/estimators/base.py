@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, Protocol
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from flinders.estimators.outliers import Stray
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
-
-FINEST: Final = 1e-6
-"""Of the field: no sensor resolves less, and no fit claims to."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,11 +11,11 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.autocorrelation import FEW, Correlation, correlation_of
-from flinders.estimators.base import FINEST, Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.consistent import adjusted
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood import magnitude, prior
-from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.identifiability import Support, pretended
 from flinders.summary.coverage import directions_of
 

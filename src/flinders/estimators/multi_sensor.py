@@ -42,12 +42,12 @@ import numpy as np
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples
 from flinders.estimators.auto import Auto
 from flinders.estimators.autocorrelation import Residuals
-from flinders.estimators.base import FINEST, Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.data import Readings
 from flinders.estimators.solver import solved
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import prior
-from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.identifiability import Support
 from flinders.likelihood.observations import Group, Linearised, Rows, Weights, eliminated, inverse_of, rows_of
 from flinders.likelihood.parameters import Layout, Parameters, across

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators.base import FINEST
 from flinders.estimators.inliers import NO_RUN, dense_in
 from flinders.estimators.least_median import subset_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.outliers import strays_among
 from flinders.likelihood import magnitude, prior
+from flinders.likelihood.equations import FINEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,12 +15,11 @@ import numpy as np
 
 from flinders.errors import FitError
 from flinders.estimators.auto import Auto
-from flinders.estimators.base import FINEST
 from flinders.estimators.data import Readings
 from flinders.estimators.mounting import TURNS
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import attitude, dip, gyro, prior
-from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.observations import Group, Linearised, Weights, cost_of, linearised, residuals_of
 from flinders.likelihood.parameters import Layout, Parameters, across
 

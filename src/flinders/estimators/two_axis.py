@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.base import FINEST
 from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, raised, require_turn
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import Plane, PlaneEllipse, order_of
 from flinders.likelihood import magnitude, prior
+from flinders.likelihood.equations import FINEST
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

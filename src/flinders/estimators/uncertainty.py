@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators.base import FINEST
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
+from flinders.likelihood.equations import FINEST
 from flinders.likelihood.identifiability import Support, pretended
 from flinders.summary.coverage import directions_of
 

@@ -26,13 +26,13 @@ from flinders.core.calibration_file import Fitted
 from flinders.core.finding import Finding, gravest_first
 from flinders.core.units import Unit, label
 from flinders.errors import UsageError, figures
-from flinders.estimators.base import FINEST
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
 from flinders.fitting.result import Outcome
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error
+from flinders.likelihood.equations import FINEST
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

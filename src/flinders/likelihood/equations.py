@@ -15,6 +15,8 @@ import numpy as np
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
+FINEST: Final = 1e-6
+"""Of the field: no sensor resolves less, and no fit claims to."""
 ROUNDING: Final = 1e-15
 
 

@@ -32,7 +32,7 @@ from flinders.errors import FlindersError, NoMagnetometer, UnitError, Unreadable
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._log import FIRST, Choice, Instrument, Log, Position, Stored
 from flinders.readers._skipping import added
-from flinders.readers._source import File, Source, find, on_disk
+from flinders.readers._source import File, Progress, Source, find, on_disk
 from flinders.readers._span import Span
 from flinders.readers._table import TableRecording
 from flinders.readers.arrays import open_mat, open_npy, open_npz, sniff_mat, sniff_npy, sniff_npz
@@ -40,7 +40,7 @@ from flinders.readers.dataflash import open_dataflash, sniff_dataflash
 from flinders.readers.hdf5 import open_hdf5, sniff_hdf5
 from flinders.readers.parquet import open_arrow, open_parquet, sniff_arrow, sniff_parquet
 from flinders.readers.ros import METADATA, is_bag_folder, open_ros, sniff_ros
-from flinders.readers.text import Progress, TextRecording, open_text, sniff_text
+from flinders.readers.text import TextRecording, open_text, sniff_text
 from flinders.readers.tlog import open_tlog, sniff_tlog
 from flinders.readers.ulog import open_ulog, sniff_ulog
 from flinders.readers.zipped import open_zip, sniff_zip

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
-    from flinders.readers._source import Source
-    from flinders.readers.text import Progress
+    from flinders.readers._source import Progress, Source
 
 
 MOST_NAMED: Final = 8

@@ -31,6 +31,8 @@ from flinders.readers._unpacking import is_bomb, too_large
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
 
+Progress: TypeAlias = "Callable[[int, int | None], None]"
+"""Called once a block with the bytes read so far and, where it is known, those there are."""
 HEAD: Final = 1 << 16
 """Bytes looked at to tell what a file is, and how its text is encoded."""
 CHUNK: Final = 1 << 18

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
-    from flinders.readers._source import Source
-    from flinders.readers.text import Progress
+    from flinders.readers._source import Progress, Source
 
 SAMPLED: Final = 200
 """Rows looked at to tell times from other numbers."""

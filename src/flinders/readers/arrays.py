@@ -29,7 +29,7 @@ from flinders.errors import UnreadableInput
 from flinders.readers._extras import needs, reading
 from flinders.readers._source import spooled
 from flinders.readers._table import Table, TableRecording, open_table
-from flinders.readers._unpacking import ZIP, member_chunks, members
+from flinders.readers.zipped import ZIP, member_chunks, members
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

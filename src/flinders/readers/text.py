@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,7 @@ from flinders.readers._numbers import Rows, rows_of
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
 from flinders.readers._sniff import COMMENTS, TRIED, Layout, sniff
-from flinders.readers._source import File
+from flinders.readers._source import File, Progress
 from flinders.readers._span import Span
 from flinders.readers.dialects import Transcription, guess, recognise
 from flinders.readers.dialects.json_document import is_document, table_of
@@ -55,9 +55,6 @@ if TYPE_CHECKING:
     from flinders.readers._numbers import Grid
     from flinders.readers._source import Source
     from flinders.readers.dialects import Dialect
-
-Progress: TypeAlias = "Callable[[int, int | None], None]"
-"""Called once a block with the bytes read so far and, where it is known, those there are."""
 
 
 @dataclass(slots=True, eq=False)

@@ -17,17 +17,19 @@ walk.zip/MagnetometerUncalibrated.csv: columns x, y, z in uT, time in seconds_el
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
+from flinders.readers._extras import reading
 from flinders.readers._lines import shown
 from flinders.readers._source import spooled
-from flinders.readers._unpacking import ZIP, member_chunks, members
+from flinders.readers._unpacking import MOST_UNPACKED, is_bomb, too_large
 from flinders.readers.text import open_text
 
 if TYPE_CHECKING:
-    import zipfile
+    from collections.abc import Iterator
 
     from flinders.readers._source import File
     from flinders.readers.text import TextRecording
@@ -40,6 +42,52 @@ RANKED: Final = (
 ASIDE: Final = ("meta", "metadata", "annotation", "__macosx", "device", "readme")
 """Words in the path of what is no recording."""
 SHEETS: Final = {"[Content_Types].xml": "an Office document", "mimetype": "an OpenDocument file"}
+
+
+ZIP: Final = b"PK\x03\x04"
+MOST_MEMBERS: Final = 10_000
+CHUNK: Final = 1 << 18
+
+
+def members(file: File) -> list[zipfile.ZipInfo]:
+    """List the files in an archive.
+
+    Raises
+    ------
+    UnreadableInput
+        For an archive that is broken, or has more than `MOST_MEMBERS`.
+    """
+    with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive:
+        found = [member for member in archive.infolist() if not member.is_dir()]
+    if len(found) > MOST_MEMBERS:
+        raise UnreadableInput(f"{file.name} has {len(found):,} members: unpack it and give the recording inside")
+    return found
+
+
+def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) -> Iterator[bytes]:
+    """Unpack a member, a piece at a time.
+
+    Parameters
+    ----------
+    file : File
+    member : ZipInfo
+    ratio : bool
+        Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
+
+    Raises
+    ------
+    UnreadableInput
+        For one that is locked, broken, or unpacks to too much.
+    """
+    if member.flag_bits & 1:
+        raise UnreadableInput(f"{member.filename} in {file.name} is locked with a password: unpack it first")
+    done = 0
+    with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive, archive.open(member) as stream:
+        while chunk := stream.read(CHUNK):
+            done += len(chunk)
+            if done > MOST_UNPACKED or (ratio and is_bomb(done, member.compress_size)):
+                raise too_large(f"{member.filename} in {file.name}", done, member.compress_size)
+            yield chunk
 
 
 def sniff_zip(head: bytes) -> bool:

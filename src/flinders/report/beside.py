@@ -20,7 +20,7 @@ import numpy as np
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import figures
-from flinders.report.text import degrees, with_uncertainty
+from flinders.report.formatting import degrees, with_uncertainty
 
 if TYPE_CHECKING:
     from flinders.core.disturbance import Driver

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Final
 from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.report.text import COLOURS, MARKS, degrees, with_uncertainty
+from flinders.report.formatting import degrees, with_uncertainty
+from flinders.report.text import COLOURS, MARKS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

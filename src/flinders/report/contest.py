@@ -13,7 +13,8 @@ from flinders.core.finding import VERDICTS
 from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.geometry.ellipsoid import upper
-from flinders.report.text import COLOURS, FINEST, MARKS, degrees, on_the_point
+from flinders.report.formatting import FINEST, degrees, on_the_point
+from flinders.report.text import COLOURS, MARKS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -22,7 +22,7 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import counted
 from flinders.heading.error_propagation import level_gradients
-from flinders.report.text import with_uncertainty
+from flinders.report.formatting import with_uncertainty
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,7 +15,7 @@ from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.report.fleet import about_order, chance, when
 from flinders.report.fleet_view import STATES
-from flinders.report.text import degrees
+from flinders.report.formatting import degrees
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.report.comparison import chance
-from flinders.report.text import COLOURS, degrees, with_uncertainty
+from flinders.report.formatting import degrees, with_uncertainty
+from flinders.report.text import COLOURS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -25,8 +25,8 @@ from flinders.fitting.verdict import CODES
 from flinders.report import fleet_figures as drawing
 from flinders.report.colours import variables
 from flinders.report.fleet_view import STATES, SUMS_ALONE
+from flinders.report.formatting import degrees
 from flinders.report.script import asset, joined
-from flinders.report.text import degrees
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,7 +10,8 @@ from flinders.core.axes import Axes
 from flinders.errors import counted
 from flinders.heading.axis_consistency import OPPOSITE, remedy
 from flinders.heading.compass import AS_THEY_ARE, LEVEL
-from flinders.report.text import MARKS, degrees
+from flinders.report.formatting import degrees
+from flinders.report.text import MARKS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -39,8 +39,8 @@ from flinders.report import beside
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS, variables
 from flinders.report.drawn import Drawn
+from flinders.report.formatting import FINEST, degrees, matrix_entries, with_uncertainty
 from flinders.report.script import asset, joined
-from flinders.report.text import FINEST, degrees, matrix_entries, with_uncertainty
 from flinders.report.view import tiles_view
 
 if TYPE_CHECKING:

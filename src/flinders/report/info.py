@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
 from flinders.errors import FitError, counted, figures
-from flinders.report.text import COLOURS, degrees
+from flinders.report.formatting import degrees
+from flinders.report.text import COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

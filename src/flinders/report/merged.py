@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.errors import counted
-from flinders.report.text import COLOURS, MARKS, degrees, numbers
+from flinders.report.formatting import degrees
+from flinders.report.text import COLOURS, MARKS, numbers
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

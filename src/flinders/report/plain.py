@@ -21,7 +21,7 @@ from flinders.errors import counted, figures
 from flinders.fitting.result import TILTS, Fit, Refused
 from flinders.fitting.verdict import HOLE_DEG, OF_THE_RECORDING, UPSIDE_DOWN, remedy, unseen_side
 from flinders.report.beside import mounting
-from flinders.report.text import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
+from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
 from flinders.report.words import FINDINGS, REFUSALS
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.report.text import degrees
+from flinders.report.formatting import degrees
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -16,7 +16,7 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import figures
-from flinders.report.text import degrees
+from flinders.report.formatting import degrees
 from flinders.report.two_axis import evenness, is_mean
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from flinders.geometry.angles import folded, shown_heading
 from flinders.heading.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.heading.stationary import hard_iron
 from flinders.report.curve import dotted, scale
-from flinders.report.text import COLOURS, MARKS, with_uncertainty
+from flinders.report.formatting import with_uncertainty
+from flinders.report.text import COLOURS, MARKS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -8,15 +8,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.fitting.verdict import OF_THE_RECORDING, UPSIDE_DOWN, movement
+from flinders.report.beside import mounting
+from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from rich.console import RenderableType
 
@@ -27,11 +28,6 @@ if TYPE_CHECKING:
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
 MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("·", "dim")}
-FINEST: Final = 2e-4
-"""Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
-
-DECIMALS: Final = 6
-"""Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
 
 def page(fit: Fit) -> RenderableType:
@@ -47,50 +43,6 @@ def page(fit: Fit) -> RenderableType:
         return Group("", _before_and_after(fit), "", found, "", _verdict(fit), listed(fit.findings, movement(fit)))
     reasons = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
     return Group("", _verdict(fit), listed(reasons, movement(fit)))
-
-
-def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) -> str:
-    """Write a number to the second digit of its standard deviation, and to a multiple of `finest` at the least.
-
-    Errors of several numbers may cancel, as those of a level turn's offset and shape do: then each of them matters to
-    more digits than its own uncertainty says.
-
-    >>> with_uncertainty(-17.0318, 15.3, finest=0.01)
-    '-17.03 ± 15'
-    """
-    if not (math.isfinite(sigma) and sigma > 0.0):
-        return f"{value:.6g}"
-    if max(abs(value), sigma) >= 1e9:
-        return f"{value:.6g} ± {sigma:.2g}"
-    digits = max(0, 1 - math.floor(math.log10(sigma)))
-    if digits > DECIMALS:
-        return f"{value:.{DECIMALS}f} ± {sigma:.1g}"
-    more = max(digits, min(DECIMALS, math.ceil(-math.log10(finest)))) if 0.0 < finest < math.inf else digits
-    shown = round(value, more) + 0.0
-    return f"{shown:.{more}f} ± {sigma:.{digits}f}"
-
-
-def degrees(angle: float) -> str:
-    """Write an angle of error: two digits, and no more than anyone could mean.
-
-    >>> degrees(0.0664), degrees(12.3), degrees(float("nan"))
-    ('0.066°', '12°', '> 100°')
-    """
-    return f"{figures(angle)}°" if angle < 10 else f"{angle:.0f}°" if angle < 100 else "> 100°"
-
-
-def on_the_point(numbers: Sequence[str]) -> list[str]:
-    """Pad numbers so that they stand below each other at their decimal points."""
-    cut = [(number, _point(number)) for number in numbers]
-    before = max(point for _, point in cut)
-    after = max(len(number) - point for number, point in cut)
-    return [" " * (before - point) + number + " " * (after - len(number) + point) for number, point in cut]
-
-
-def _point(number: str) -> int:
-    """Where the decimal point of a number stands, or would stand."""
-    value = number.partition(" ")[0]
-    return value.find(".") if "." in value else len(value)
 
 
 def _before_and_after(fit: Fit) -> RenderableType:
@@ -130,21 +82,10 @@ def numbers(calibration: Calibration, offset_sigma: Floats, noise: float | None)
     return text
 
 
-def matrix_entries(matrix: Floats) -> list[list[str]]:
-    """Write a matrix with as many decimals everywhere: seven digits of its largest entry."""
-    largest = float(abs(matrix).max())
-    decimals = DECIMALS - math.floor(math.log10(largest) + 1e-9)
-    if not 0 <= decimals <= 2 * DECIMALS:
-        return [[f"{value:.{DECIMALS}e}" for value in row.tolist()] for row in matrix]
-    return [[f"{round(value, decimals) + 0.0:.{decimals}f}" for value in row.tolist()] for row in matrix]
-
-
 def _verdict(fit: Fit) -> RenderableType:
     """Say what it is good for, and for whom the number holds."""
     from rich.table import Table
     from rich.text import Text
-
-    from flinders.report.beside import mounting
 
     error = fit.heading_error_deg
     within = f"worst heading good to {degrees(error.worst)} (1 σ; the target is {fit.target_deg:g}°)"

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from flinders.errors import counted, figures
 from flinders.fitting.result import Fit, Refused
+from flinders.report.formatting import degrees
 from flinders.report.info import written_time
-from flinders.report.text import COLOURS, MARKS, degrees
+from flinders.report.text import COLOURS, MARKS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -20,7 +20,8 @@ from flinders.comparison.composition import ANY_ANGLE, in_words
 from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import across
-from flinders.report.text import COLOURS, degrees, listed, numbers
+from flinders.report.formatting import degrees
+from flinders.report.text import COLOURS, listed, numbers
 from flinders.report.text import page as fit_page
 
 if TYPE_CHECKING:

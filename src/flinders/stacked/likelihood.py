@@ -27,8 +27,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self
 
-from flinders.estimators.base import FINEST
 from flinders.estimators.likelihood import LONGEST_STEP, NO_WORSE, NOTHING, SETTLED_BUT_FOR_ONE, STEPS
+from flinders.likelihood.equations import FINEST
 from flinders.likelihood.prior import DEVIATOR, SENSE, SPREAD
 from flinders.stacked.algebra import (
     Array,
@@ -40,7 +40,7 @@ from flinders.stacked.algebra import (
     scaled_solve,
     upper,
 )
-from flinders.stacked.support import Supports
+from flinders.stacked.support import Supports, pretended
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, bent, of_units, products_at
 
 if TYPE_CHECKING:
@@ -219,7 +219,7 @@ def _are_seen(now: Posteriors, readings: Array, inside: Array | None) -> Array:
     xp = namespace(readings)
     if bool(xp.all(now.sound)):
         return now.sound
-    supports = Supports.at(now, readings, inside)
+    supports = _supports(now, readings, inside)
     object.__setattr__(now, "sound", now.sound | supports.are_clear)
     return now.sound | supports.are_plain
 
@@ -267,7 +267,7 @@ class Fitted:
 def _fitted(found: Posteriors, readings: Array, inside: Array | None) -> Fitted:
     """Take the last step, with the bias of a curved surface subtracted, and claim what the readings support."""
     xp = namespace(readings)
-    supports = Supports.at(found, readings, inside)
+    supports = _supports(found, readings, inside)
     (kept,) = xp.nonzero(supports.are_plain)
     found, information = found.only(kept), xp.take(supports.information, kept, axis=0)
     surfaces = found.ellipsoids
@@ -308,3 +308,14 @@ def _joined(parts: list[Posteriors]) -> Posteriors:
         xp.take(xp.concat([part.ellipsoids.shape for part in parts]), order, axis=0),
     )
     return Posteriors(ellipsoids=surfaces, **{name: xp.take(column, order, axis=0) for name, column in columns.items()})
+
+
+def _supports(now: Posteriors, readings: Array, inside: Array | None) -> Supports:
+    """What the readings of a stack support where they were linearised."""
+
+    def pretence(weak: Array) -> Array:
+        part = now.only(weak)
+        chosen = of_units(readings, inside, part.at)
+        return in_stretches(pretended, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
+
+    return Supports.of(now.weighed, pretence)

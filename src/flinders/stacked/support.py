@@ -21,7 +21,6 @@ from flinders.stacked.algebra import (
     applied,
     carriers,
     gathered,
-    in_stretches,
     lengths,
     like,
     lower_times_diagonal,
@@ -35,12 +34,11 @@ from flinders.stacked.algebra import (
     turned,
     weighed,
 )
-from flinders.stacked.surfaces import DOUBTFUL, of_units
+from flinders.stacked.surfaces import DOUBTFUL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from flinders.stacked.likelihood import Posteriors
 
 WEAKEST: Final = 1e-5
 """Smallest eigenvalue of a scaled normal matrix with which rounding is still far below a billionth."""
@@ -104,17 +102,6 @@ class Supports:
         return cls(
             put(sound, weak, seen & (most < CLEARLY * UNSEEN)), put(information, weak, left), put(sound, weak, seen)
         )
-
-    @classmethod
-    def at(cls, now: Posteriors, readings: Array, inside: Array | None) -> Self:
-        """Those of the readings of a stack where they were linearised."""
-
-        def pretence(weak: Array) -> Array:
-            part = now.only(weak)
-            chosen = of_units(readings, inside, part.at)
-            return in_stretches(pretended, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
-
-        return cls.of(now.weighed, pretence)
 
 
 def pretended(readings: Array, inside: Array | None, centre: Array, inverse: Array) -> Array:

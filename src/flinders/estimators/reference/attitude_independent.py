@@ -38,11 +38,12 @@ import numpy as np
 
 from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, UsageError, figures
-from flinders.estimators.base import FINEST, Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.reference.sphere import Sphere
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.likelihood import magnitude
+from flinders.likelihood.equations import FINEST
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

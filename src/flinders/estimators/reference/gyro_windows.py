@@ -28,9 +28,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NeedsRate, NeedsSamples, NotAnEllipsoid, OneAxisTurned, UsageError
-from flinders.estimators.base import FINEST
 from flinders.estimators.uncertainty import SPHERICAL, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood.equations import FINEST
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, TooFewSamples, UsageError
-from flinders.estimators.base import FINEST, Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.reference.gyro_windows import cut, require_two_axes, steps_of
 from flinders.estimators.uncertainty import algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood.equations import FINEST
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

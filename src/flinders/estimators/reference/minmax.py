@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from flinders.errors import NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
-from flinders.estimators.base import FINEST, Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.inliers import NO_RUN
 from flinders.estimators.outliers import strays_among
 from flinders.estimators.robust import Robust
 from flinders.estimators.uncertainty import algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.likelihood.equations import FINEST
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.base import FINEST, Estimate
+from flinders.estimators.base import Estimate
 from flinders.estimators.reference.gyro_windows import refuse_unless_positive, require_two_axes, sphere_about, steps_of
+from flinders.likelihood.equations import FINEST
 from flinders.simulate.rotations import turns
 
 if TYPE_CHECKING:
