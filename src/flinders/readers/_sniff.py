@@ -7,6 +7,7 @@ cells as the readings and its names, as `_names` reads them, hold a magnetometer
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
@@ -26,7 +27,7 @@ from flinders.readers._several import vectors
 from flinders.readers._tokenizer import cut, names_of, pattern_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from flinders.arrays import Floats
     from flinders.errors import InputError
@@ -44,6 +45,8 @@ SAME_WIDTH: Final = 0.6
 COMMENTS: Final = ("#", "%", "//")
 PRINTED: Final = 1024
 """Characters of a line that are looked at for labels."""
+_GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")
+"""A number of which a separator of thousands makes one with three decimals."""
 MOST_RANGES: Final = 16
 """Columns whose ranges are told."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
@@ -112,9 +115,9 @@ def sniff(
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
         blank = not any(text.strip() for text in texts)
-        raise UnreadableInput(
-            f"{name} holds only {'blank lines' if blank else 'comments'}: need lines of numbers, one reading each"
-        )
+        found = "blank lines" if blank else "comments"
+        marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with --pattern"
+        raise UnreadableInput(f"{name} holds only {found}: need lines of numbers, one reading each{marked}")
     for stretch, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
         dialect = max(DIALECTS, key=partial(_score, stretch, least))
         rows = _rows(stretch, dialect, least)
@@ -131,7 +134,7 @@ def _table(
     rows: dict[int, list[str]],
     dialect: tuple[str, str],
     known: Sequence[str],
-    choosing: Callable[..., Columns | None],
+    choosing: partial[Columns | None],
 ) -> Layout:
     """Lay out a table from the lines that are rows of numbers."""
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
@@ -145,6 +148,9 @@ def _table(
     chosen = choosing(header, values, units=units)
     if chosen is None:
         raise _no_magnetometer(name, header, values, (start + 1, texts[start]))
+    if choosing.keywords["asked"] is None and (not header or meaning(chosen.field.names[0]).is_bare):
+        _refuse_mixed(name, header, list(like.values()))
+    _refuse_thousands(name, list(like.values()), chosen, dialect[1])
     return Layout(
         grid=_grid(chosen, dialect, width if header or often >= SAME_WIDTH * len(rows) else 0),
         columns=chosen,
@@ -153,6 +159,33 @@ def _table(
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
     )
+
+
+def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Refuse a table in which a column of words says which sensor each line is of, and some are of no magnetometer."""
+    for place in range(min(map(len, rows))):
+        words = {row[place].strip() for row in rows}
+        kinds = {word: meaning(f"{word} x").kind for word in words if len(words) <= MOST_RANGES and len(word) > 2}
+        if others := sorted(word for word, kind in kinds.items() if kind in (ACCELERATION, RATE)):
+            column = f"column {header[place].strip()!r}" if header else f"column {place + 1}"
+            wanted = next((word for word, kind in kinds.items() if kind == FIELD), "")
+            what = f"keep the lines of {wanted}" if wanted else "give the recording of the magnetometer"
+            raise NoMagnetometer(
+                f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: {what}, or "
+                "read them all with --columns"
+            )
+
+
+def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns, decimal: str) -> None:
+    """Refuse readings in which commas or points part thousands: whole numbers up to 999, above it three more digits."""
+    cells = [row[place].strip() for row in rows for place in columns.field.cells]
+    grouped = [cell for cell in cells if decimal in cell]
+    whole = [abs(value) for cell in cells if decimal not in cell and (value := number(cell, ".")) is not None]
+    if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000 and all(map(_GROUPED.fullmatch, grouped)):
+        raise UnreadableInput(
+            f"numbers of {name} such as {grouped[0]!r} beside {max(whole):.0f} have {decimal!r} between thousands, it "
+            "seems: save it without a separator of thousands"
+        )
 
 
 def _first_row(texts: list[str], after: int, start: int) -> int:
@@ -314,7 +347,7 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         return UnreadableInput(
             f"{name} has a header (line {headed + 1}) and no readings below it: record again, or check what was saved"
         )
-    if 2 * len(few) >= len(lines):
+    if 2 * len(few) >= len(lines) and len(numbers) < len(few):
         place, text = next((place, text) for place, text in lines if place in few)
         return NoMagnetometer(
             f"{name} has fewer than three numbers a line (line {place + 1}: {shown(text)!r}): "
