@@ -13,6 +13,7 @@ labelled lines as t_s,X (uT),Y (uT),Z (uT)
 from __future__ import annotations
 
 import re
+from collections import Counter
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 TIME: Final = "t_s"
 PLAIN: Final = ("mag_x", "mag_y", "mag_z")
 """Names of three columns without a header."""
+SEVERAL: Final = 3
+"""Lines with numbers in the same places that are a table where words stand before them; a message comes once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +74,7 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     layout = None if dialect else _layout(lines)
     if dialect := dialect or (None if layout else guess(lines)):
         return _transcribed(lines, dialect)
-    if layout := layout or _layout(
-        lines, "1,2,3"
-    ):  # all is recorded where it is not clear which the magnetometer's are
+    if layout := layout or _unclear(lines):
         return _form(layout, lines, partial(_as_it_is, layout.grid))
     return None
 
@@ -89,7 +90,7 @@ def _transcribed(lines: list[str], dialect: Dialect) -> Form | None:
     """Lay out lines in a dialect as the table that they stand for."""
     first = partial(_joined, deepcopy(dialect))  # a dialect remembers parts of a reading
     rows = [row for row in map(first, lines) if row]
-    layout = _layout(rows, names=dialect.names) or _layout(rows, "1,2,3", names=dialect.names)
+    layout = _layout(rows, names=dialect.names) or _unclear(rows, dialect.names)
     return None if layout is None else _form(layout, rows, partial(_joined, dialect), dialect.words, dialect.names)
 
 
@@ -99,6 +100,23 @@ def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] =
         return sniff("", lines, columns, names)
     except FlindersError:
         return None
+
+
+def _unclear(lines: list[str], names: Sequence[str] = ()) -> Layout | None:
+    """Recognise a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
+    layout = _layout(lines, "1,2,3", names)
+    if layout is None:
+        return None
+    grid = layout.grid
+    rows = [split(line, grid.delimiter) for line in lines]
+    numeric = Counter(
+        tuple(place for place, cell in enumerate(cells, 1) if cell.strip() and number(cell, grid.decimal) is not None)
+        for cells in rows
+    )
+    places, count = numeric.most_common(1)[0]
+    if len(places) >= len(PLAIN) and count >= max(SEVERAL, len(rows) / 2):
+        return _layout(lines, ",".join(map(str, places[: len(PLAIN)])), names) or layout
+    return layout
 
 
 def _joined(dialect: Dialect, line: str) -> str | None:
@@ -120,6 +138,9 @@ def _form(
     grid, sign, time = layout.grid, layout.grid.delimiter, layout.columns.time
     is_timed = time is not None and _runs(lines, grid, time.cells[0])
     title = sign.join(names) if names else layout.header_text.strip().lstrip("#%/ ")
+    is_whole = all(name in title for name in layout.header)  # else sensors stand in a line above the axes
+    if title and not is_whole and sign != SPACES and not any(sign in name for name in layout.header):
+        title = sign.join(layout.header)
     if not title and not is_timed:
         width = grid.width or len(split(lines[-1], sign))
         title = sign.join(PLAIN if width == len(PLAIN) else [f"c{place + 1}" for place in range(width)])

@@ -268,6 +268,11 @@ class Transcript:
         if not self.told.lines and not self._held:
             return f"{arrived} end: check --baud, and that the sketch prints each reading on a line (println)"
         example = self.told.first_unknown or shown(_text(self._rest))
+        if not example:
+            return (
+                f"{arrived} but comments, which begin with {' or '.join(COMMENTS)}: where they are readings, say with "
+                "--pattern how they are printed"
+            )
         return f"{arrived} of three numbers ({example!r}): check --baud, and what the sketch prints"
 
     def _cut(self, content: bytes, at: float) -> None:
