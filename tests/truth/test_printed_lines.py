@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.errors import InputError, NoMagnetometer
 from flinders.live.transcript import Transcript
+from flinders.readers._tokenizer import cut
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -58,6 +60,23 @@ READ = {
         "acc: {:.2f} {:.2f} {:.2f} mag: {:.2f} {:.2f} {:.2f}".format(*both)
         for both in np.hstack([GRAVITY, FIELD]).tolist()
     ],
+    "a minus apart from its number": [axes(row).replace("-", "-  ") for row in FIELD],
+    "sentences with check sums": [
+        "$MAG,{:.2f},{:.2f},{:.2f}*{:02X}".format(*row, 7 * n % 256) for n, row in enumerate(FIELD)
+    ],
+    "Raw: of three numbers": ["Raw: {:.2f},{:.2f},{:.2f}".format(*row) for row in FIELD],
+    "a log of Zephyr": [
+        f"[00:00:{n:02d}.100,000] <inf> main: " + ", ".join(f"{value:.2f}" for value in row)
+        for n, row in enumerate(FIELD.tolist())
+    ],
+    "a column that says which sensor": [
+        "time,sensor,x,y,z",
+        *(
+            "{},{},{:.2f},{:.2f},{:.2f}".format(n, sensor, *row)
+            for n, both in enumerate(zip(GRAVITY, FIELD, strict=True))
+            for sensor, row in zip(("acc", "mag"), both, strict=True)
+        ),
+    ],
 }
 
 
@@ -93,7 +112,26 @@ REFUSED = {
         ],
         "no readings are recognised",
     ),
-    "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "names do not tell|no readings"),
+    "a label of more than three": (
+        [f"MAG, {100 * n}, 0, " + ", ".join(map(str, row)) for n, row in enumerate(FIELD.tolist())],
+        "may be it: if so, add --columns 4,5,6",
+    ),
+    "signs behind letters": ([axes(row).replace(": ", "") for row in FIELD], "no readings are recognised"),
+    "angles behind a label": (["ypr\t{:.2f}\t{:.2f}\t{:.2f}".format(*row) for row in FIELD], "--columns"),
+    "angles in a tuple": ([f"Heading: {tuple(row)}" for row in FIELD.tolist()], "no readings are recognised"),
+    "acceleration of the world": (["aworld {:.0f} {:.0f} {:.0f}".format(*row) for row in FIELD], "--columns 2,3,4"),
+    "positions": ([f"pos {axes(row)}" for row in FIELD], "no readings are recognised"),
+    "millimetres": (["x={:.1f}mm y={:.1f}mm z={:.1f}mm".format(*row) for row in FIELD], "no readings are recognised"),
+    "labels that change": ([f"a{n:06x}: mag {int(row[0])} 2 3" for n, row in enumerate(FIELD)], "--columns"),
+    "sensors in turn by a key": (
+        [
+            json.dumps({"sensor": sensor, **dict(zip("xyz", row, strict=True))})
+            for both in zip(GRAVITY.tolist(), FIELD.tolist(), strict=True)
+            for sensor, row in zip(("accelerometer", "magnetometer"), both, strict=True)
+        ],
+        "says which sensor each line is of, such as 'accelerometer': keep the lines of magnetometer",
+    ),
+    "decimal commas": ([axes(row).replace(".", ",") for row in FIELD], "say which are the magnetometer"),
 }
 
 
@@ -104,6 +142,69 @@ def test_what_is_no_magnetometer_is_not_read_as_one(lines: list[str], says: str,
     transcript = Transcript("the board")
     taken = transcript.take("\n".join([*lines, ""]).encode(), at=1.0)
     assert taken.readings == []
+
+
+def test_a_message_counts_the_numbers_of_a_line_rightly(path: Path) -> None:
+    with pytest.raises(InputError, match=r"this line is --pattern '\{x\}, \{y\}, \{z\};'"):
+        read(path, ["M = [", *["{:.2f}, {:.2f}, {:.2f};".format(*row) for row in FIELD], "];"])
+
+
+@pytest.mark.parametrize("mark", [",", "."])
+def test_a_separator_of_thousands_is_no_decimal_sign(mark: str, path: Path) -> None:
+    lines = [";".join(f"{100 * int(value):,}".replace(",", mark) for value in row) for row in FIELD]
+    with pytest.raises(InputError, match="between thousands, it seems: save it without"):
+        read(path, ["mag_x;mag_y;mag_z", *lines])
+
+
+def test_a_pattern_reads_numbers_right_behind_letters(path: Path) -> None:
+    lines = [axes(row).replace(": ", "") for row in FIELD]
+    np.testing.assert_allclose(read(path, lines, pattern="X{x} Y{y} Z{z}").field, FIELD, atol=1e-9)
+
+
+def test_readings_that_begin_like_comments_are_read_by_a_pattern_which_the_refusal_names(path: Path) -> None:
+    lines = ["#M-R={:.2f},{:.2f},{:.2f}".format(*row) for row in FIELD]
+    with pytest.raises(InputError, match="say how with --pattern"):
+        read(path, lines)
+    np.testing.assert_allclose(read(path, lines, pattern="#M-R={x},{y},{z}").field, FIELD, atol=1e-9)
+    transcript = Transcript("the board")
+    transcript.take("\n".join([*lines, ""]).encode(), at=1.0)
+    assert "say with --pattern how they are printed" in transcript.nothing()
+
+
+def recorded(lines: Iterable[str]) -> str:
+    """What the recorder writes of these lines."""
+    transcript = Transcript("the board", is_framed=True)
+    return transcript.take("\n".join(lines).encode(), at=1.0).text
+
+
+BOTH = np.hstack([GRAVITY, FIELD]).round(2).tolist()
+
+
+def test_a_table_with_words_before_its_numbers_is_recorded(path: Path) -> None:
+    text = recorded(["$IMU," + ",".join(map(str, row)) for row in BOTH])
+    assert text.startswith("t_s,c1,c2,c3,c4,c5,c6,c7\n")
+    np.testing.assert_allclose(read(path, text.splitlines(), columns="c5,c6,c7").field, FIELD, atol=1e-9)
+
+
+def test_a_message_with_numbers_does_not_settle_how_readings_are_written(path: Path) -> None:
+    transcript = Transcript("the board", is_framed=True)
+    transcript.take(b"range is 2 4 8 gauss", at=0.0)
+    transcript.take(b"", at=2.0)
+    text = transcript.take("\n".join(f"{axes(row)} uT" for row in FIELD).encode(), at=3.0).text
+    np.testing.assert_allclose(read(path, text.splitlines()).field, FIELD, atol=1e-9)
+
+
+def test_the_sensors_of_a_header_of_two_lines_are_recorded(path: Path) -> None:
+    lines = ["Acc,,,Mag,,", "x,y,z,x,y,z", *(",".join(map(str, row)) for row in BOTH)]
+    np.testing.assert_allclose(read(path, recorded(lines).splitlines()).field, FIELD, atol=1e-9)
+
+
+def test_spaces_cost_no_more_than_letters() -> None:
+    lines = [f": {' ' * 1900}- x 1 2 {n}" for n in range(20)]
+    start = time.process_time()
+    for line in lines:
+        cut(line)
+    assert time.process_time() - start < 1.0  # 7.7 s where each run of spaces is tried from each of its places
 
 
 @pytest.mark.parametrize("end", range(1, 25))

@@ -28,11 +28,11 @@ from flinders.readers._names import FACTORS, meaning
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-NUMBER: Final = (
-    r"(?<![\w.^])(?!(?<=\w\[)\d+\])[-+−]?"
-    r"(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|(?:nan|NaN|NAN|inf|ovf)(?!\w))"
-)
-"""A number that is no part of a word, of ``m/s^2`` or of an index; Arduino prints ``nan``, ``inf`` and ``ovf``."""
+ATTACHED: Final = r"[-+−]?(?:0[xX][0-9a-fA-F]+|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|(?:nan|NaN|NAN|inf|ovf)(?!\w))"
+"""A number, whatever stands before it."""
+NUMBER: Final = r"(?<![\w.^])(?:(?<!\w[-+−])(?=[-+−])|(?<![-+−])(?![-+−]))(?!(?<=\w\[)\d+\])(?!(?<=<)inf>)" + ATTACHED
+"""A number that is no part of a word, of ``m/s^2``, ``X-6`` or an index; Arduino prints ``nan``, ``inf`` and ``ovf``,
+and Zephyr ``<inf>`` before what is information."""
 STAMP: Final = re.compile(
     r"\s*[\[(<]?(?:[A-Z][a-z]{2} +\d+ +)?(?:(?P<date>\d{4}-\d\d-\d\d)[T ])?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)(?P<fraction>[.,]\d+)?(?:,\d+)?(?P<zone>Z|[+-]\d\d:?\d\d)?"
@@ -43,8 +43,29 @@ STAMP: Final = re.compile(
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 """What turns the colour of a terminal, as the log of ESP-IDF does."""
-_CUT: Final = re.compile(rf"\s*({NUMBER})\s*")
-_OTHER_UNITS: Final = ("deg", "degs", "degree", "degrees", "°", "º", "hz", "hpa", "%", "rad", "mbar", "ft", "f", "°f")
+_CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")
+"""What ends a sentence like those of NMEA 0183, which begin with ``$``."""
+_LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")
+"""A minus that stands apart from its number: ``X: - 12``."""
+_CUT: Final = re.compile(f"({NUMBER})")
+_OTHER_UNITS: Final = (
+    "deg",
+    "degs",
+    "degree",
+    "degrees",
+    "°",
+    "º",
+    "hz",
+    "hpa",
+    "%",
+    "rad",
+    "mbar",
+    "ft",
+    "f",
+    "°f",
+    "mm",
+    "cm",
+)
 """Units of what stands beside a magnetometer and is not read."""
 _UNIT: Final = "|".join(
     re.escape(unit)
@@ -73,7 +94,9 @@ _AXIS_AHEAD: Final = re.compile(
 )
 """An axis at its beginning: ``X axis field``, ``Xraw``."""
 QUANTITY: Final = re.compile(
-    r"orient|euler|linear|gravity|rotat|posit|veloc|quat|angle|attitude|tilt|speed|displace|force", re.IGNORECASE
+    r"orient|euler|linear|gravity|rotat|posit|\bpos\b|veloc|quat|angle|\bang\b|attitude|tilt|speed|displace|force"
+    r"|heading|azimuth|bearing|roll|pitch|yaw|\b(?:ypr|rpy|areal|aworld)\b",
+    re.IGNORECASE,
 )
 """Other quantities with three axes: their words stay with the axis, where those that mean nothing are dropped."""
 _FILLING: Final = re.compile(r"\b(value|reading|data|component|axis)s?\b", re.IGNORECASE)
@@ -92,7 +115,9 @@ class Gap(NamedTuple):
 
 def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     """Cut a line into its numbers and what stands before, between and behind them, without spaces at the ends."""
-    pieces = _CUT.split(_COLOURS.sub("", line) if "\x1b" in line else line)
+    line = _COLOURS.sub("", line) if "\x1b" in line else line
+    line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
+    pieces = _CUT.split(_LOOSE_SIGN.sub(" -", line) if "- " in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
 
 
@@ -208,10 +233,10 @@ def _axes(label: str, count: int, sensor: str) -> tuple[list[str], str]:
     """Name the numbers behind one label, and tell which sensor a label of an axis alone belongs to from here on."""
     bare = _XYZ.sub("", label).strip(_EDGE)
     if count == 3 and (label or sensor):
-        named = _known(bare, " x") if bare else ""
+        named = bare if QUANTITY.search(bare) else _known(bare, " x") if bare else ""
         return [f"{named} {axis}".lstrip() for axis in "xyz"], named
     if count > 1:
-        return [f"{label} {number}".lstrip() if label else "" for number in range(1, count + 1)], ""
+        return [f"{label} {number} of {count}" if label else "" for number in range(1, count + 1)], ""
     if (ahead := _AXIS_AHEAD.fullmatch(label)) and (ahead[2] or not ahead[3]):
         label = " ".join((*_FILLING.sub(" ", f"{ahead[2] or ''} {ahead[3]}").split(), ahead[1]))
         if str(ahead[2]).casefold() == "norm":  # no reading of a sensor, whatever was named before it

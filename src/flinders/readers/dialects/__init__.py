@@ -65,7 +65,11 @@ def recognise(lines: list[str]) -> Dialect | None:
 
 def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
-    return stamped.recognise(lines, recognise, marked=False) or labelled.recognise(lines, marked=False)
+    return (
+        stamped.recognise(lines, recognise, marked=False)
+        or stamped.recognise(lines, _labelled, marked=False)
+        or labelled.recognise(lines, marked=False)
+    )
 
 
 def _labelled(lines: list[str]) -> Dialect | None:

@@ -36,6 +36,8 @@ OFTEN: Final = 0.5
 """Share of the most frequent kind's lines that another one needs to be preferred for its unit."""
 SELDOM: Final = 0.05
 """Share of the magnetometer's lines that a kind needs to be read with it."""
+LEAST_SHARE: Final = 0.1
+"""Share of the lines of three numbers or more that the magnetometer's have to be; labels that change name nothing."""
 AUXILIARY: Final = (ACCELERATION, RATE, TEMPERATURE, TIME)
 DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
 """What stands between the numbers of a table, whose rows need no guess, and of times and dates."""
@@ -154,11 +156,14 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     labelled = list(dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked))
     closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
     if closing is not None:
+        if counts[closing] < LEAST_SHARE * sum(len(each.numbers) >= len(PLAIN) for each in every):
+            return None
         others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
         found = _laid_out(closing, [kind for kind in others if _belongs(kind, closing)], printed)
         found.has_headings = 2 * sum(map(_is_heading, lines)) > counts[closing]
         return found
-    if together := _axis_by_axis([kind for kind in labelled if counts[kind] >= OFTEN * max(counts.values())]):
+    often = max(OFTEN * max(counts.values(), default=0), enough)
+    if together := _axis_by_axis([kind for kind in labelled if counts[kind] >= often]):
         return together
     return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
 

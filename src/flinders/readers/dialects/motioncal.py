@@ -69,7 +69,7 @@ class MotionCal:
 
 def recognise(lines: list[str]) -> MotionCal | None:
     """Find such lines among others; ``Raw:`` before ``Uni:``, which says the same in fewer digits."""
-    signs = {mark[1].casefold() for line in lines if (mark := LINE.match(line))}
+    signs = {mark[1].casefold() for line in lines if line.count(",") == 8 and (mark := LINE.match(line))}
     sign = next((sign for sign in UNITS if sign in signs), None)
     return None if sign is None else MotionCal(sign, sign == "raw" and _are_units(lines))
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 from flinders.errors import UsageError
-from flinders.readers._tokenizer import NUMBER, decimal
+from flinders.readers._tokenizer import ATTACHED, NUMBER, decimal
 
 _PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")
 """A name in braces; what a format adds behind a colon says nothing of how to read it."""
@@ -52,8 +53,11 @@ class Pattern:
                 "for its numbers, such as 'mag {x} {y} {z}'"
             )
         texts = [r"\s*".join(map(re.escape, piece.split())) for piece in pieces[::2]]
-        numbers = rf"\s*({NUMBER})\s*"
-        return cls(f"lines like {pattern!r}", names, re.compile(numbers.join(texts)))
+        line = texts[0]
+        for before, after in pairwise(zip(pieces[::2], texts, strict=True)):
+            is_attached = before[0][-1:].isalnum()  # as in ``X{x}``, where the number is no part of another word
+            line += rf"\s*({ATTACHED if is_attached else NUMBER})\s*{after[1]}"
+        return cls(f"lines like {pattern!r}", names, re.compile(line))
 
     def row(self, line: str) -> list[str] | None:
         """Take the numbers of a line; None where it is not written so."""
