@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 FIELD = np.round(simulate.tumble(seed=4).samples.field[:3000:50], 2)
 GRAVITY = 9.81 * FIELD / np.linalg.norm(FIELD, axis=1, keepdims=True)
+TURNS = np.column_stack([np.ones(len(FIELD)), FIELD / 50])
+QUATERNIONS = TURNS / np.linalg.norm(TURNS, axis=1, keepdims=True)
 
 
 def axes(row: Iterable[float], form: str = ".2f") -> str:
@@ -121,6 +123,10 @@ REFUSED = {
     "angles in a tuple": ([f"Heading: {tuple(row)}" for row in FIELD.tolist()], "no readings are recognised"),
     "acceleration of the world": (["aworld {:.0f} {:.0f} {:.0f}".format(*row) for row in FIELD], "--columns 2,3,4"),
     "positions": ([f"pos {axes(row)}" for row in FIELD], "no readings are recognised"),
+    "a quaternion with names": (
+        ["w,x,y,z", *("{:.4f},{:.4f},{:.4f},{:.4f}".format(*row) for row in QUATERNIONS)],
+        "w, x, y, z .a quaternion",
+    ),
     "millimetres": (["x={:.1f}mm y={:.1f}mm z={:.1f}mm".format(*row) for row in FIELD], "no readings are recognised"),
     "labels that change": ([f"a{n:06x}: mag {int(row[0])} 2 3" for n, row in enumerate(FIELD)], "--columns"),
     "sensors in turn by a key": (

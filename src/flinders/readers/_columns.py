@@ -333,7 +333,7 @@ def choose(
         asked = "1,2"
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
-    if asked is None and (chosen is None or _is_unclear(chosen)):
+    if asked is None and (chosen is None or _is_unclear(chosen, names)):
         _refuse_unclear(names, values, source)
     if chosen is None:
         return None
@@ -365,9 +365,10 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
         raise NoMagnetometer(f"{what}; {advice(judged)}")
 
 
-def _is_unclear(columns: Columns) -> bool:
-    """Tell whether columns are one of several triples that are named x, y, z and nothing else."""
-    return len(columns.magnetometers) > 1 and not columns.stated and meaning(columns.field.names[0]).is_bare
+def _is_unclear(columns: Columns, names: Sequence[str]) -> bool:
+    """Tell whether columns are named x, y, z and nothing else, and are one of several such triples or have a w."""
+    is_bare = not columns.stated and meaning(columns.field.names[0]).is_bare
+    return is_bare and (len(columns.magnetometers) > 1 or "w" in [name.strip().casefold() for name in names])
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
