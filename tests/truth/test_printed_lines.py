@@ -71,6 +71,9 @@ READ = {
         f"[00:00:{n:02d}.100,000] <inf> main: " + ", ".join(f"{value:.2f}" for value in row)
         for n, row in enumerate(FIELD.tolist())
     ],
+    "extremes between": [
+        line for row in FIELD for line in (axes(row), "Min X: -50 Y: -60 Z: -70", "Max X: 50 Y: 60 Z: 70")
+    ],
     "a column that says which sensor": [
         "time,sensor,x,y,z",
         *(

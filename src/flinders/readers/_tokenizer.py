@@ -95,7 +95,7 @@ _AXIS_AHEAD: Final = re.compile(
 """An axis at its beginning: ``X axis field``, ``Xraw``."""
 QUANTITY: Final = re.compile(
     r"orient|euler|linear|gravity|rotat|posit|\bpos\b|veloc|quat|angle|\bang\b|attitude|tilt|speed|displace|force"
-    r"|heading|azimuth|bearing|roll|pitch|yaw|\b(?:ypr|rpy|areal|aworld)\b",
+    r"|heading|azimuth|bearing|roll|pitch|yaw|\b(?:ypr|rpy|areal|aworld|(?:min|max)(?:imum)?)\b",
     re.IGNORECASE,
 )
 """Other quantities with three axes: their words stay with the axis, where those that mean nothing are dropped."""
