@@ -163,6 +163,7 @@ def test_a_separator_of_thousands_is_no_decimal_sign(mark: str, path: Path) -> N
     lines = [";".join(f"{100 * int(value):,}".replace(",", mark) for value in row) for row in FIELD]
     with pytest.raises(InputError, match="between thousands, it seems: save it without"):
         read(path, ["mag_x;mag_y;mag_z", *lines])
+    assert len(read(path, ["mag_x;mag_y;mag_z", *lines], columns="mag_x,mag_y,mag_z")) == len(FIELD)
 
 
 def test_a_pattern_reads_numbers_right_behind_letters(path: Path) -> None:

@@ -148,9 +148,10 @@ def _table(
     chosen = choosing(header, values, units=units)
     if chosen is None:
         raise _no_magnetometer(name, header, values, (start + 1, texts[start]))
-    if choosing.keywords["asked"] is None and (not header or meaning(chosen.field.names[0]).is_bare):
-        _refuse_mixed(name, header, list(like.values()))
-    _refuse_thousands(name, list(like.values()), chosen, dialect[1])
+    if choosing.keywords["asked"] is None:
+        if not header or meaning(chosen.field.names[0]).is_bare:
+            _refuse_mixed(name, header, list(like.values()))
+        _refuse_thousands(name, list(like.values()), chosen, dialect[1])
     return Layout(
         grid=_grid(chosen, dialect, width if header or often >= SAME_WIDTH * len(rows) else 0),
         columns=chosen,
@@ -184,7 +185,8 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000 and all(map(_GROUPED.fullmatch, grouped)):
         raise UnreadableInput(
             f"numbers of {name} such as {grouped[0]!r} beside {max(whole):.0f} have {decimal!r} between thousands, it "
-            "seems: save it without a separator of thousands"
+            "seems: save it without a separator of thousands, or name the columns with --columns where it is the "
+            "decimal sign"
         )
 
 
