@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
-    from flinders.core.finding import Finding as Finding
     from flinders.core.samples import Samples as Samples
     from flinders.core.units import Unit as Unit
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
+    from flinders.findings import Finding as Finding
     from flinders.fitting.calibrate import fit as fit
     from flinders.fitting.judged import Judged as Judged
     from flinders.fitting.result import Fit as Fit
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 _HOMES: Final = {
     "Axes": "core.axes",
     "Calibration": "core.calibration",
-    "Finding": "core.finding",
+    "Finding": "findings",
     "Fit": "fitting.result",
     "FitError": "errors",
     "FlindersError": "errors",

@@ -20,9 +20,10 @@ from flinders.core.samples import Samples
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressor_noise import noise_of
 from flinders.estimators.static_bench import still
+from flinders.findings import CATALOGUE
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
-from flinders.fitting.verdict import CODES, of_column, of_noisy
+from flinders.fitting.verdict import of_column, of_noisy
 from flinders.simulate import table
 from flinders.simulate.truth import Truth
 
@@ -383,7 +384,7 @@ def test_a_bench_that_says_too_little_is_written_with_limits(tmp_path: Path, mon
     words = ("calibrate", "bench.csv", "--with", "current", "--previous", "calm.json", "-o", "flown.json", "--json")
     found = json.loads(run(*words, code=3))
     assert [finding["code"] for finding in found["findings"]] == ["driver-one-way"]
-    assert {finding["code"] for finding in found["findings"]} <= set(CODES)
+    assert {finding["code"] for finding in found["findings"]} <= set(CATALOGUE)
 
 
 def test_an_imported_file_of_an_autopilot_follows_its_motors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from flinders.simulate import Sensor, Simulated, tumble
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.core.finding import Finding
+    from flinders.findings import Finding
     from flinders.fitting.result import Fit
 
 SENSOR: Final = Sensor(

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.finding import Finding
     from flinders.core.samples import Recording, Samples
+    from flinders.findings import Finding
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
 
@@ -82,11 +82,11 @@ def _with_findings(found: Fit, plain: Fit | None, filtered: Finding) -> Fit:
     """Add what the filter did, and tell of single readings what was recorded, gravest first."""
     from dataclasses import replace
 
-    from flinders.core.finding import gravest_first
+    from flinders.findings import by_severity
 
     seen = [finding for finding in found.findings if finding.code not in HIDDEN]
     recorded = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
-    return replace(found, findings=gravest_first([*seen, *recorded, filtered]))
+    return replace(found, findings=by_severity([*seen, *recorded, filtered]))
 
 
 def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:
@@ -104,7 +104,7 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
     """
     import numpy as np
 
-    from flinders.core.finding import Finding
+    from flinders.findings import Finding
     from flinders.geometry.ellipsoid import upper
     from flinders.geometry.plane import down_of
     from flinders.heading.error_propagation import level_error

@@ -13,7 +13,7 @@ from flinders.cli._sources import saying_what_was_skipped
 from flinders.cli._talk import drawn, print_json, progress, say, working
 
 if TYPE_CHECKING:
-    from flinders.core.finding import Verdict
+    from flinders.findings import Verdict
 
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
 

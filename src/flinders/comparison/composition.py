@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import msgspec
 import numpy as np
 
-from flinders.core.finding import Finding, gravest_first
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
+from flinders.findings import Finding, by_severity
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import of_calibration
@@ -232,7 +232,7 @@ class Composed(Outcome):
         error = _claimed(first, fit, turns, left)
         found = cls(calibration, fit, turns, error, left.worst, (), first)
         findings = [_finding(turns, left.worst, fit.target_deg), *of_calibration(found)]
-        return replace(found, findings=gravest_first(findings))
+        return replace(found, findings=by_severity(findings))
 
     @property
     def ellipsoid(self) -> Ellipsoid:

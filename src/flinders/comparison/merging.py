@@ -33,13 +33,13 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
-from flinders.core.finding import Finding, gravest_first
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import Part, compared
 from flinders.errors import FitError, UsageError, counted, figures
+from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
 from flinders.fitting.result import Outcome, error_record
-from flinders.fitting.verdict import REFUSED_AT, contradiction, of_calibration
+from flinders.fitting.verdict import contradiction, of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import DirectionError, HeadingError, direction_error_deg, level_error
 from flinders.summary.pooling import chi_square_of, pool
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
-    from flinders.core.finding import Severity
     from flinders.diagnostics.repeatability import Repeats
 
 METHOD: Final = "merged"
@@ -461,23 +460,22 @@ def _judged(merged: Merged, parts: Sequence[Judged]) -> tuple[Finding, ...]:
         *_carried(merged, parts),
         *of_calibration(merged),
     ]
-    return gravest_first(found)
+    return by_severity(found)
 
 
 def _accuracy(merged: Merged) -> Iterator[Finding]:
     """What the covariance says about heading."""
-    worst, target = merged.heading_error_deg.worst, merged.target_deg
-    if worst <= target:
-        return
-    severity: Severity = "limits" if worst <= REFUSED_AT * target else "refuses"
-    amount = f"{figures(worst)}°" if worst < 90.0 else "any angle"
-    scatter = merged.repeats.scatter_deg
+    worst, scatter = merged.heading_error_deg.worst, merged.repeats.scatter_deg
     why = f", {figures(min(scatter, worst))}° of it because they differ" if scatter > worst / 2.0 else ""
-    yield Finding(
-        "heading-error", severity, worst, target,
-        f"the heading may be off by {amount} (1 σ, worst heading; the target is {target:g}°{why}): merge calibrations "
-        "that were made in the state of use, of sensors turned through all directions",
-    )  # fmt: skip
+    record = Record(
+        {"worst_deg": worst, "target_deg": merged.target_deg},
+        why=lambda: why,
+        remedy=lambda: (
+            "merge calibrations that were made in the state of use, of sensors turned through all directions"
+        ),
+    )
+    if finding := CATALOGUE["heading-error"].finding(record):
+        yield finding
 
 
 def _carried(merged: Merged, parts: Sequence[Judged]) -> Iterator[Finding]:

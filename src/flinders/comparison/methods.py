@@ -19,10 +19,10 @@ import numpy as np
 
 from flinders.comparison.comparison import compare
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
-from flinders.core.finding import VERDICTS
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Auto, Readings, within_range
 from flinders.estimators.cache import concatenated
+from flinders.findings import VERDICTS
 from flinders.fitting.calibrate import estimator_of, fit
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.comparison.cross_validation import Validation
-    from flinders.core.finding import Verdict
     from flinders.core.samples import Recording, Samples
     from flinders.estimators import Estimator
+    from flinders.findings import Verdict
     from flinders.fitting.result import Fit
     from flinders.heading.error_propagation import HeadingError
 

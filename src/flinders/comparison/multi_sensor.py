@@ -28,7 +28,6 @@ import numpy as np
 
 from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
 from flinders.core.axes import Axes
-from flinders.core.finding import Finding, gravest_first
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
@@ -37,6 +36,7 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.cache import concatenated
 from flinders.estimators.inliers import dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
+from flinders.findings import Finding, by_severity
 from flinders.fitting.aiding import Aids
 from flinders.fitting.calibrate import fit, judged_as
 from flinders.fitting.result import Fit, Refused
@@ -661,10 +661,10 @@ def nearest_axes(rotation: Floats) -> tuple[str, float]:
 def _told(found: Together, place: int, target_deg: float) -> Member:
     """Add to a member, and to its fit, what the others tell of it."""
     member = found.members[place]
-    findings = gravest_first(_findings(found, place, target_deg))
+    findings = by_severity(_findings(found, place, target_deg))
     made = member.fit.fit if isinstance(member.fit, Refused) else member.fit
     if isinstance(made, Fit):
-        made = replace(made, findings=gravest_first((*made.findings, *findings)))
+        made = replace(made, findings=by_severity((*made.findings, *findings)))
         made = Refused(made) if made.verdict == "refused" else made
     return replace(member, fit=made, findings=findings)
 

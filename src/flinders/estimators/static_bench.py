@@ -30,7 +30,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import Driver
-from flinders.core.finding import Finding
 from flinders.errors import counted, figures
 from flinders.estimators.autocorrelation import Residuals
 from flinders.estimators.disturbance_solver import WEAK
@@ -38,6 +37,7 @@ from flinders.estimators.linearity import curvature
 from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, rounding, widened
 from flinders.estimators.regressors import Driven, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
+from flinders.findings import Finding
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:

@@ -23,11 +23,11 @@ from flinders.arrays import floats
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
-from flinders.core.finding import Finding, gravest_first
 from flinders.core.units import Unit, label
 from flinders.errors import UsageError, figures
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
+from flinders.findings import Finding, by_severity
 from flinders.fitting.result import Outcome
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -142,7 +142,7 @@ def from_extremes(
         sensor=sensor,
     )
     found = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
-    return replace(found, findings=gravest_first([_typed(found, target_deg, dip_deg), *of_calibration(found)]))
+    return replace(found, findings=by_severity([_typed(found, target_deg, dip_deg), *of_calibration(found)]))
 
 
 def _pairs(numbers: ArrayLike) -> Floats:

@@ -14,10 +14,10 @@ import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, write
-from flinders.core.finding import ONE_PLANE, VERDICTS, Finding, Verdict
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
+from flinders.findings import VERDICTS, Finding, Verdict
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import (
@@ -198,7 +198,7 @@ class Fit(Outcome):
     @property
     def is_flat(self) -> bool:
         """The readings lie in one plane: there is no sphere to have seen a part of, and no number to trust."""
-        return any(finding.code == ONE_PLANE for finding in self.findings)
+        return any(finding.code == "one-plane" for finding in self.findings)
 
     @property
     def ellipsoid(self) -> Ellipsoid:

@@ -22,6 +22,7 @@ from flinders.comparison.comparison import compare
 from flinders.core.samples import Samples  # noqa: TC001 - the example above makes some
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import FitError, FlindersError, counted, figures
+from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
@@ -38,18 +39,6 @@ if TYPE_CHECKING:
     from flinders.live.snapshot import Snapshot
     from flinders.report.view import View
 
-WRONG: Final = (
-    "saturated",
-    "field-changed",
-    "noise",
-    "alternating",
-    "strays",
-    "axis-ratio",
-    "structure",
-    "slipped-axes",
-    "recordings-differ",
-)
-"""Findings that say that something is wrong, and not only that more turning is needed."""
 STALE_S: Final = 2.0
 """Seconds of equal readings after which a sensor is said to have stopped."""
 STALE_ROWS: Final = 10
@@ -136,7 +125,7 @@ def _of_fit(found: Fit | None, samples: Samples) -> Iterator[Reason]:
         or _seconds(samples) >= SETTLED_S
     )
     for finding in found.findings:
-        if finding.code in WRONG and finding.severity != "note" and (settled or finding.code == "saturated"):
+        if CATALOGUE[finding.code].alarm and finding.severity != "note" and (settled or finding.code == "saturated"):
             yield Reason(finding.code, finding.advice)
         elif finding.code in ("stale-repeats", "mirrored-axes"):
             yield Reason(finding.code, finding.advice, "info")

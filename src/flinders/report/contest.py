@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.finding import VERDICTS
 from flinders.core.units import label
 from flinders.errors import counted, figures
+from flinders.findings import VERDICTS
 from flinders.geometry.ellipsoid import upper
 from flinders.report.formatting import FINEST, degrees, on_the_point
 from flinders.report.text import COLOURS, MARKS
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from flinders.comparison.methods import Contest, Entry
     from flinders.core.calibration import Calibration
-    from flinders.core.finding import Severity, Verdict
+    from flinders.findings import Severity, Verdict
     from flinders.heading.error_propagation import HeadingError
 
 NOTHING: Final = 1e-4

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
-from flinders.fitting.verdict import CODES
+from flinders.findings import CATALOGUE
 from flinders.report import fleet_figures as drawing
 from flinders.report.colours import variables
 from flinders.report.fleet_view import STATES, SUMS_ALONE
@@ -283,8 +283,7 @@ def _odd(drift: Drift) -> list[BatchDrift]:
 
 def _meaning(code: str) -> str:
     """What a finding says, without its number."""
-    words = CODES.get(code, "").replace("`number` of the ", "some of the ")
-    return words.replace("`number`", "…").replace("`limit`", "…")
+    return CATALOGUE[code].number if code in CATALOGUE else ""
 
 
 def _figures(overview: Overview, drift: Drift | None) -> dict[str, Any]:

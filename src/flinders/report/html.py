@@ -33,8 +33,8 @@ import numpy as np
 from flinders.core.calibration_file import Provenance
 from flinders.core.units import label
 from flinders.errors import counted, figures
+from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.result import Fit, Refused
-from flinders.fitting.verdict import UPSIDE_DOWN
 from flinders.report import beside
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS, variables

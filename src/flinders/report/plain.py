@@ -18,18 +18,20 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
+from flinders.findings import CATALOGUE, limit_of
+from flinders.fitting.advice import UPSIDE_DOWN, remedy, unseen_side
 from flinders.fitting.result import TILTS, Fit, Refused
-from flinders.fitting.verdict import HOLE_DEG, OF_THE_RECORDING, UPSIDE_DOWN, remedy, unseen_side
+from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.report.beside import mounting
 from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
-from flinders.report.words import FINDINGS, REFUSALS
+from flinders.report.words import REFUSALS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.core.calibration_file import Provenance
-    from flinders.core.finding import Finding
     from flinders.errors import FitError
+    from flinders.findings import Finding
 
 WIDTH: Final = 78
 """Columns: two less than the terminal's 80, so that an e-mail can be quoted."""
@@ -145,7 +147,7 @@ def _attitudes(fit: Fit) -> str:
         tilt = next((tilt for tilt in TILTS if tilt > limit), UPSIDE_DOWN)
         level = "Held level only." if limit < 1.0 else f"Within the target of {target:g}° up to {limit:.0f}° of tilt."
         said = f"{level} {worse.format(tilt, degrees(fit.tilted_error(tilt).worst))}"
-    if fit.plane or fit.coverage.hole_deg <= HOLE_DEG:
+    if fit.plane or fit.coverage.hole_deg <= limit_of("coverage"):
         return said
     return (
         f"{said} Readings were taken in {fit.coverage.fraction:.0%} of all directions; the middle of what is missing "
@@ -155,7 +157,7 @@ def _attitudes(fit: Fit) -> str:
 
 def _in_words(fit: Fit, finding: Finding) -> str:
     length = f"{figures(fit.calibration.field_strength, 4)} {label(fit.calibration.unit)}"
-    return FINDINGS[finding.code].said.format(
+    return CATALOGUE[finding.code].plain.format(
         number=finding.number,
         limit=finding.limit,
         angle="any angle" if finding.number > 90.0 else degrees(finding.number),
@@ -168,7 +170,7 @@ def _remedies(fit: Fit, findings: Iterable[Finding]) -> list[str]:
     """Say what to do about each finding, each thing once."""
     advice = remedy(fit)
     move = f"{advice[0].upper()}{advice[1:]}."
-    remedies = (FINDINGS[finding.code].remedy.format(remedy=move) for finding in findings)
+    remedies = (CATALOGUE[finding.code].remedy.format(remedy=move) for finding in findings)
     return [what for what in dict.fromkeys(remedies) if what]
 
 

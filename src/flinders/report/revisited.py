@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.comparison.comparison import Strength
-from flinders.core.finding import Finding, gravest_first
+from flinders.findings import Finding, by_severity
 from flinders.fitting.result import Fit
 from flinders.fitting.verdict import Z_ELSEWHERE, Z_OPEN
 from flinders.geometry.plane import down_of
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import FindingRecord
-    from flinders.core.finding import Severity
     from flinders.core.samples import Recording
+    from flinders.findings import Severity
     from flinders.fitting.judged import Judged
     from flinders.heading.error_propagation import HeadingError
 
@@ -104,7 +104,7 @@ def revisited(
         distortion=distortion,
         plane=plane,
         z_down=_z_down(findings),
-        findings=gravest_first(findings),
+        findings=by_severity(findings),
     )
 
 

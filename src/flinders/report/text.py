@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.fitting.verdict import OF_THE_RECORDING, UPSIDE_DOWN, movement
+from flinders.fitting.advice import UPSIDE_DOWN, movement
+from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.report.beside import mounting
 from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.core.finding import Finding
+    from flinders.findings import Finding
     from flinders.fitting.result import Fit
 
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}

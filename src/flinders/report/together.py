@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.comparison.multi_sensor import Member, Together
-    from flinders.core.finding import Verdict
     from flinders.errors import FlindersError
+    from flinders.findings import Verdict
 
 
 def page(found: Together, target_deg: float) -> RenderableType:

@@ -28,7 +28,7 @@ from msgspec import Struct
 
 from flinders.core.units import label
 from flinders.errors import figures
-from flinders.fitting.verdict import UPSIDE_DOWN, WORTH_IT, movement
+from flinders.fitting.advice import UPSIDE_DOWN, WORTH_IT, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
@@ -74,7 +74,7 @@ class ErrorView(Struct, frozen=True):
 
 
 class FindingView(Struct, frozen=True):
-    """A finding, as `flinders.core.finding.Finding`."""
+    """A finding, as `flinders.findings.Finding`."""
 
     code: str
     severity: Literal["note", "limits", "refuses"]

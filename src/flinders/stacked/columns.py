@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.finding import Severity
+    from flinders.findings import Severity
 
 AT_A_TIME: Final = 512
 """Units that go through the lane together: enough to make each call cheap, few enough to need little memory."""

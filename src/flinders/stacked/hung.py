@@ -24,7 +24,7 @@ import numpy as np
 from flinders.diagnostics.axis_swap import BROKEN
 from flinders.diagnostics.drift import FEWEST, FEWEST_INDEPENDENT
 from flinders.estimators import autocorrelation
-from flinders.fitting.verdict import CHANGED
+from flinders.findings import limit_of
 from flinders.likelihood.identifiability import WELL_CONDITIONED
 from flinders.stacked.algebra import (
     Array,
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from flinders.stacked.likelihood import Fitted
 
 CREEPS: Final = NormalDist().inv_cdf(1.0 - autocorrelation.BY_CHANCE)
-CHANGES: Final = NormalDist().inv_cdf(1.0 - CHANGED)
+CHANGES: Final = NormalDist().inv_cdf(1.0 - limit_of("field-changed", "drift_by_chance"))
 """Standard deviations that chance exceeds as often as it may make what creeps, and what looks like a change."""
 HINTS: Final = NormalDist().inv_cdf(0.95)
 

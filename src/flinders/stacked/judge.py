@@ -1,6 +1,6 @@
 """What is said of many units: health, heading errors and findings, as `flinders.fitting.verdict` says it of one.
 
-Only findings that are numbers held against a limit are made here. A unit with any other, or one that refuses the
+The rules are those of `flinders.findings`, applied to columns. A unit with any other, or one that refuses the
 calibration, leaves the stack.
 
 >>> from flinders.stacked.surfaces import Ellipsoids
@@ -20,20 +20,8 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
-from flinders.fitting.verdict import (
-    ALTERNATING,
-    AXIS_RATIO,
-    CORRELATED,
-    FEW,
-    INFLATED,
-    LONG_STEP,
-    NOISE_LIMITS,
-    NOISE_REFUSES,
-    OTHER_UNIT,
-    PRIOR_SHARE,
-    REFUSED_AT,
-    REPEATS,
-)
+from flinders.findings import CATALOGUE, VERDICTS
+from flinders.fitting.verdict import ALTERNATING
 from flinders.heading.error_propagation import HEADINGS, level_turn
 from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
 from flinders.summary.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
@@ -42,16 +30,14 @@ from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flinders.core.finding import Severity
+    from flinders.findings import Severity
     from flinders.stacked.surfaces import Ellipsoids
 
-FOUND: Final[tuple[tuple[str, Severity], ...]] = (
-    *((code, "limits") for code in ("heading-error", "coverage", "noise", "prior", "few-samples", "inflation")),
-    *((code, "limits") for code in ("axis-ratio", "field-strength")),
-    *((code, "note") for code in ("correlated", "field-strength", "unit-unknown", "scale-unknown", "rotation-unknown")),
-    *((code, "note") for code in ("stale-repeats", "time-back", "time-gap")),
+CODES: Final = (
+    *("heading-error", "coverage", "noise", "prior", "few-samples", "inflation", "axis-ratio", "field-strength"),
+    *("correlated", "unit-unknown", "scale-unknown", "rotation-unknown", "stale-repeats", "time-back", "time-gap"),
 )
-"""Code and severity of the findings that are made here, those of one severity in the order of `verdict.judge`."""
+"""Findings that are made here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +193,7 @@ class Evidence:
 
 
 def found_in(evidence: Evidence, inside: str, target_deg: float) -> tuple[Mapping[tuple[str, Severity], Array], Array]:
-    """Which findings of `FOUND` there are, each (U,) bool; and (U,) whether there may be none beside them.
+    """Which findings of `CODES` there are, each (U,) bool; and (U,) whether there may be none beside them.
 
     Parameters
     ----------
@@ -217,35 +203,53 @@ def found_in(evidence: Evidence, inside: str, target_deg: float) -> tuple[Mappin
     target_deg : float
     """
     xp = namespace(evidence.noise)
+    record = _columns(evidence, inside, target_deg)
+    found: dict[tuple[str, Severity], Array] = {}
+    leave = xp.isnan(evidence.worst_deg)
+    for code in (*CODES, "alternating"):
+        rule = CATALOGUE[code].rule
+        assert rule is not None
+        for severity, holds in rule.holds(record).items():
+            if severity == "refuses" or code == "alternating":
+                leave = leave | holds
+            else:
+                found[code, severity] = holds
+    return by_gravity(found), ~leave
+
+
+def by_gravity(found: Mapping[tuple[str, Severity], Array]) -> dict[tuple[str, Severity], Array]:
+    """Put the most severe first, those of one severity as they came."""
+    return {key: found[key] for severity in VERDICTS for key in found if key[1] == severity}
+
+
+def _columns(evidence: Evidence, inside: str, target_deg: float) -> dict[str, Array]:
+    """What the rules compare, as columns of U units."""
+    xp = namespace(evidence.noise)
     axes, count = evidence.ellipsoids.semi_axes, evidence.count
     radius = xp.exp(xp.mean(xp.log(axes), axis=1))
-    share = evidence.noise / radius
     independent = xp.minimum(evidence.independent, count)
-    none = xp.zeros(count.shape, dtype=xp.bool)
-    back, gap = none, none
-    if evidence.steps is not None:
-        back = evidence.steps[:, 0] > 0.0
-        usual = LONG_STEP * evidence.steps[:, 2]
-        gap = ~back & (usual > 0.0) & (evidence.steps[:, 1] > usual)
-    outside = xp.maximum(EARTH_UT[0] / radius, radius / EARTH_UT[1]) if inside == MICROTESLA else xp.zeros_like(radius)
-    told = (
-        evidence.worst_deg > target_deg,
-        evidence.has_hole,
-        share > NOISE_LIMITS,
-        evidence.held > PRIOR_SHARE,
-        independent < FEW,
-        2.0 * axes[:, 2] > INFLATED * xp.max(evidence.extent, axis=1),
-        axes[:, 2] > AXIS_RATIO * axes[:, 0],
-        outside > OTHER_UNIT,
-        (independent >= FEW) & (independent < CORRELATED * count),
-        (outside > 1.0) & (outside <= OTHER_UNIT),
-        none if inside == MICROTESLA else ~none,
-        ~none,
-        ~none,
-        evidence.repeats > REPEATS * count,
-        back,
-        gap,
-    )
-    alternates = evidence.lag_one < xp.minimum(-4.0 / xp.sqrt(count), ALTERNATING)
-    refused = (evidence.worst_deg > REFUSED_AT * target_deg) | (share > NOISE_REFUSES)
-    return dict(zip(FOUND, told, strict=True)), ~(alternates | refused | xp.isnan(evidence.worst_deg))
+    nothing, everything = xp.zeros_like(radius), xp.ones_like(radius)
+    is_earths = inside == MICROTESLA
+    steps = xp.zeros((count.shape[0], 3), dtype=radius.dtype) if evidence.steps is None else evidence.steps
+    return {
+        "target_deg": nothing + target_deg,
+        "worst_deg": evidence.worst_deg,
+        "hole_deg": xp.where(evidence.has_hole, nothing + 180.0, nothing),
+        "noise_share": evidence.noise / radius,
+        "prior_share": evidence.held,
+        "independent": independent,
+        "independent_share": independent / count,
+        "inflation": 2.0 * axes[:, 2] / xp.max(evidence.extent, axis=1),
+        "axis_ratio": axes[:, 2] / axes[:, 0],
+        "times_outside_earth": xp.maximum(EARTH_UT[0] / radius, radius / EARTH_UT[1]) if is_earths else nothing,
+        "is_in_counts": nothing if is_earths else everything,
+        "is_relative": everything,
+        "is_unaligned": everything,
+        "repeated_share": evidence.repeats / count,
+        "backward_steps": steps[:, 0],
+        "longest_step_s": steps[:, 1],
+        "usual_step_s": steps[:, 2],
+        "next_correlation": evidence.lag_one,
+        "alternating_limit": xp.minimum(-4.0 / xp.sqrt(count), nothing + ALTERNATING),
+        "alternating_deg": nothing,
+    }

@@ -58,7 +58,7 @@ from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from flinders.core.finding import Severity
+    from flinders.findings import Severity
     from flinders.stacked.stack import Stack
 
 FEWEST, MOST = FEW_TO_CORRELATE, 2 * GLANCE - 1
@@ -88,7 +88,7 @@ class Lane:
     numbers : mapping of (K,) or (K, m) arrays
         Columns of the table of a fleet, by name.
     findings : mapping of (K,) bool
-        By code and severity, in the order of `flinders.stacked.judge.FOUND`.
+        By code and severity, the most severe first.
     method : str
     """
 

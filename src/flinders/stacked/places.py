@@ -27,7 +27,7 @@ import numpy as np
 
 from flinders.estimators.data import PER_CELL
 from flinders.estimators.robust import SEED
-from flinders.fitting.verdict import HOLE_DEG
+from flinders.findings import limit_of
 from flinders.stacked import hung
 from flinders.stacked.algebra import (
     SHORTEST,
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
+HOLE_DEG: Final = limit_of("coverage")
 LARGEST_KEY: Final = 2**38
 """Cells of raw space within a unit's extent, with which a key and two places fit 63 bits."""
 

@@ -1,0 +1,53 @@
+"""The catalogue of findings: all that can be said of a fit, a row each.
+
+A row has the code, the rule with its limits, the sentence for an engineer, the sentence and the remedy for whoever uses
+the compass, and what the table of docs/findings.md says. Verdict, terminal, page, reports and fleets read it. To add a
+finding, add its row to the file of its subject; a quantity that its rule or sentence takes and that the record does not
+have yet is made where the record is made (`flinders.fitting.verdict`).
+
+>>> CATALOGUE["coverage"].number
+'angle from the middle of the largest gap to the nearest reading, degrees'
+>>> CATALOGUE["coverage"].rule.grades
+(Grade(severity='limits', factor=60.0, of=''),)
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
+from flinders.findings.row import VERDICTS, Finding, Quantity, Record, Row, Severity, Verdict, by_severity
+
+CATALOGUE: Final[dict[str, Row]] = {
+    row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
+}
+"""Every finding there is, by its code."""
+
+
+def limit_of(code: str, of: Severity | str = "limits") -> float:
+    """The factor of a limit in a rule: that of a severity, or of another quantity that it needs.
+
+    >>> limit_of("coverage"), limit_of("heading-error", "refuses"), limit_of("field-changed", "drift_by_chance")
+    (60.0, 5.0, 0.0001)
+    """
+    rule = CATALOGUE[code].rule
+    if rule is None:
+        raise KeyError(f"{code} has no limit: code decides")
+    limits = {grade.severity: grade.factor for grade in rule.grades} | {
+        need.quantity: need.factor for need in rule.needs
+    }
+    return limits[of]
+
+
+__all__ = [
+    "CATALOGUE",
+    "VERDICTS",
+    "Finding",
+    "Quantity",
+    "Record",
+    "Row",
+    "Severity",
+    "Verdict",
+    "by_severity",
+    "limit_of",
+]

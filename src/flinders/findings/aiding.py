@@ -1,0 +1,162 @@
+"""Sensors beside the magnetometer, and whether they fit together."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings.row import Row
+
+ROWS: Final = (
+    Row(
+        code="circular-attitude",
+        subject="aiding",
+        grades="limits",
+        number="deviation that goes with the heading in the yaw of the attitude, degrees",
+        limit="half a degree, or three times what is claimed without it",
+        action=(
+            "the yaw came from this compass before it was calibrated: use `--with tilt`, or an attitude without a"
+            " compass in it"
+        ),
+        said="{advice}",
+        plain=(
+            "The heading in the recorded attitude errs by {angle}, in step with the heading itself. It most "
+            "likely came from this compass before it was corrected, and was not used."
+        ),
+        remedy="Take the attitude without its heading, or one that no compass has a part in.",
+    ),
+    Row(
+        code="gyro-unit",
+        subject="aiding",
+        grades="limits",
+        number="how many times better the rate fits in another unit",
+        limit="2",
+        action="record the rate in rad/s; it was not used",
+        said="{advice}",
+        plain="The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
+        remedy="Record the turning rate in radians a second.",
+    ),
+    Row(
+        code="gyro-differs",
+        subject="aiding",
+        grades="limits",
+        number="of how far the field moves, what the gyro leaves",
+        limit="0.5",
+        action="the gyro is stuck, at its limit, too slow, or another body's; it was not used",
+        said="{advice}",
+        plain="The recorded turning rate does not go with the compass. It was not used.",
+        remedy=(
+            "Check that the instrument is on the same body, is not at its limit, and is recorded as often as the "
+            "compass."
+        ),
+    ),
+    Row(
+        code="gyro-clipped",
+        subject="aiding",
+        grades="limits",
+        number="share of the readings in which an axis of the gyro is at its limit",
+        limit="0.01",
+        action="set a wider range, or turn more slowly; it was not used",
+        said="{advice}",
+        plain=(
+            "The gyro was at its limit in {number:.0%} of the recording, so it does not tell how the compass was "
+            "turned. It was not used."
+        ),
+        remedy="Set the gyro to a wider range, or turn more slowly.",
+    ),
+    Row(
+        code="gyro-scales",
+        subject="aiding",
+        grades="limits",
+        number="by how much the scales of the gyro would be off",
+        limit="0.1, five times what those of gyros are",
+        action="check its range and how often it is logged; it was not used",
+        said="{advice}",
+        plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. It was not used.",
+        remedy="Check the range that the gyro is set to, and that it is recorded often enough.",
+    ),
+    Row(
+        code="gyro-gaps",
+        subject="aiding",
+        grades="note",
+        number="share of the readings that have no rate, in gaps of three at most",
+        limit="0",
+        action="the rate was taken from their neighbours; log the gyro as often as the magnetometer",
+        said="{advice}",
+        plain="In {number:.0%} of the recording the turning rate is missing, for a moment at a time. It was filled in.",
+        remedy="Record the turning rate as often as the compass.",
+    ),
+    Row(
+        code="aids-disagree",
+        subject="aiding",
+        grades="limits",
+        number="by how much the scales of the gyro would be off beside an aid, where without it they are not",
+        limit="0.1",
+        action="leave that aid out: an accelerometer leans in steady turns; it was not used",
+        said="{advice}",
+        plain="Gyro and vertical do not go together. The vertical was not used.",
+        remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
+    ),
+    Row(
+        code="aid-astray",
+        subject="aiding",
+        grades="limits",
+        number=(
+            "how far a vertical or an attitude is off what the field says, however the magnetometer sits, degrees (1 σ)"
+        ),
+        limit="11.5 (0.2 rad)",
+        action="check in which direction its quaternions turn, whether w comes first, its times; it was not used",
+        said="{advice}",
+        plain="What was recorded of how the body was held does not go with the compass. It was not used.",
+        remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
+    ),
+    Row(
+        code="aid-empty",
+        subject="aiding",
+        grades="limits",
+        number="readings that have what an aid goes by",
+        limit="12",
+        action="record it, or leave the aid out; it was not used",
+        said="{advice}",
+        plain="Something that should have helped was recorded as empty. It was not used.",
+        remedy="Check what is recorded beside the compass.",
+    ),
+    Row(
+        code="swapped-axes",
+        subject="aiding",
+        grades="limits",
+        number="how many times better an instrument fits with its axes exchanged",
+        limit="2",
+        action=(
+            "map the magnetometer's axes with `--axes`, or mind that corrected readings are in the other "
+            "instrument's axes"
+        ),
+        said="{advice}",
+        plain="The compass and the instrument beside it do not agree on which way is forward, right and down.",
+        remedy="Check how both are mounted, and the axes mapping.",
+    ),
+    Row(
+        code="one-axis",
+        subject="aiding",
+        grades="note",
+        number="turning about the second axis, of that about the first",
+        limit="0.05",
+        action="the gyro says nothing of the offset along the one axis: turn about another as well",
+        said="{advice}",
+        plain=(
+            "Nearly all turning was about one axis. The turning rate says nothing of what disturbs the compass "
+            "along it."
+        ),
+        remedy="Also turn the vehicle about another axis, a little to either side.",
+    ),
+    Row(
+        code="site-differs",
+        subject="aiding",
+        grades="limits",
+        number="degrees between the dip found and that of the site",
+        limit="2",
+        action="check place and date, whether iron was near, and the accelerometer's sign; the site was not used",
+        said="{advice}",
+        plain="The field points down {number:.0f}° more or less steeply than it should at the place that was given.",
+        remedy="Check the place and the day, and whether there was iron near.",
+    ),
+)

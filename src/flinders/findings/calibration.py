@@ -1,0 +1,162 @@
+"""What a calibration shows, whatever it was made from."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings.row import Grade, Limit, Row, Rule
+
+ROWS: Final = (
+    Row(
+        code="axis-ratio",
+        subject="calibration",
+        grades="limits",
+        number="longest axis of the ellipsoid over the shortest",
+        limit="2",
+        action="check the gains of the axes, and the columns",
+        rule=Rule("axis_ratio", (Grade("limits", 2.0),)),
+        said="one axis reads {axis_ratio} times as much as another: check the axes' gains and the columns",
+        plain="One axis of the sensor reads {number:.1f} times as much as another, which is unusual.",
+        remedy="Check the gains of the axes, and that the right columns are read.",
+        alarm=True,
+    ),
+    Row(
+        code="field-strength",
+        subject="calibration",
+        grades="note; limits where it is one and a half times outside",
+        number="field that was found, µT",
+        limit="22 or 67, the earth's weakest and strongest",
+        action="check unit and scale; headings do not depend on it, what is exported to an autopilot does",
+        rule=Rule(
+            "times_outside_earth",
+            (Grade("note", 1.0), Grade("limits", 1.5)),
+            number="radius",
+            limit=Limit(1.0, "nearest_earth"),
+        ),
+        said=(
+            "a field of {radius} µT is outside the earth's {weakest:g}–{strongest:g} µT: check the unit or scale;"
+            " headings do not depend on it"
+        ),
+        plain="The field that was found, {length}, is not one of the earth's. Headings do not depend on that.",
+        remedy="Check the unit of the recording.",
+    ),
+    Row(
+        code="mirrored-axes",
+        subject="calibration",
+        grades="limits",
+        number="−1",
+        limit="1",
+        action="check the axes mapping: right only for a left-handed sensor",
+        rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
+        said=(
+            "the axes mapping {axes} is a mirror image, right only for a left-handed sensor: else change the sign"
+            " of one axis in --axes"
+        ),
+        plain="The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
+        remedy="Check the axes mapping.",
+    ),
+    Row(
+        code="unit-unknown",
+        subject="calibration",
+        grades="note",
+        number="field that was found, counts",
+        limit="",
+        action=(
+            "name the unit (`--unit`) or what one count is in µT (`--scale`) where lengths matter; headings do "
+            "not depend on it"
+        ),
+        rule=Rule("is_in_counts", (Grade("note", 0.0),), number="field_strength", limit=Limit(0.0)),
+        said="no unit known, so all is in counts: give --unit, or --scale (µT in a count)",
+        plain="The unit of the readings is not known: they are in counts. Headings do not depend on it.",
+    ),
+    Row(
+        code="scale-unknown",
+        subject="calibration",
+        grades="note",
+        number="field strength by convention (determinant 1)",
+        limit="",
+        action=(
+            "give the field strength at the site (`--field-strength`) where lengths matter; headings do not "
+            "depend on it"
+        ),
+        rule=Rule("is_relative", (Grade("note", 0.0),), number="field_strength", limit=Limit(0.0)),
+        said="no field strength given: lengths ({length}) are relative, headings are not",
+        plain=(
+            "The strength of the field at the place of recording was not given. The length of corrected readings,"
+            " {length}, is therefore a convention. Headings do not depend on it."
+        ),
+    ),
+    Row(
+        code="rotation-unknown",
+        subject="calibration",
+        grades="note",
+        number="",
+        limit="",
+        action="measure the mounting by other means: a magnetometer alone cannot see it",
+        rule=Rule("is_unaligned", (Grade("note", 0.0),), number="nothing", limit=Limit(0.0)),
+        said="how the axes sit in the vehicle is unseen, and not in the heading error",
+        plain=(
+            "How the sensor is turned against the vehicle cannot be seen by a magnetometer. A sensor that is "
+            "mounted askew adds to the errors given here."
+        ),
+        remedy="Check by other means, such as a known bearing, how the sensor is mounted.",
+    ),
+    Row(
+        code="typed-extremes",
+        subject="calibration",
+        grades="limits",
+        number=(
+            "what a level heading would be off by, degrees, if the half-ranges differed only because the turn did"
+            " not reach the shorter ends; 0 where they are alike, which says nothing"
+        ),
+        limit="the target",
+        action=(
+            "check the compass on known bearings; record the readings where that can be done, since six typed "
+            "numbers tell neither noise nor directions"
+        ),
+        said="{advice}",
+        plain=(
+            "There was no recording, only the smallest and the largest reading of each axis. Nobody knows how "
+            "good the correction is; if the sensor was not turned all the way, the compass may be off by {angle} "
+            "or more."
+        ),
+        remedy="Check the compass on known bearings, and record the readings where that can be done.",
+    ),
+    Row(
+        code="composed",
+        subject="calibration",
+        grades="limits",
+        number=(
+            "what the rotation that [three planes](two-axis.md#three-axes-from-three-planes) leave costs at the "
+            "worst level heading, degrees; 180 where none of the turns was in xy"
+        ),
+        limit="the target",
+        action="turn in the plane xy last; or fit the same turns, unloaded, together with `flinders calibrate`",
+        said="{advice}",
+        plain=(
+            "The correction was put together from turns in one plane after the other. What they leave out costs a"
+            " level heading {angle}, and nobody knows how good it is at other attitudes."
+        ),
+        remedy="Record the same turns without a correction, and calibrate from all of them together.",
+    ),
+    Row(
+        code="filtered",
+        subject="calibration",
+        grades="note; limits above the limit",
+        number=(
+            "how far `--filter` moved the calibration, degrees at the worst level heading; 180 where there is "
+            "none without the filter to hold it against"
+        ),
+        limit="worst heading error claimed",
+        action=(
+            "turn more slowly, or leave the filter out: it pulls readings of a turning sensor inside the "
+            "ellipsoid; `auto` leaves spikes out by itself ([filters](filters.md))"
+        ),
+        said="{advice}",
+        plain="The readings went through a filter, which moved the heading by {angle} at the worst.",
+        remedy=(
+            "If the filter moved the heading by more than the error given here, calibrate again without it, or "
+            "turn the sensor more slowly."
+        ),
+    ),
+)

@@ -1,0 +1,291 @@
+"""What disturbs a sensor and is modelled: currents, throttles, temperatures."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings.row import Grade, Limit, Needs, Row, Rule
+
+ROWS: Final = (
+    Row(
+        code="driver-alike",
+        subject="disturbances",
+        grades="limits",
+        number=(
+            "largest share of the course of one driver that follows from the others, such as motors of which each"
+            " is followed by itself"
+        ),
+        limit="0.95",
+        action=(
+            "use the calibration where they go along as in the recording, follow one of them alone, or vary each "
+            "by itself"
+        ),
+        rule=Rule("most_alike", (Grade("limits", 0.95),)),
+        said=(
+            "{alike} rose and fell together ({most_alike:.1%} of the course of one follows from the others): what"
+            " they do together is known, and what each does hardly, beyond what was thought likely before; use "
+            "the calibration where they go along as in the recording, follow one of them alone, or vary each by "
+            "itself"
+        ),
+        plain=(
+            "Several things that the compass follows rose and fell together, so that nobody knows which of them "
+            "does what."
+        ),
+        remedy="Use the correction where they go along as in the recording, or record again and vary each by itself.",
+    ),
+    Row(
+        code="driver-noisy",
+        subject="disturbances",
+        grades="limits",
+        number=(
+            "largest share by which the offset per unit of one is too small by its own course, as readings do not"
+            " follow its fast changes; one finding for all drivers"
+        ),
+        limit="0.02",
+        action="log it smoother, or hold each setting for longer",
+        rule=Rule("most_attenuation", (Grade("limits", 0.02),)),
+        said=(
+            "readings do not follow fast changes of {noisy}: {noisy_what} about {noisy_share} too small; log "
+            "{noisy_remedy}, or hold each setting for longer"
+        ),
+        plain=(
+            "What the compass follows is measured with so much noise that its effect was found up to {number:.0%}"
+            " too small."
+        ),
+        remedy="Record a steadier value of it, or hold each setting for longer.",
+    ),
+    Row(
+        code="driver-constant",
+        subject="disturbances",
+        grades="limits",
+        number="0: what was asked for hardly changed",
+        limit="least range that tells anything: 0.1 A, 2 % of the throttle, 0.3 °C",
+        action="vary it over its whole range while turning the sensor; or leave it out",
+        rule=Rule("is_constant", (Grade("limits", 0.0),), number="nothing", limit=Limit(1.0, "least_range")),
+        said=(
+            "{name} hardly changed (by less than {least_range:g}{range_unit}), so that nothing can be told of "
+            "what it does: vary it over its whole range while turning the sensor"
+        ),
+        plain=(
+            "Something that the compass was to follow hardly changed while the recording was made, so that "
+            "nothing is known of what it does."
+        ),
+        remedy="Record again, and change it over its whole range while turning.",
+    ),
+    Row(
+        code="driver",
+        subject="disturbances",
+        grades="note",
+        number=(
+            "heading error that [following](drivers.md) a current, a throttle or a temperature takes away at the "
+            "far end of its recorded range, degrees, at the worst attitude"
+        ),
+        limit="0",
+        action="nothing; log that column wherever the calibration is used",
+        rule=Rule("taken_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
+        said=(
+            "the offset follows {driver} ({unit}): that takes away up to {taken_deg}° of heading {at_end}, "
+            "{left_deg}° of it left (1 σ{running}){without}"
+        ),
+        plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
+        remedy="Use the correction only where what it follows is measured as in the recording.",
+    ),
+    Row(
+        code="driver-uncertain",
+        subject="disturbances",
+        grades="limits",
+        number=(
+            "heading error (1 σ) that its own uncertainty leaves at the far end of its recorded range, degrees, "
+            "at the worst heading"
+        ),
+        limit="the target",
+        action="vary it while turning the sensor through all directions",
+        rule=Rule("left_deg", (Grade("limits", 1.0, "target_deg"),)),
+        said=(
+            "{at_end} the heading may be off by {left_at_most_deg}° (1 σ; the target is {target_deg:g}°) from "
+            "what is not known of {name}: vary it while turning the sensor through all directions"
+        ),
+        plain="At the far end of what the compass follows, headings may be off by {angle}.",
+        remedy="Record again, with more of it at that end, while turning through all directions.",
+    ),
+    Row(
+        code="driver-entangled",
+        subject="disturbances",
+        grades="limits",
+        number="share of what tells about it that the attitude could explain as well",
+        limit="0.95",
+        action="vary it in each attitude, not in step with the turning",
+        rule=Rule("shared", (Grade("limits", 0.95),)),
+        said=(
+            "{shared:.1%} of what tells about {name} could be the attitude as well: vary it in each attitude, not"
+            " in step with the turning"
+        ),
+        plain=(
+            "What the compass follows changed together with the way it was turned ({number:.0%} of it), so that "
+            "one cannot be told from the other."
+        ),
+        remedy="Record again, and change it in each position, not in step with the turning.",
+    ),
+    Row(
+        code="driver-one-way",
+        subject="disturbances",
+        grades="limits",
+        number="share of its course that a function of time explains which only rises, or only falls",
+        limit="0.95",
+        action=(
+            "let it go up and down again while recording: a drift of the offset, or a sensor that moved, would "
+            "look the same"
+        ),
+        rule=Rule("one_way", (Grade("limits", 0.95),)),
+        said=(
+            "{name} only went one way while this was recorded: an offset that drifts, or a sensor that moved, "
+            "would look the same; let {name} go up and down again while recording"
+        ),
+        plain=(
+            "What the compass follows only went one way while the recording was made. A compass that changes by "
+            "itself, or that was moved, would look the same."
+        ),
+        remedy="Record again, and let it go up and down again meanwhile.",
+    ),
+    Row(
+        code="driver-lag",
+        subject="disturbances",
+        grades="limits",
+        number="lag at which least is left, seconds: the end of the search",
+        limit="1",
+        action="check the times of its column: another clock, or not what moves the readings",
+        rule=Rule("lag_is_beyond", (Grade("limits", 0.0),), number="lag_s", limit=Limit(1.0)),
+        said=(
+            "readings follow {name} best at the end of the search for a lag ({lag_s:+.2g} s): its clock is off by"
+            " more than a second, or it is not what moves the readings; check the times of the column {name}"
+        ),
+        plain=(
+            "The compass seems to follow what disturbs it with a delay of more than {limit:g} s. The clocks of "
+            "the two columns differ, or something else disturbs the compass."
+        ),
+        remedy="Check the times of the column that is followed.",
+    ),
+    Row(
+        code="driver-curved",
+        subject="disturbances",
+        grades="limits; told of a turned sensor where it costs more than half the target",
+        number=(
+            "how far what a driver makes is off a straight line, over its range and at its reference, as a share "
+            "of what it makes; told where chance makes it once in a million"
+        ),
+        limit="0.03",
+        action="record the current instead of the throttle, or use the calibration near where most was recorded",
+        rule=Rule("curvature", (Grade("limits", 0.03),), needs=(Needs("curvature_deg", ">=", 1.0, "unsaid_deg"),)),
+        said=(
+            "what {name} makes is off a straight line by {curvature:.0%} of itself: the sensor follows its "
+            "square, or something that goes along with {name}; {other_column}use the calibration near the {name} "
+            "at which most was recorded"
+        ),
+        plain=(
+            "What disturbs the compass does not grow in proportion to what is followed: {number:.0%} of it is off"
+            " a straight line."
+        ),
+        remedy=(
+            "Record the current of the motors rather than their throttle, or use the correction where most was "
+            "recorded."
+        ),
+    ),
+    Row(
+        code="driver-range",
+        subject="disturbances",
+        grades="limits",
+        number=(
+            "value that was recorded farthest from 0: beyond what the unit allows (1,000 A, −80 to 150 °C), or a "
+            "current that counts negative"
+        ),
+        limit="the end of that range, or 0",
+        action="convert the column, or turn its sign round, before anything is exported",
+        rule=Rule("is_out_of_range", (Grade("limits", 0.0),), number="range_number", limit=Limit(1.0, "range_end")),
+        said="{out_of_range}",
+        plain=(
+            "What the compass follows was recorded with values that cannot be, as far as {number:g}: in another "
+            "unit, or with the other sign."
+        ),
+        remedy="Convert the column that is followed, or turn its sign round, before anything is exported.",
+    ),
+    Row(
+        code="driver-reference",
+        subject="disturbances",
+        grades="limits; note for a current, which a field is in proportion to",
+        number=(
+            "how far the reference, no throttle or no current, lies outside the range that was recorded, as a "
+            "share of that range"
+        ),
+        limit="0.25",
+        action=(
+            "record with the motors off as well, or use the calibration in the recorded range alone: at the "
+            "reference the offset is extrapolated"
+        ),
+        rule=Rule(
+            "reference_outside",
+            (Grade("note", 0.25), Grade("limits", 1.0, "reference_limit")),
+        ),
+        said=(
+            "the offset is told for {reference} of {name}, and it was recorded from {lowest:.3g} to {highest}: "
+            "there it is extrapolated along a straight line, by {reference_outside:.0%} of that range; record "
+            "with {reference} as well, or use the calibration in that range alone"
+        ),
+        plain=(
+            "What the compass follows was never as low while recording as the correction takes for its starting "
+            "point. There it is a guess along a straight line."
+        ),
+        remedy="Record with it switched off as well, or use the correction only where it was recorded.",
+    ),
+    Row(
+        code="driver-beyond",
+        subject="disturbances",
+        grades="limits",
+        number=(
+            "how far it goes beyond the range at which the calibration was made, as a share of that range; in "
+            "`--json` of `apply`, `heading` and `check`"
+        ),
+        limit="0",
+        action="calibrate over the whole range: the offset is extrapolated there",
+        rule=Rule("beyond", (Grade("limits", 0.0),)),
+        said="{beyond_words}",
+        plain="What the compass follows went {number:.0%} of its range beyond what is known of it.",
+        remedy="Calibrate again over the whole range.",
+    ),
+    Row(
+        code="bench-moved",
+        subject="disturbances",
+        grades="limits",
+        number="step that is left [on the bench](drivers.md#on-the-bench), in the unit of the readings",
+        limit="four times the noise",
+        action="fix sensor and surroundings, and record again",
+        rule=Rule("step", (Grade("limits", 0.0),), limit=Limit(4.0, "noise")),
+        said=(
+            "what the drivers leave makes a step of {step} (noise {noise}): the sensor moved, or something "
+            "magnetic came near; fix both, and record again"
+        ),
+        plain="The sensor that should be held still was moved.",
+        remedy="Fix the sensor, keep everything magnetic away, and record again.",
+    ),
+    Row(
+        code="bench-tilted",
+        subject="disturbances",
+        grades="limits",
+        number=(
+            "by how much the vertical turns over the range of a driver [on the bench](drivers.md#on-the-bench), "
+            "as an accelerometer shows, degrees"
+        ),
+        limit="0.5",
+        action=(
+            "fix the sensor, and record again: it moved with the driver, and so much of the earth's field was "
+            "taken for the driver's"
+        ),
+        rule=Rule("tilted_deg", (Grade("limits", 0.5),)),
+        said=(
+            "the vertical turns by {tilted_deg}° with what drives the sensor, as the accelerometer shows: the "
+            "sensor moved with it, and so much of the earth's field was taken for the driver's; fix the sensor, "
+            "and record again"
+        ),
+        plain="The sensor that should be held still tilted by {angle} together with what disturbs it.",
+        remedy="Fix the sensor, and record again.",
+    ),
+)

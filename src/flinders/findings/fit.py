@@ -1,0 +1,352 @@
+"""What a fit shows of its own worth: accuracy, evidence, changes while it was recorded."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings.row import Grade, Limit, Needs, Row, Rule
+
+ROWS: Final = (
+    Row(
+        code="one-plane",
+        subject="fit",
+        grades="refuses",
+        number="thickness of the cloud of readings over its width",
+        limit="0.01, or three times the noise where that is more",
+        action=(
+            "turn the sensor about its other axes too, onto its side and upside down; a turn on a table is not enough"
+        ),
+        rule=Rule("flatness", (Grade("refuses", 1.0, "flatness_limit"),), comparison="<"),
+        said=(
+            "all readings lie in one plane, as in a level turn, and tell nothing of the direction across it: also"
+            " turn the sensor about its other axes, onto its side and upside down. Of a turn about the vertical "
+            "axis of a vehicle that cannot be turned over, map that axis to z with --axes"
+        ),
+        plain=(
+            "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any "
+            "other attitude."
+        ),
+        remedy="Turn the sensor onto its sides and upside down too.",
+    ),
+    Row(
+        code="level-plane",
+        subject="fit",
+        grades="limits",
+        number="tilt up to which the heading is within the target, degrees",
+        limit="180",
+        action="keep the vehicle level, or turn the sensor onto its sides and upside down too",
+        rule=Rule("is_planar", (Grade("limits", 0.0),), number="attitude_limit_deg", limit=Limit(180.0)),
+        said=(
+            "a level turn, corrected in {plane_axes} {how}{assumed}, for places where the field dips as here: "
+            "{attitudes}; {per_degree_of_tilt}° for each degree from the plane that it was turned in{up}. For all"
+            " attitudes {mounting}also turn the sensor onto its sides and upside down"
+        ),
+        plain="The sensor was turned level only. The correction is for a vehicle that stays level.",
+        remedy="For all attitudes, turn the sensor onto its sides and upside down too while recording.",
+    ),
+    Row(
+        code="heading-error",
+        subject="fit",
+        grades="limits; refuses above five times the target",
+        number="heading error to expect at the worst heading, degrees, 1 σ",
+        limit="the target (`target_deg`, `--target`)",
+        action="turn the sensor as the advice says; record for longer; or ask for less",
+        rule=Rule("worst_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
+        said=(
+            "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{why}): "
+            "{remedy}"
+        ),
+        plain="At the worst heading the compass may be off by {angle}, and {limit:g}° is the target.",
+        remedy="{remedy}",
+    ),
+    Row(
+        code="rotation-uncertain",
+        subject="fit",
+        grades="limits",
+        number=(
+            "heading error (1 σ, rms over a level turn) that is left open by a rotation that an aid has found, degrees"
+        ),
+        limit="the target",
+        action=(
+            "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
+            "(`--accelerometer-bias`), or calibrate without aids and measure the mounting"
+        ),
+        rule=Rule("alignment_deg", (Grade("limits", 1.0, "target_deg"),)),
+        said=(
+            "how the sensor sits on the body was found, and what is not known of it adds {alignment_deg:angle} to"
+            " a level heading (1 σ; the target is {target_deg:g}°), which the heading error does not know of: "
+            "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
+            "(--accelerometer-bias), or calibrate without aids and measure the mounting"
+        ),
+        plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
+        remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
+    ),
+    Row(
+        code="bias",
+        subject="fit",
+        grades="note; limits above the target",
+        number="how far the method is off the likelihood, degrees of heading, rms, beyond what chance explains",
+        limit="a tenth of the target",
+        action="use `auto`: the method's model is too simple for this sensor, or noise biases it",
+        rule=Rule("bias_deg", (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"))),
+        said="{method!r} is {bias_deg}° of heading (rms) off the likelihood, beyond what chance explains: {why_biased}",
+        plain=(
+            "The method that was chosen costs {angle} of heading on average: it is too simple for this sensor, or"
+            " not made for a recording like this."
+        ),
+        remedy="Calibrate again with the method auto, or of a level turn with the method ellipse.",
+    ),
+    Row(
+        code="coverage",
+        subject="fit",
+        grades="limits",
+        number="angle from the middle of the largest gap to the nearest reading, degrees",
+        limit="60",
+        action=(
+            "good up to the tilt that the advice names, and how fast it gets worse beyond; for all attitudes turn"
+            " the sensor as the advice says"
+        ),
+        rule=Rule("hole_deg", (Grade("limits", 60.0),)),
+        said=(
+            "directions up to {hole_deg:.0f}° from any reading are unseen ({covered:.0%} of the sphere was "
+            "covered): {attitudes}; to be sure of all attitudes, {movement}"
+        ),
+        plain="In a large part of all attitudes nothing was recorded, so nobody knows how good it is there.",
+        remedy="{remedy}",
+    ),
+    Row(
+        code="noise",
+        subject="fit",
+        grades="limits; refuses above 0.2",
+        number="standard deviation of the readings' distance from the ellipsoid, as a fraction of the field",
+        limit="0.05",
+        action=(
+            "record again away from iron and currents, with nothing magnetic moving near the sensor; check the columns"
+        ),
+        rule=Rule("noise_share", (Grade("limits", 0.05), Grade("refuses", 0.2))),
+        said=(
+            "the readings lie {noise_share:.0%} of the field off the ellipsoid: record again away from iron and "
+            "currents, without moving anything magnetic near the sensor, and check the columns"
+        ),
+        plain=(
+            "After the best correction the strength of the field still varies by {number:.1%} as the sensor "
+            "turns. That is more than a sensor does by itself: something moved, or a current flowed, or other "
+            "columns were read."
+        ),
+        remedy=(
+            "Record again away from iron and currents, with nothing magnetic moving near the sensor, and check "
+            "that the right columns are read."
+        ),
+        alarm=True,
+    ),
+    Row(
+        code="rings",
+        subject="fit",
+        grades="limits",
+        number="of nine parameters, how many the readings say nothing of",
+        limit="0",
+        action=(
+            "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
+            "the prior that soft iron is mild holds what is open"
+        ),
+        rule=Rule("unseen", (Grade("limits", 0.0),)),
+        said=(
+            "the readings leave {unseen:.0f} of nine parameters open{rings}, and the prior holds them: turn the "
+            "sensor about all three of its axes"
+        ),
+        plain=(
+            "The sensor was turned in too few ways. For {number:.0f} of the 9 numbers of the correction the "
+            "recording tells nothing, and the most likely value was taken."
+        ),
+        remedy="Turn the sensor about all three of its axes.",
+    ),
+    Row(
+        code="prior",
+        subject="fit",
+        grades="limits",
+        number="share of the least known shape parameter that the prior speaks for",
+        limit="0.1",
+        action="turn the sensor as the advice says, or trust that soft iron is mild",
+        rule=Rule("prior_share", (Grade("limits", 0.1),)),
+        said="part of the shape rests to {prior_share:.0%} on the prior that soft iron is mild: {movement}",
+        plain=(
+            "One of the 9 numbers of the correction rests to {number:.0%} on what is likely, and not on the recording."
+        ),
+        remedy="{remedy}",
+    ),
+    Row(
+        code="few-samples",
+        subject="fit",
+        grades="limits",
+        number="independent readings: all, or as many independent ones as say the same where residuals hang together",
+        limit="20",
+        action="record for longer, turning all the time",
+        rule=Rule("independent", (Grade("limits", 20.0),), comparison="<"),
+        said="only {independent_readings}: record for longer, turning all the time",
+        plain="There is little to go by: the number of independent readings is only {number:.0f}.",
+        remedy="Record for longer, turning all the time.",
+    ),
+    Row(
+        code="correlated",
+        subject="fit",
+        grades="note",
+        number=(
+            "independent readings, as a share of those used; residuals below a millionth of the field are "
+            "rounding and count as independent"
+        ),
+        limit="0.5",
+        action="nothing: the heading error allows for it; usual for a tumble by hand, and less of it away from iron",
+        rule=Rule(
+            "independent_share", (Grade("note", 0.5),), comparison="<", needs=(Needs("independent", ">=", 20.0),)
+        ),
+        said=(
+            "residuals hang together{correlation}: {samples:,.0f} readings say as much as {independent:,.0f} "
+            "independent ones would, and the heading error allows for it. Usual for a tumble by hand; less of it "
+            "away from iron"
+        ),
+        plain=(
+            "The readings err alike for moments at a time, so that they tell as much as {number:.0%} of them "
+            "would. The errors given here allow for it."
+        ),
+    ),
+    Row(
+        code="inflation",
+        subject="fit",
+        grades="limits",
+        number="longest axis of the ellipsoid over the widest extent of the readings",
+        limit="2",
+        action="turn the sensor as the advice says: the readings lie on a small patch",
+        rule=Rule("inflation", (Grade("limits", 2.0),)),
+        said="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it: {movement}",
+        plain="The readings lie on a small patch of what they should go round ({number:.1f} times as wide).",
+        remedy="{remedy}",
+    ),
+    Row(
+        code="recordings-differ",
+        subject="fit",
+        grades="note; limits above the target; refuses above twice the target",
+        number=(
+            "how far one recording is off the others at the worst heading, degrees; told where chance makes such "
+            "a difference less often than once in a hundred"
+        ),
+        limit="the target",
+        action="find out what changed between the recordings, and use those made in the state of use",
+        rule=Rule(
+            "apart_beyond_claim_deg",
+            (Grade("note", -1.0), Grade("limits", 1.0, "target_deg"), Grade("refuses", 2.0, "target_deg")),
+            needs=(Needs("apart_by_chance", "<", 0.01),),
+            number="apart_deg",
+            limit=Limit(1.0, "target_deg"),
+        ),
+        said="{contradiction}",
+        plain="The recordings do not agree with each other: one is {angle} of heading off the others.",
+        remedy=(
+            "Find out what changed from one recording to the next, and use those made in the state in which the "
+            "compass will be used."
+        ),
+        alarm=True,
+    ),
+    Row(
+        code="field-changed",
+        subject="fit",
+        grades="note from a quarter of the target on; limits above the target; refuses above five times",
+        number=(
+            "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
+            "told where chance makes it less often than once in ten thousand"
+        ),
+        limit="the target",
+        action="keep currents and everything magnetic as they will be, let the sensor warm up, record again",
+        rule=Rule(
+            "drift_deg",
+            (
+                Grade("note", 0.25, "target_deg"),
+                Grade("limits", 1.0, "target_deg"),
+                Grade("refuses", 5.0, "target_deg"),
+            ),
+            needs=(Needs("drift_by_chance", "<", 1e-4),),
+            limit=Limit(1.0, "target_deg"),
+        ),
+        said=(
+            "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of"
+            " heading: keep currents and everything magnetic as they will be, let the sensor warm up, and record "
+            "again"
+        ),
+        plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
+        remedy="Record again with currents and everything magnetic as they will be, and the sensor warm.",
+        alarm=True,
+    ),
+    Row(
+        code="slipped-axes",
+        subject="fit",
+        grades="limits",
+        number=(
+            "how many times closer to an ellipsoid the readings lie once the sign of an axis, or two axes, are "
+            "put right from some reading on"
+        ),
+        limit="1.1",
+        action=(
+            "find out what the driver did at the reading that the advice names; record again. What is so "
+            "throughout [cannot be told](faults.md)"
+        ),
+        rule=Rule("swap_gain", (Grade("limits", 1.1),)),
+        said=(
+            "from reading {swap} put right, the readings lie {swap_gain} times closer to an ellipsoid; find out "
+            "what the driver did then, and record again"
+        ),
+        plain="While this was recorded, an axis changed its sign, or two axes changed places.",
+        remedy="Find out what the driver of the sensor did then, and record again.",
+        alarm=True,
+    ),
+    Row(
+        code="driver-unfollowed",
+        subject="fit",
+        grades="limits",
+        number=(
+            "what a [driver](drivers.md) that was recorded and not asked for makes of a level heading at the far "
+            "end of its range, degrees"
+        ),
+        limit="half the target",
+        action="calibrate `--with` it, or record without",
+        rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
+        said=(
+            "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading,"
+            " which the heading error does not know of: calibrate with drivers {unmodelled} (--with "
+            "{unmodelled}), or record without"
+        ),
+        plain=(
+            "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
+            "heading. The calibration does not follow it."
+        ),
+        remedy="Let the calibration follow it, or record without it.",
+    ),
+    Row(
+        code="structure",
+        subject="fit",
+        grades="note",
+        number=(
+            "standard deviation of what belongs to the direction and no ellipsoid takes off, as a fraction of the field"
+        ),
+        limit="0.005",
+        action=(
+            "nothing: the heading error allows for it; a sensor that is not linear, or a field that is not the "
+            "same everywhere"
+        ),
+        rule=Rule(
+            "structure_deg",
+            (Grade("note", -1.0), Grade("limits", 1.0, "target_deg")),
+            needs=(Needs("structure_share", ">", 0.005),),
+            number="structure_share",
+            limit=Limit(0.005),
+        ),
+        said=(
+            "{structure_share:.1%} of the field belongs to the direction and no ellipsoid takes it off, "
+            "{structure_deg}° of heading, which the heading error allows for: the sensor is not linear, near the "
+            "end of its range, or the field not the same everywhere; record away from iron, check the range"
+        ),
+        plain=(
+            "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind"
+            " takes off. The errors given here allow for it."
+        ),
+        alarm=True,
+    ),
+)

@@ -1,0 +1,132 @@
+"""What a recording shows, whatever the fit is worth."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings.row import Grade, Limit, Needs, Row, Rule
+
+ROWS: Final = (
+    Row(
+        code="alternating",
+        subject="recording",
+        grades="limits; refuses where it makes more than twice the target",
+        number="correlation of a residual with the next",
+        limit="−0.25, and four standard errors",
+        action=(
+            "the readings of two sensors take turns, or something switches as fast as is read: record one sensor alone"
+        ),
+        rule=Rule(
+            "alternating_deg",
+            (Grade("limits", -1.0), Grade("refuses", 2.0, "target_deg")),
+            needs=(Needs("next_correlation", "<", 1.0, "alternating_limit"),),
+            number="next_correlation",
+            limit=Limit(1.0, "alternating_limit"),
+        ),
+        said=(
+            "what one reading is off, the next is off the other way (correlation {next_correlation:.2f}), by "
+            "about {alternating_deg}° of heading: readings of two sensors are mixed, or something switches as "
+            "fast as is read; record one sensor alone"
+        ),
+        plain="Every second reading is off to the other side, as where the readings of two sensors are mixed.",
+        remedy="Record one sensor alone.",
+        alarm=True,
+    ),
+    Row(
+        code="strays",
+        subject="recording",
+        grades="note; limits above the limit",
+        number="share of the readings that do not belong to the rest and were left out",
+        limit="0.1",
+        action=(
+            "look at the rows or times that the advice names: something magnetic passed by, a cable moved, or "
+            "bits were lost on the way"
+        ),
+        rule=Rule("outlier_share", (Grade("note", 0.0), Grade("limits", 0.1)), limit=Limit(0.1)),
+        said=(
+            "{outliers} ({outlier_share:.1%}), up to {farthest} {unit} off the rest, left out ({runs}): something"
+            " magnetic passed by, or bits were lost on the way{again}"
+        ),
+        plain=(
+            "Some readings do not belong to the rest ({number:.1%}) and were left out; they are listed below. "
+            "Something magnetic passed by, a cable moved, or bits were lost on the way."
+        ),
+        remedy="Find out what happened at the times or rows listed below.",
+        alarm=True,
+    ),
+    Row(
+        code="saturated",
+        subject="recording",
+        grades="limits",
+        number="share of the readings at the very end of an axis; they are left out",
+        limit="0.01",
+        action="choose a larger range of the sensor, or move it away from magnets",
+        rule=Rule("rail_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
+        said=(
+            "{rail_share:.1%} of the readings sit at the {rail_end} value of {rail_axis} ({rail_value:g}) and are"
+            " left out: choose a larger range, or move the sensor away from magnets"
+        ),
+        plain="The sensor was at the end of its range in {number:.1%} of the readings.",
+        remedy="Choose a larger range of the sensor, or move it away from magnets, and record again.",
+        alarm=True,
+    ),
+    Row(
+        code="stale-repeats",
+        subject="recording",
+        grades="note",
+        number="share of the readings that repeat the one before",
+        limit="0.1",
+        action="nothing: the uncertainty counts them once; log no faster than the sensor measures",
+        rule=Rule("repeated_share", (Grade("note", 0.1),)),
+        said=(
+            "{repeated_share:.0%} of the readings repeat the one before (the log is faster than its sensor): the "
+            "uncertainty counts them once"
+        ),
+        plain=(
+            "Of the readings, {number:.0%} only repeat the one before, because the log is faster than the sensor."
+            " They count once."
+        ),
+    ),
+    Row(
+        code="time-back",
+        subject="recording",
+        grades="note",
+        number="how often the clock steps back",
+        limit="0",
+        action="check the order of the recordings, and the clock",
+        rule=Rule("backward_steps", (Grade("note", 0.0),)),
+        said="time steps back {often}: recordings out of order, or a clock that was set",
+        plain="The clock of the recording goes back (times it does: {number:.0f}).",
+        remedy="Check the order of the recordings, and the clock.",
+    ),
+    Row(
+        code="time-gap",
+        subject="recording",
+        grades="note",
+        number="longest time without a reading, seconds; looked for where the clock never steps back",
+        limit="twenty times the usual",
+        action="nothing, unless you turned the sensor meanwhile",
+        rule=Rule(
+            "longest_step_s",
+            (Grade("note", 20.0, "usual_step_s"),),
+            needs=(Needs("backward_steps", "<", 1.0), Needs("usual_step_s", ">", 0.0)),
+        ),
+        said=(
+            "nothing was recorded for {longest_step_s} s in one stretch (there is a reading every {usual_step_s} "
+            "s on average)"
+        ),
+        plain="Nothing was recorded for {seconds} s in one stretch.",
+    ),
+    Row(
+        code="skipped-rows",
+        subject="recording",
+        grades="note; limits above a tenth of the rows",
+        number="rows that could not be used",
+        limit="a tenth of the rows",
+        action="look at the lines that the advice names; check the sensor, its cable and what was saved",
+        rule=Rule("skipped", (Grade("note", 0.0), Grade("limits", 0.1, "rows")), limit=Limit(0.1, "rows")),
+        said="left out: {skipped_rows}{check}",
+        plain="Some lines could not be used (number of lines: {number:,.0f}); they are named below.",
+        remedy="Look at the lines that could not be used.",
+    ),
+)

@@ -1,0 +1,245 @@
+"""What a finding is, and a row of the catalogue: when it is found, how it is said, and what to do about it.
+
+A rule is data: comparisons of plain numbers with limits, so that a program in another language can apply the same. The
+numbers of a row may be those of one fit or columns of many.
+
+>>> hot = Row(
+...     code="hot", subject="recording", number="temperature, °C", limit="60", grades="note; limits above 80",
+...     rule=Rule("celsius", (Grade("note", 60.0), Grade("limits", 80.0))),
+...     said="the sensor was at {celsius:.0f} °C", plain="It was hot.", remedy="Cool it.", action="cool it",
+... )
+>>> hot.finding({"celsius": 85.0})
+Finding(code='hot', severity='limits', number=85.0, limit=60.0, advice='the sensor was at 85 °C')
+>>> hot.finding({"celsius": 20.0}) is None
+True
+>>> hot.rule.holds({"celsius": np.array([20.0, 70.0, 90.0])})["note"]
+array([False,  True, False])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from operator import ge, gt, lt
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+
+import numpy as np  # noqa: F401 - for the example above
+
+from flinders.errors import figures
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+Severity = Literal["note", "limits", "refuses"]
+Verdict = Literal["good", "limited", "refused"]
+Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors"]
+
+VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
+"""What each severity makes of a fit, the most severe first."""
+
+Comparison = Literal["<", ">", ">="]
+COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {"<": lt, ">": gt, ">=": ge}
+
+ANY_ANGLE_DEG: Final = 90.0
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something to know about a fit.
+
+    Attributes
+    ----------
+    code : str
+        Stable name, one of `flinders.findings.CATALOGUE`.
+    severity : str
+        ``note``: good to know; ``limits``: the calibration holds with limits; ``refuses``: it is not given.
+    number : float
+        What was found; its meaning and unit belong to the code.
+    limit : float
+        What it was held against.
+    advice : str
+        What was found, and what to do, in a sentence.
+    """
+
+    code: str
+    severity: Severity
+    number: float
+    limit: float
+    advice: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready fields."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Put the most severe findings first, those of one severity as they came."""
+    order = list(VERDICTS)
+    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
+
+
+class Limit(NamedTuple):
+    """A factor, of a quantity of the record or of one."""
+
+    factor: float
+    of: str = ""
+
+    def value(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
+        """The limit for a record."""
+        return self.factor * record[self.of] if self.of else self.factor
+
+
+class Grade(NamedTuple):
+    """How severe it is beyond a limit: a factor, of a quantity of the record or of one."""
+
+    severity: Severity
+    factor: float
+    of: str = ""
+
+    def limit(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
+        """The limit for a record."""
+        return Limit(self.factor, self.of).value(record)
+
+
+class Needs(NamedTuple):
+    """Another comparison that has to hold as well, with a factor of a quantity of the record or of one."""
+
+    quantity: str
+    comparison: Comparison
+    factor: float
+    of: str = ""
+
+    def holds(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a truth value, or a column of them
+        """Whether it holds for a record."""
+        return COMPARISONS[self.comparison](record[self.quantity], Limit(self.factor, self.of).value(record))
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A comparison of a quantity with limits: the last grade that holds is how severe it is.
+
+    Attributes
+    ----------
+    quantity : str
+        Name of a number of the record. What is not a number is beyond no limit.
+    grades : tuple of Grade
+        Least severe first.
+    comparison : str
+        By which the quantity is beyond a limit.
+    needs : tuple of Needs
+        Comparisons that have to hold as well.
+    number : str
+        Quantity that a finding states, where it is another one.
+    limit : Limit, optional
+        That a finding states, where it is not that of the first grade.
+    """
+
+    quantity: str
+    grades: tuple[Grade, ...]
+    comparison: Comparison = ">"
+    needs: tuple[Needs, ...] = ()
+    number: str = ""
+    limit: Limit | None = None
+
+    def severity(self, record: Mapping[str, Any]) -> Severity | None:
+        """How severe it is for one record; None where it is not found."""
+        return next((severity for severity, holds in self.holds(record).items() if holds), None)
+
+    def holds(self, record: Mapping[str, Any]) -> dict[Severity, Any]:
+        """For each severity whether a record has it; of columns (U,) bool."""
+        number, beyond = record[self.quantity], COMPARISONS[self.comparison]
+        held = [beyond(number, grade.limit(record)) for grade in self.grades]
+        for need in self.needs:
+            held = [each & need.holds(record) for each in held]
+        more = [*held[1:], number != number]  # noqa: PLR0124 - no number differs from itself
+        return {
+            grade.severity: each & (worse ^ True) for grade, each, worse in zip(self.grades, held, more, strict=True)
+        }
+
+    def stated(self, record: Mapping[str, Any]) -> tuple[float, float]:
+        """Number and limit as a finding states them."""
+        limit = self.grades[0].limit(record) if self.limit is None else self.limit.value(record)
+        return record[self.number or self.quantity], limit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A finding that there can be: all that is known of it.
+
+    Attributes
+    ----------
+    code : str
+        Stable name.
+    subject : str
+        What it is about.
+    grades, number, limit, action : str
+        For the table of docs/findings.md: how severe when, what number and limit are, what to do.
+    said : str
+        The technical sentence, a format of quantities and words of the record.
+    plain, remedy : str
+        The same for whoever uses the compass, and what to do, in words without the mathematics.
+    rule : Rule, optional
+        None where code decides.
+    alarm : bool
+        The live page warns of it: something is wrong, and not only more turning needed.
+    """
+
+    code: str
+    subject: Subject
+    grades: str
+    number: str
+    limit: str
+    action: str
+    said: str
+    plain: str
+    remedy: str = ""
+    rule: Rule | None = None
+    alarm: bool = False
+
+    def finding(self, record: Mapping[str, Any]) -> Finding | None:
+        """Apply the rule to a record; None where it does not hold.
+
+        Parameters
+        ----------
+        record : mapping
+            Quantities of the rule by name, and what the sentence takes.
+        """
+        severity = None if self.rule is None else self.rule.severity(record)
+        if self.rule is None or severity is None:
+            return None
+        return self.stating(severity, *self.rule.stated(record), record)
+
+    def stating(self, severity: Severity, number: float, limit: float, words: Mapping[str, Any]) -> Finding:
+        """State a finding that code has decided on."""
+        return Finding(self.code, severity, float(number), float(limit), self.said.format_map(words))
+
+
+class Quantity(float):
+    """A number that is written to two figures, unless a format says otherwise; ``angle`` is in degrees.
+
+    >>> f"{Quantity(12.3456)} {Quantity(0.25):.0%} {Quantity(2.04):angle} {Quantity(400.0):angle}"
+    '12 25% 2.0° any angle'
+    """
+
+    def __format__(self, spec: str) -> str:
+        if spec == "angle":
+            return f"{figures(float(self))}°" if self < ANY_ANGLE_DEG else "any angle"
+        return format(float(self), spec) if spec else figures(float(self))
+
+
+class Record(dict[str, Any]):
+    """Quantities by name, and words of a sentence that are made when a sentence asks for them.
+
+    >>> Record({"noise": 0.123456}, who=lambda: "somebody").told("{noise} {who}")
+    '0.12 somebody'
+    """
+
+    def __init__(self, numbers: Mapping[str, float], **words: Callable[[], str]) -> None:
+        super().__init__({name: Quantity(number) for name, number in numbers.items()})
+        self._words = words
+
+    def __missing__(self, name: str) -> str:
+        return self._words[name]()
+
+    def told(self, sentence: str) -> str:
+        """Fill a sentence."""
+        return sentence.format_map(self)

@@ -1,0 +1,133 @@
+"""Several magnetometers of one body, held against each other."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flinders.findings.row import Row
+
+ROWS: Final = (
+    Row(
+        code="departs",
+        subject="sensors",
+        grades="note; limits for more than a tenth of the time",
+        number=(
+            "heading error that a sensor shows against the [others of its body](sensors.md) for a while, degrees,"
+            " at the worst attitude"
+        ),
+        limit="the target",
+        action=(
+            "something magnetic was near it at the times that the advice names, or a current flowed; record again"
+            " without, or steer by another"
+        ),
+        said="{advice}",
+        plain=(
+            "For a while the compass was up to {angle} of heading off the others of its vehicle: something "
+            "magnetic was near it, or a current flowed. The correction does not rest on that."
+        ),
+        remedy="Find out what happened then, or steer by another compass.",
+    ),
+    Row(
+        code="departs-throughout",
+        subject="sensors",
+        grades="limits",
+        number="what readings averaged over a second are off the others all the time, degrees of heading, 1 σ",
+        limit="the target, or three times the best of the others where that is more",
+        action="steer by another; see whether [a driver](drivers.md) explains it",
+        said="{advice}",
+        plain=(
+            "The compass is {angle} of heading off the others of its vehicle all the time: something near it "
+            "keeps changing, such as a current."
+        ),
+        remedy="Steer by another compass, or see whether a correction that follows the current helps.",
+    ),
+    Row(
+        code="disagree",
+        subject="sensors",
+        grades="limits",
+        number="heading that sensors of one body are apart for a while, or of two all the time (1 σ), degrees",
+        limit="the target",
+        action="neither a majority nor a length tells which is off: compare with a known bearing, or fit a third",
+        said="{advice}",
+        plain="Compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was off.",
+        remedy="Compare them with a known bearing, or fit a third.",
+    ),
+    Row(
+        code="copied-sensor",
+        subject="sensors",
+        grades="limits",
+        number="1",
+        limit="0.1 of the noise, which an affine map of another sensor's readings leaves",
+        action="look at how the columns were written: it is no second sensor",
+        said="{advice}",
+        plain="The readings are those of another sensor, turned and scaled. It is no second compass.",
+        remedy="Look at how the columns of the recording were written.",
+    ),
+    Row(
+        code="mirrored-sensor",
+        subject="sensors",
+        grades="limits",
+        number="−1",
+        limit="1",
+        action=(
+            "one of two sensors is not right-handed, or one of its axes is turned over: find out which, and map "
+            "its axes (`--axes`)"
+        ),
+        said="{advice}",
+        plain=(
+            "The axes of this sensor and those of another are mirror images of each other: one of the two has an "
+            "axis turned over."
+        ),
+        remedy="Find out which of the two it is, and check its axes mapping.",
+    ),
+    Row(
+        code="turned-to",
+        subject="sensors",
+        grades="note",
+        number="how well the rotation into the axes of the reference is known, degrees, 1 σ",
+        limit="",
+        action="nothing; corrected readings of all are in those axes",
+        said="{advice}",
+        plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",
+    ),
+    Row(
+        code="unlike-units",
+        subject="sensors",
+        grades="note",
+        number="length of its readings over that of the reference's",
+        limit="the nearest power of ten",
+        action="name the unit of each",
+        said="{advice}",
+        plain=(
+            "The readings are {number:.3g} times as long as those of another sensor of the vehicle: most likely "
+            "they are in another unit."
+        ),
+        remedy="Name the unit of each sensor.",
+    ),
+    Row(
+        code="clock-differs",
+        subject="sensors",
+        grades="note",
+        number="by how much its clock is behind that of the reference, seconds",
+        limit="0",
+        action="nothing; it was taken off to hold them against each other",
+        said="{advice}",
+        plain="The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
+    ),
+    Row(
+        code="not-together",
+        subject="sensors",
+        grades="note",
+        number="0; or what the worst heading error with the others would be, degrees",
+        limit="0; or 1.5 times that of the sensor by itself",
+        action=(
+            "turn the body about all its axes with all sensors running; or see what is wrong with the others, and"
+            " their clocks: it has what it finds by itself"
+        ),
+        said="{advice}",
+        plain=(
+            "The sensor was corrected by itself: together with the others of the vehicle it would be known no better."
+        ),
+        remedy="Turn the vehicle about all of its axes, with all sensors running, and see whether their clocks agree.",
+    ),
+)
