@@ -88,7 +88,7 @@ def simulation(name: str, seed: int) -> Samples:
 def recordings() -> list[str]:
     """Files of the folder that are read without a question, by their names below it."""
     names = []
-    for path in sorted(path for path in FOLDER.rglob("*") if path.is_file()):
+    for path in sorted(path for path in FOLDER.rglob("*") if path.is_file() and path.suffix != ".md"):
         try:
             flinders.read(path)
         except FlindersError:
