@@ -129,6 +129,8 @@ class Likelihood:
     def polish(self, readings: Readings, ellipsoid: Ellipsoid) -> Estimate:
         """Fit from a known start; raises as `estimate`."""
         some = _Some.of(readings.thinned(ENOUGH, self.name))
+        if not some.spread:  # all alike, as what the rails of a sensor leave of a turn can be
+            raise NotAnEllipsoid((0.0, 0.0, 0.0), self.name)
         found = self._settled(some, ellipsoid)
         long = len(some) < len(readings)
         for _ in range(PASSES if long else 1):

@@ -24,7 +24,7 @@ from flinders.errors import counted, figures
 from flinders.findings import CATALOGUE, Finding, Record, by_severity, fit
 from flinders.fitting.advice import attitudes, movement, remedy
 from flinders.geometry.plane import order_of
-from flinders.likelihood.identifiability import flatness_limit
+from flinders.likelihood.identifiability import flat_below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -132,7 +132,7 @@ def _flatness(found: Fit, summary: Summary) -> dict[str, float]:
     thickness, _, width = np.sqrt(summary.moments.principal_variances).tolist()
     return {
         "flatness": math.nan if found.plane or not width else thickness / width,
-        "flatness_limit": flatness_limit(width, found.noise) if width else math.nan,
+        "flatness_limit": flat_below(width, found.noise) / width if width else math.nan,
     }
 
 

@@ -50,13 +50,19 @@ FLAT_NOISE, NEARLY_FLAT_NOISE = 1.5, 3.0
 
 def is_flat(principal_variances: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
     """Whether readings of (3,) ascending principal variances lie in one plane, as those of a level turn do."""
-    thickness, width = np.sqrt(principal_variances[[0, 2]])
-    return bool(thickness < flatness_limit(float(width), noise, within=within) * width)
+    thickness, width = np.sqrt(principal_variances[[0, 2]]).tolist()
+    return bool(thickness < flat_below(width, noise, within=within))
 
 
-def flatness_limit(width: float, noise: float, *, within: float = FLAT_NOISE) -> float:
-    """Thickness over width below which readings are flat; width is their standard deviation along the longest axis."""
-    return min(max(within * noise / width, FLAT), FLATTEST)
+def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> float:
+    """Thickness below which readings are flat; width is their standard deviation along the longest axis.
+
+    Readings without any width, all alike or so far off that rounding leaves none, are never flat: no plane is seen.
+
+    >>> flat_below(30.0, 0.5), flat_below(30.0, 0.0), flat_below(30.0, np.inf), flat_below(0.0, 0.5)
+    (0.75, 0.3, 6.0, 0.0)
+    """
+    return min(max(within * noise, FLAT * width), FLATTEST * width)
 
 
 def pretended(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
