@@ -144,7 +144,7 @@ def test_names_of_two_sensors_are_noticed() -> None:
 def test_a_calibration_holds_on_another_recording() -> None:
     ended = flinders_("check", "monday.json", "tuesday.csv")
     assert ended.code == 0
-    assert ended.err == "tuesday.csv: columns mx_uT, my_uT, mz_uT in uT; comma-separated\n"
+    assert ended.err == "tuesday.csv: columns mx_uT, my_uT, mz_uT in uT; comma-separated; 1,000 readings\n"
     assert "HOLDS  heading within" in ended.out
 
 

@@ -246,6 +246,41 @@ def test_methods_lists_all_of_them() -> None:
     assert all(name in flinders_("methods").out for name in found)
 
 
+# what was read
+
+
+READING = {
+    "apply": "apply calibration.json print.txt -o out.csv",
+    "calibrate": "calibrate print.txt",
+    "check": "check calibration.json print.txt",
+    "compare-methods": "compare-methods print.txt --methods auto,sphere",
+    "heading": "heading calibration.json print.txt --level -o out.csv",
+    "plot": "plot calibration.json print.txt -o out.png",
+    "report": "report calibration.json print.txt -o out.html",
+    "swing": "swing calibration.json print.txt --level",
+    "two-axis": "two-axis print.txt",
+}
+
+
+def test_the_commands_that_read_a_recording_are_these() -> None:
+    """And info, whose result is what it has read."""
+    places = {
+        name: " ".join(word.metavar or "" for word in command.params if isinstance(word, click.Argument))
+        for name, command in main.commands.items()
+    }
+    assert {name for name, place in places.items() if "RECORDING" in place or "LOG" in place} == {*READING, "info"}
+
+
+@pytest.mark.parametrize("words", READING.values(), ids=READING)
+def test_every_command_says_how_many_readings_there_were_and_quotes_the_first_other_line(
+    words: str, calibration: Calibration
+) -> None:
+    lines = [f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT" for x, y, z in FIELD]
+    Path("print.txt").write_text("\n".join(["LIS3MDL test", "LIS3MDL found", *lines, "low battery", ""]))
+    told = [line for line in flinders_(*words.split()).err.splitlines() if line.startswith("print.txt: ")]
+    assert sum("600 readings, 3 other lines (line 1: 'LIS3MDL test')" in line for line in told) == 1
+
+
 # options of calibrate
 
 
@@ -505,7 +540,7 @@ def test_apply_replaces_the_columns_by_what_the_calibration_gives(calibration: C
     assert lines[0] == "mx_uT,my_uT,mz_uT"
     wanted = calibration.apply(flinders.read("tumble.csv").field)
     assert lines[1:] == [",".join(f"{value:.9g}" for value in row) for row in wanted]
-    assert "600 readings corrected" in ended.err
+    assert "600 readings; corrected" in ended.err
 
 
 def test_apply_adds_columns(calibration: Calibration) -> None:
@@ -704,7 +739,7 @@ def test_apply_follows_a_sensor_that_is_still_running(calibration: Calibration, 
         npt.assert_allclose(np.loadtxt(lines, delimiter=","), calibration.apply(part.round(4)), rtol=1e-8)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 0
-    assert "120 readings corrected" in err.decode()
+    assert "120 readings; corrected" in err.decode()
     assert list(scratch.iterdir()) == []
 
 

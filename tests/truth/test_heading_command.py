@@ -245,8 +245,8 @@ def test_gaps_are_counted_and_leave_the_rest_in_place(home: Path) -> None:
     assert columns["line"][:8].tolist() == [2, 3, 4, 5, 7, 9, 10, 11]
     assert np.isnan(columns["heading_deg"][6])
     assert np.isnan(columns["heading_deg"]).sum() == 1
-    assert "1 not finite row (line 6" in ended.err
-    assert "1 unreadable row (line 8" in ended.err
+    assert "1 not finite line (line 6" in ended.err
+    assert "1 unreadable line (line 8" in ended.err
     assert "1 reading without a heading" in ended.err
 
 

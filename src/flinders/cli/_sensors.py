@@ -195,7 +195,7 @@ def _fitted(
     part = Counted(instrument)
     asked = {**options, "sensor": instrument.name}
     try:
-        with saying_what_was_skipped([part.recording]):
+        with saying_what_was_skipped([part]):
             if by is None:
                 found = fit(_filters.through([part], None), **asked)
             else:

@@ -57,6 +57,8 @@ class Counted:
     Attributes
     ----------
     recording : Recording
+    file : File
+        That it was read from.
     rows : int
     """
 
@@ -65,8 +67,15 @@ class Counted:
 
         self.recording, self.source = recording, recording.source
         self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
+        self.file = file_of(recording)
         self.rows = 0
         self._is_said = False
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What the last pass left out."""
+        skipped: tuple[Skipped, ...] = getattr(self.recording, "skipped", ())
+        return skipped
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording; after the first time, or where that breaks off, say what was read."""
@@ -78,7 +87,7 @@ class Counted:
         except FlindersError:
             self._say(str(self.recording))
             raise
-        self._say(f"{self.recording}; {read_and_left_out(self.rows, getattr(self.recording, 'skipped', ()))}")
+        self._say(f"{self.recording}; {read_and_left_out(self.rows, self.skipped)}")
 
     def _say(self, words: str) -> None:
         if not self._is_said:

@@ -13,8 +13,9 @@ import click
 
 from flinders.cli import _drivers, _filters, _options
 from flinders.cli._calibration import agree, choice, load, say_sensor, sensor_option
+from flinders.cli._sources import read_and_left_out
 from flinders.cli._talk import print_json, progress, say
-from flinders.errors import InputError, UsageError, counted
+from flinders.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -101,9 +102,7 @@ def command(
             for line in lines(source, corrector, smoother, settler, add=add):  # type: ignore[arg-type]
                 file.write(line)
     left_out = getattr(source, "skipped", ())
-    for skipped in left_out:
-        say(f"{source.source}: {skipped}")
-    say(str(corrector))
+    say(f"{source.source}: {read_and_left_out(corrector.strength.readings, left_out)}; {corrector}")
     if judged.record is not None and judged.record.tilt_words:
         say(f"! {judged.record.tilt_words}")
     if smoother is not None:
@@ -203,8 +202,8 @@ class Corrector:
 
     def __str__(self) -> str:
         return (
-            f"{counted(self.strength.readings, 'reading')} corrected; their strength is {self.strength.mean:.3f} of "
-            f"the calibration's field, with a spread of {self.strength.spread:.1%}"
+            f"corrected, their strength is {self.strength.mean:.3f} of the calibration's field, "
+            f"with a spread of {self.strength.spread:.1%}"
         )
 
 

@@ -286,13 +286,13 @@ def _fit(
     FitError
         Where no calibration can be given.
     """
-    from flinders.core.samples import Joined
+    from flinders.core.samples import singles
 
     with progress("reading") as watch:
         opened = _sensors.opened(recordings, options, progress=watch, **reading)
-        parts = [Counted(part) for part in (opened.recordings if isinstance(opened, Joined) else (opened,))]
+        parts = [Counted(part) for part in singles(opened)]
         try:
-            with saying_what_was_skipped(part.recording for part in parts):
+            with saying_what_was_skipped(parts):
                 return _fitted(parts, by, options), parts
         except FitError as refusal:
             _report(refusal, parts, by, results, asked)

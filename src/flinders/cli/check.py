@@ -11,7 +11,7 @@ import click
 from flinders.cli import _drivers, _options
 from flinders.cli._calibration import agree, choice, is_calibration, load, made_from, say_sensor, sensor_option
 from flinders.cli._program import GOOD, LIMITED, REFUSED, told
-from flinders.cli._sources import saying_what_was_skipped
+from flinders.cli._sources import Counted, saying_what_was_skipped
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import NeedsSamples, TooFewSamples, UsageError
 
@@ -142,9 +142,8 @@ def opened(
     parts = tuple(open_recording(each, axes=str(calibration.axes), sensor=wanted, **options) for each in recordings)
     for part in parts:
         agree(calibration, part)
-        say(str(part))
         say_sensor(path, calibration, part, sensor)
-    return Joined(parts)
+    return Joined(tuple(map(Counted, parts)))
 
 
 def _compared(known: Judged, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:

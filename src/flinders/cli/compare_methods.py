@@ -9,8 +9,8 @@ import click
 
 from flinders.cli import _options
 from flinders.cli._program import GOOD, LIMITED, REFUSED
-from flinders.cli._sources import saying_what_was_skipped
-from flinders.cli._talk import drawn, print_json, progress, say, working
+from flinders.cli._sources import Counted, saying_what_was_skipped
+from flinders.cli._talk import drawn, print_json, progress, working
 
 if TYPE_CHECKING:
     from flinders.findings import Verdict
@@ -71,7 +71,7 @@ def command(
     why. Nothing is written; of several recordings of one sensor the blocks follow each other.
     """
     from flinders.comparison.methods import compare_methods, known
-    from flinders.core.samples import Joined
+    from flinders.core.samples import Joined, singles
     from flinders.readers import open_recording
     from flinders.report.contest import page
 
@@ -79,12 +79,10 @@ def command(
     _options.refuse_twice(recordings)
     with progress("reading") as watch:
         opened = open_recording(recordings, progress=watch, **reading)  # type: ignore[arg-type]
-        parts = opened.recordings if isinstance(opened, Joined) else (opened,)
-        for part in parts:
-            say(str(part))
+        parts = tuple(Counted(part) for part in singles(opened))
         with saying_what_was_skipped(parts), working() as tell:
             contest = compare_methods(
-                opened,
+                Joined(parts),
                 methods=methods,
                 blocks=blocks,
                 field_strength=field_strength,

@@ -13,6 +13,7 @@ import click
 from flinders.cli import _compass, _drivers, _filters, _options
 from flinders.cli._calibration import choice, load, say_sensor, sensor_option
 from flinders.cli._site import clock_start
+from flinders.cli._sources import read_and_left_out
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import UsageError
 
@@ -96,8 +97,8 @@ def command(
             file.write(first)
             for block in lines:
                 file.write(block)
-    for skipped in getattr(opened.recording, "skipped", ()):
-        say(f"{opened.recording.source}: {skipped}")
+    rows, left_out = watched.corrector.strength.readings, getattr(opened.recording, "skipped", ())
+    say(f"{opened.recording.source}: {read_and_left_out(rows, left_out)}")
     if opened.smoother is not None:
         say(str(opened.smoother))
     extrapolated = _drivers.say_beyond(opened.settler)
@@ -108,7 +109,7 @@ def command(
     if output != "-":
         say(f"written to {output}")
     if as_json:
-        skipped = [str(entry) for entry in getattr(opened.recording, "skipped", ())]
+        skipped = [str(entry) for entry in left_out]
         filtered = {} if opened.smoother is None else {"filter": opened.smoother.as_dict()}
         seen = summary(opened, watched.voyage, told, watched.corrector.strength.as_dict(), skipped)
         print_json({**seen, **filtered, **extrapolated})

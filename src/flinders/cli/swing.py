@@ -12,6 +12,7 @@ from flinders.cli import _compass, _options
 from flinders.cli._calibration import is_calibration
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._site import site_of
+from flinders.cli._sources import read_and_left_out
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UsageError
 
@@ -254,9 +255,8 @@ def _rests(
         )
         watched = _compass.Watch(log)
         pairs = [(headings.magnetic_deg, samples.time) for _, samples, headings in watched.headings()]
-    say(str(log))
-    for skipped in getattr(log.recording, "skipped", ()):
-        say(f"{log.recording.source}: {skipped}")
+    rows, left_out = watched.corrector.strength.readings, getattr(log.recording, "skipped", ())
+    say(f"{log}; {read_and_left_out(rows, left_out)}")
     if not watched.corrector.is_plausible:
         say("! these readings do not suit the calibration: see flinders check")
     heading = np.concatenate([headings for headings, _ in pairs])

@@ -11,7 +11,7 @@ import click
 from flinders.cli import _options
 from flinders.cli._calibration import agree, is_calibration, made_from
 from flinders.cli._program import LIMITED
-from flinders.cli._sources import file_of, saying_what_was_skipped, sha256
+from flinders.cli._sources import Counted, file_of, saying_what_was_skipped, sha256
 from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UnitError, UsageError
 
@@ -90,8 +90,7 @@ def command(context: click.Context, /, recording: str, as_json: bool, **options:
     _check(recording, after, output, polar, force=options["force"], as_json=as_json)
     first = None if after is None else _loaded(context, after, options)
     with progress("reading") as watch:
-        source = _opened(recording, first, watch, options)
-        say(str(source))
+        source = Counted(_opened(recording, first, watch, options))
         with saying_what_was_skipped([source]):
             turn = _turn(source, options["plane"], options["method"])
             if first is not None:
