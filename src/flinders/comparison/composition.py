@@ -25,7 +25,7 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
-from flinders.findings import Finding, by_severity
+from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import of_calibration
@@ -291,23 +291,20 @@ def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Findin
     missing = [] if "" in turns else [plane for plane in PLANES if plane not in turns]
     open_still = f"; not turned yet in {' and '.join(missing)}" if missing else ""
     if not {"xy", ""} & set(turns):
-        return Finding(
-            "composed", "limits", ANY_ANGLE, target_deg,
-            f"composed of turns ({named}) of which none is in xy: nothing is claimed of a level heading{open_still}",
-        )  # fmt: skip
-    if turns[-1] == "xy":
-        level = "a level heading rests on the last turn, and has nothing of it"
+        left_deg, what = ANY_ANGLE, f" of which none is in xy: nothing is claimed of a level heading{open_still}"
     else:
         level = (
-            f"{figures(left_deg)}° of a level heading, which its error allows for; a turn in xy at the end takes that "
-            "off"
+            "a level heading rests on the last turn, and has nothing of it"
+            if turns[-1] == "xy"
+            else f"{figures(left_deg)}° of a level heading, which its error allows for; a turn in xy at the end takes "
+            "that off"
         )
-    return Finding(
-        "composed", "limits", left_deg, target_deg,
-        f"composed of turns ({named}){open_still}. A rotation of second order in the soft iron stays, which no turn "
-        f"sees: {level}. Nothing is claimed of other attitudes; what was recorded unloaded, flinders calibrate fits "
-        "together",
-    )  # fmt: skip
+        what = (
+            f"{open_still}. A rotation of second order in the soft iron stays, which no turn sees: {level}. Nothing is "
+            "claimed of other attitudes; what was recorded unloaded, flinders calibrate fits together"
+        )
+    numbers = {"is_composed": 1.0, "rotation_left_deg": left_deg, "target_deg": target_deg}
+    return CATALOGUE["composed"].certain(Record(numbers, turns=named, composition=what))
 
 
 def _listed(values: Floats) -> str:

@@ -36,7 +36,7 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.cache import concatenated
 from flinders.estimators.inliers import dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
-from flinders.findings import Finding, by_severity
+from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.aiding import Aids
 from flinders.fitting.calibrate import fit, judged_as
 from flinders.fitting.result import Fit, Refused
@@ -63,8 +63,6 @@ NOISIER: Final = 3.0
 WORSE: Final = 1.5
 """Times the heading error of a sensor by itself: where it is more with the others, they do not belong together."""
 
-OFTEN: Final = 0.1
-"""Of the time: a sensor that departs for more of it is limited by that."""
 
 MOST_STRAYS: Final = 0.5
 """Of a sensor's readings that it may leave out by itself, and of those that may yet belong to the others."""
@@ -673,48 +671,52 @@ def _findings(found: Together, place: int, target_deg: float) -> Iterator[Findin
     """What there is to know of a member beside its own fit."""
     member, reference = found.members[place], found.reference
     if member.copy_of:
-        yield Finding(
-            "copied-sensor", "limits", 1.0, COPY,
-            f"its readings are those of {member.copy_of}, turned and scaled: it is no second witness, and was fitted "
-            "by itself; look at how the columns were written",
-        )  # fmt: skip
+        yield _certain("copied-sensor", {"is_copy": 1.0}, other=member.copy_of)
         return
     if found.agreement.apart_deg:
-        apart_deg = found.agreement.apart_deg
-        yield Finding(
-            "disagree", "limits", apart_deg, target_deg,
-            f"even averaged over a second the two are {figures(apart_deg)}° of heading apart all the time (1 σ), and "
-            "it cannot be told which of them is off: no length tells, and no majority. Each has what it finds by "
-            "itself: see whether one is loose or its clock off, or fit a third",
-        )  # fmt: skip
+        yield _apart_throughout(found.agreement.apart_deg, target_deg)
         return
     if member.is_kept:
-        alone = member.alone.fit if isinstance(member.alone, Refused) else cast("Fit", member.alone)
-        worst = alone.heading_error_deg.worst
-        yield Finding(
-            "not-together", "note", member.joint_deg, WORSE * worst,
-            f"with the others its worst heading error would be {figures(member.joint_deg)}°, and by itself it is "
-            f"{figures(worst)}°: it has what it finds by itself, in its own axes. Look at what is wrong with the "
-            "others, and at their clocks",
-        )  # fmt: skip
+        yield _better_alone(member)
     elif not found.is_joint:
-        yield Finding(
-            "not-together", "note", 0.0, 0.0,
+        why = (
             "the readings leave open how the magnetometers are turned against each other, and each has what it finds "
-            "by itself: turn the body about all its axes",
-        )  # fmt: skip
+            "by itself: turn the body about all its axes"
+        )
+        yield _certain("not-together", {"is_alone": 1.0, "together_deg": 0.0, "alone_deg": 0.0}, why=why)
         return
     yield from _of_axes(found, member)
     yield from _of_clock(member, reference)
     others = [other.scatter_deg for other in found.members if other is not member and not other.copy_of]
-    if others and member.scatter_deg > max(target_deg, NOISIER * min(others)):
-        yield Finding(
-            "departs-throughout", "limits", member.scatter_deg, target_deg,
-            f"even averaged over a second its readings are off by {figures(member.scatter_deg)}° of heading all the "
-            f"time (1 σ), those of the best other by {figures(min(others))}°: something near it changes, such as a "
-            "current; steer by the other, or see whether --with current helps",
-        )  # fmt: skip
+    numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
+    departs = CATALOGUE["departs-throughout"].finding(Record({**numbers, "target_deg": target_deg}))
+    yield from () if departs is None else (departs,)
     yield from _of_departures(found, place, target_deg)
+
+
+def _certain(code: str, numbers: dict[str, float], **words: str) -> Finding:
+    """What the catalogue says where code has decided."""
+    return CATALOGUE[code].certain(Record(numbers, **words))
+
+
+def _apart_throughout(apart_deg: float, target_deg: float) -> Finding:
+    """Two that disagree all the time."""
+    disagreement = f"even averaged over a second the two are {figures(apart_deg)}° of heading apart all the time (1 σ)"
+    alone = ". Each has what it finds by itself: see whether one is loose or its clock off, or fit a third"
+    numbers = {"apart_deg": apart_deg, "target_deg": target_deg}
+    return _certain("disagree", numbers, disagreement=disagreement, alone=alone)
+
+
+def _better_alone(member: Member) -> Finding:
+    """One that would be known worse with the others."""
+    alone = member.alone.fit if isinstance(member.alone, Refused) else cast("Fit", member.alone)
+    worst = alone.heading_error_deg.worst
+    why = (
+        f"with the others its worst heading error would be {figures(member.joint_deg)}°, and by itself it is "
+        f"{figures(worst)}°: it has what it finds by itself, in its own axes. Look at what is wrong with the others, "
+        "and at their clocks"
+    )
+    return _certain("not-together", {"is_alone": 1.0, "together_deg": member.joint_deg, "alone_deg": worst}, why=why)
 
 
 def _handed(found: Together) -> str:
@@ -733,55 +735,58 @@ def _of_axes(found: Together, member: Member) -> Iterator[Finding]:
     reference = found.reference
     if member.rotation is None or member.rotation_sigma_deg is None or member.name == reference:
         return
+    words = {"reference": reference, "axes": str(member.axes)}
     if member.is_mirrored:
-        yield Finding(
-            "mirrored-sensor", "limits", -1.0, 1.0,
-            f"its axes are a mirror image of those of {reference}: as {member.axes} they fit. {_handed(found)}",
-        )  # fmt: skip
+        yield _certain("mirrored-sensor", {"handedness": -1.0}, **words, who=_handed(found))
     worst = float(member.rotation_sigma_deg.max())
     where = "" if found.in_body else "; how those sit in the vehicle is unseen"
-    yield Finding(
-        "turned-to", "note", worst, 0.0,
-        f"turned into the axes of {reference}: {member.axes}, and {figures(member.off_axes_deg)}° off that, known to "
-        f"{figures(worst)}° (1 σ){where}",
-    )  # fmt: skip
+    turned = {"is_turned": 1.0, "rotation_sigma_deg": worst, "off_axes_deg": member.off_axes_deg}
+    yield _certain("turned-to", turned, **words, where=where)
     decades = round(math.log10(member.size))
     if decades and abs(math.log10(member.size) - decades) < DECADE * 0.5:
-        yield Finding(
-            "unlike-units", "note", member.size, 10.0**decades,
-            f"it reads {figures(member.size)} times as much as {reference}: most likely in another unit",
-        )  # fmt: skip
+        numbers = {"is_decades_off": 1.0, "times_as_long": member.size, "decade": 10.0**decades}
+        yield _certain("unlike-units", numbers, reference=reference)
 
 
 def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
+    """Whether its clock is another."""
     if member.delay_s:
-        yield Finding(
-            "clock-differs", "note", member.delay_s, 0.0,
-            f"its clock is {1e3 * abs(member.delay_s):.0f} ms {'behind' if member.delay_s > 0 else 'ahead of'} that of "
-            f"{reference} (± {1e3 * member.delay_sigma_s:.0f} ms), which was taken off to hold them against each other",
-        )  # fmt: skip
+        numbers = {
+            "is_delayed": 1.0,
+            "delay_s": member.delay_s,
+            "delay_ms": 1e3 * abs(member.delay_s),
+            "delay_sigma_ms": 1e3 * member.delay_sigma_s,
+        }
+        yield _certain(
+            "clock-differs", numbers, reference=reference, behind="behind" if member.delay_s > 0 else "ahead of"
+        )
 
 
 def _of_departures(found: Together, place: int, target_deg: float) -> Iterator[Finding]:
     """When it departs from the others, or one of two does of which it may be the one."""
     runs = [run for run in found.agreement.departures if run.sensor == place]
     if runs:
-        worst, share = max(run.heading_deg for run in runs), _share(runs, found)
-        why = "the length of its readings changes" if all(run.by_length for run in runs) else "the others agree"
-        yield Finding(
-            "departs", "limits" if share > OFTEN else "note", worst, target_deg,
-            f"it departs from the others, by up to {figures(worst)}° of heading, for {share:.0%} of the time "
-            f"({_when(runs)}), while {why}: something magnetic was near it then, or a current flowed"
-            f"{'' if found.members[place].is_kept else '. The calibration does not rest on that'}",
-        )  # fmt: skip
+        numbers = {
+            "departs_share": _share(runs, found),
+            "departs_deg": max(run.heading_deg for run in runs),
+            "target_deg": target_deg,
+        }
+        yield _certain(
+            "departs",
+            numbers,
+            when=_when(runs),
+            why="the length of its readings changes" if all(run.by_length for run in runs) else "the others agree",
+            rests="" if found.members[place].is_kept else ". The calibration does not rest on that",
+        )
     unsettled = [run for run in found.agreement.departures if run.sensor is None]
     if unsettled and (len(found.members) == 2 or found.members[place].name == found.reference):
         worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, found)
-        yield Finding(
-            "disagree", "limits", worst, target_deg,
+        disagreement = (
             f"magnetometers disagree by up to {figures(worst)}° of heading, for {share:.0%} of the time "
-            f"({_when(unsettled)}), and it cannot be told which of them is off: no length tells, and no majority",
-        )  # fmt: skip
+            f"({_when(unsettled)})"
+        )
+        numbers = {"apart_deg": worst, "target_deg": target_deg}
+        yield _certain("disagree", numbers, disagreement=disagreement, alone="")
 
 
 def _share(runs: Sequence[Departure], found: Together) -> float:

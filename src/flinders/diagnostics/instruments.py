@@ -23,13 +23,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.samples import Samples
-from flinders.errors import figures
-from flinders.estimators.aiding import FAR_SCALES, Aided, solve
+from flinders.estimators.aiding import Aided, solve
 from flinders.estimators.mounting import (
     EXPLAINED,
-    FEW,
-    MARGIN,
-    ONE_AXIS,
     RAD_S,
     REVERSED,
     Mounted,
@@ -38,10 +34,10 @@ from flinders.estimators.mounting import (
     second_axis,
 )
 from flinders.estimators.solver import SCALE_SIGMA
+from flinders.findings import CATALOGUE, Finding, Record
 from flinders.heading.error_propagation import level_error
-from flinders.likelihood import attitude, dip
-from flinders.likelihood import gyro as turning
-from flinders.summary.quality import RAIL_SHARE, Health
+from flinders.likelihood import attitude, dip, gyro
+from flinders.summary.quality import Health
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,8 +65,6 @@ JUST_BEFORE, MANY_MORE = 0.05, 1.0
 FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
 """A dip that is off by more, and by more of what both are known to, is another place's."""
 
-FAR_ASTRAY: Final = 0.2
-"""rad: verticals and attitudes that are off by more, 1 σ, after all that is found, are those of another body."""
 
 STEEP_DEG: Final = 10.0
 """A steeper dip has a sign that no iron near it turns round."""
@@ -78,27 +72,37 @@ STEEP_DEG: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """What does not fit together in a recording.
+    """What does not fit together in a recording: a finding, which sensor it is about, and whether that was left out."""
 
-    Attributes
-    ----------
-    code : str
-        Of the finding that it makes.
-    aid : str
-        Which aid it is about.
-    number, limit : float
-        As those of a finding.
-    words : str
-    drops : bool
-        The aid was left out for it.
-    """
-
-    code: str
     aid: str
-    number: float
-    limit: float
-    words: str
+    finding: Finding
     drops: bool = False
+
+    @property
+    def code(self) -> str:
+        """Of the finding."""
+        return self.finding.code
+
+    @property
+    def number(self) -> float:
+        """Of the finding."""
+        return self.finding.number
+
+    @property
+    def words(self) -> str:
+        """Of the finding."""
+        return self.finding.advice
+
+
+def _mistake(code: str, aid: str, numbers: dict[str, float], *, drops: bool = True, **words: str) -> Mistake | None:
+    """What the catalogue makes of some numbers."""
+    finding = CATALOGUE[code].finding(Record(numbers, aid=aid, **words))
+    return None if finding is None else Mistake(aid, finding, drops)
+
+
+def _certain(code: str, aid: str, numbers: dict[str, float], *, drops: bool = True, **words: str) -> Mistake:
+    """The same, where it was decided already."""
+    return Mistake(aid, CATALOGUE[code].certain(Record(numbers, aid=aid, **words)), drops)
 
 
 def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) -> tuple[Axes | None, list[Mistake]]:
@@ -123,18 +127,18 @@ def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) ->
     """
     empty = [mistake for aid in wanted if (mistake := _empty(samples, aid) or _clipped(samples, aid)) is not None]
     wanted = [aid for aid in wanted if aid not in {mistake.aid for mistake in empty}]
-    gyro = by_rate(samples, alone) if "rate" in wanted else Mounted()
+    turned = by_rate(samples, alone) if "rate" in wanted else Mounted()
     felt = by_vertical(samples, alone) if "dip" in wanted else Mounted()
     mistakes = []
-    if gyro.left > EXPLAINED:
-        gyro, mistakes = Mounted(), [_strange(gyro)]
-    if not gyro.is_as_recorded:
-        mistakes.append(_misread("rate", gyro, contradicted=felt.is_as_recorded and not felt.allows(gyro.axes)))
+    if turned.left > EXPLAINED:
+        turned, mistakes = Mounted(), [_strange(turned)]
+    if not turned.is_as_recorded:
+        mistakes.append(_misread("rate", turned, contradicted=felt.is_as_recorded and not felt.allows(turned.axes)))
     is_used = "rate" in wanted and not any(mistake.drops for mistake in mistakes)
     if not felt.is_as_recorded:
-        mistakes.append(_misread("dip", felt, contradicted=is_used and not felt.allows(gyro.axes)))
+        mistakes.append(_misread("dip", felt, contradicted=is_used and not felt.allows(turned.axes)))
     used = [mistake.aid for mistake in mistakes if not mistake.drops]
-    return (None if not used else gyro.axes if "rate" in used else felt.axes), [*empty, *mistakes]
+    return (None if not used else turned.axes if "rate" in used else felt.axes), [*empty, *mistakes]
 
 
 def without_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list[Mistake]]:
@@ -149,14 +153,11 @@ def without_gaps(samples: Samples, wanted: Sequence[str]) -> tuple[Samples, list
     """
     if "rate" not in wanted:
         return samples, []
-    rate, count = turning.bridged(samples.time, samples.rate)
+    rate, count = gyro.bridged(samples.time, samples.rate)
     if not count:
         return samples, []
-    words = (
-        f"{count:,} of {len(samples):,} readings have no rate, in gaps of at most {turning.BRIDGED}: it was taken from "
-        "their neighbours; log the gyro as often as the magnetometer"
-    )
-    return replace(samples, rate=rate), [Mistake("gyro-gaps", "rate", count / len(samples), 0.0, words)]
+    gaps = {"gaps": count, "samples": len(samples), "gap_share": count / len(samples), "longest_gap": gyro.BRIDGED}
+    return replace(samples, rate=rate), [_certain("gyro-gaps", "rate", gaps, drops=False)]
 
 
 def of_scales(off: float) -> Mistake:
@@ -165,11 +166,7 @@ def of_scales(off: float) -> Mistake:
     >>> of_scales(0.2).words[:76]
     "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
     """
-    words = (
-        f"the gyro's scales would be off by {off:.0%}, and those of gyros are by {SCALE_SIGMA:.0%} or so: "
-        "check its range and how often it is logged; it was not used"
-    )
-    return Mistake("gyro-scales", "rate", off, FAR_SCALES * SCALE_SIGMA, words, drops=True)
+    return _certain("gyro-scales", "rate", {"scales_off": off, "usual": SCALE_SIGMA})
 
 
 def of_aid_and_gyro(aid: str, off: float) -> Mistake:
@@ -177,11 +174,7 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
     why = (
         "it leans, as an accelerometer does in steady turns" if aid == "dip" else "it lags, or is that of another body"
     )
-    words = (
-        f"beside {aid!r} the gyro's scales would be off by {off:.0%}, and without it they are not: {why}; it was not "
-        f"used, leave {aid!r} out"
-    )
-    return Mistake("aids-disagree", aid, off, FAR_SCALES * SCALE_SIGMA, words, drops=True)
+    return _certain("aids-disagree", aid, {"scales_off": off}, why=why)
 
 
 def astray(found: Aided, aid: str) -> Mistake | None:
@@ -196,18 +189,14 @@ def astray(found: Aided, aid: str) -> Mistake | None:
     'aid-astray'
     """
     off = found.vertical_noise
-    if aid not in UPRIGHT or off is None or off <= FAR_ASTRAY:
+    if aid not in UPRIGHT or off is None:
         return None
     why = (
         "the body was accelerated all the time, or the accelerometer is that of another"
         if aid == "dip"
         else "its quaternions turn from world to body or have w last, its times are other ones, or it is another body's"
     )
-    words = (
-        f"{aid!r} is off by {np.rad2deg(off):.0f}° (1 σ) from what the field says, however the magnetometer sits: "
-        f"{why}; it was not used"
-    )
-    return Mistake("aid-astray", aid, float(np.rad2deg(off)), float(np.rad2deg(FAR_ASTRAY)), words, drops=True)
+    return _mistake("aid-astray", aid, {"astray_rad": off, "astray_deg": float(np.rad2deg(off))}, why=why)
 
 
 def one_axis(rate: Floats) -> list[Mistake]:
@@ -223,14 +212,8 @@ def one_axis(rate: Floats) -> list[Mistake]:
     >>> one_axis(np.outer(np.linspace(-1.0, 1.0, 50), [0.0, 0.0, 1.0]))[0].code
     'one-axis'
     """
-    share = second_axis(rate)
-    if share >= ONE_AXIS:
-        return []
-    words = (
-        f"the body turned about one axis (about the second {share:.0%} as much): "
-        "the gyro says nothing of the offset along it; turn it about another axis as well"
-    )
-    return [Mistake("one-axis", "rate", share, ONE_AXIS, words)]
+    mistake = _mistake("one-axis", "rate", {"second_axis": second_axis(rate)}, drops=False)
+    return [] if mistake is None else [mistake]
 
 
 def is_elsewhere(found: Aided, site: Site | None) -> bool:
@@ -264,8 +247,8 @@ accelerometer that lies level reads −g on z; the site was not used'
         )
     else:
         check = "check place and date, and whether iron was near"
-    words = f"the field dips by {seen_deg:.1f}°, at the site it should by {there:.1f}°: {check}; the site was not used"
-    return Mistake("site-differs", "site", abs(seen_deg - there), FAR_SITE_DEG, words, drops=True)
+    numbers = {"dip_deg": seen_deg, "site_dip_deg": there, "dip_off_deg": abs(seen_deg - there)}
+    return _certain("site-differs", "site", numbers, check=check)
 
 
 def dip_of(found: Aided) -> float:
@@ -315,17 +298,13 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
         amount = off
     else:
         return None
-    words = (
-        f"the yaw of the attitude follows a compass with a deviation of {amount:.1f}°, most likely this one before it "
-        "was calibrated: it was not used; take the attitude without its yaw ('tilt'), or one without a compass in it"
-    )
-    return Mistake("circular-attitude", "attitude", amount, limit, words, drops=True)
+    return _mistake("circular-attitude", "attitude", {"deviation_deg": amount, "deviation_limit_deg": limit})
 
 
 def _empty(samples: Samples, aid: str) -> Mistake | None:
     """Say where a column is there and nothing is in it; one that is not there is no matter of this."""
     if aid == "rate" and samples.rate is not None and samples.time is not None:
-        inside = turning.windows(samples.time, samples.rate)
+        inside = gyro.windows(samples.time, samples.rate)
         usable, what = inside.size, "a rate, and a time that goes on from one to the next"
     elif aid == "dip" and samples.acceleration is not None:
         usable, what = int(np.count_nonzero(dip.verticals(samples.acceleration)[1])), "an acceleration"
@@ -333,10 +312,7 @@ def _empty(samples: Samples, aid: str) -> Mistake | None:
         usable, what = int(np.count_nonzero(np.isfinite(samples.attitude).all(axis=1))), "an attitude"
     else:
         return None
-    if usable >= FEW:
-        return None
-    words = f"{usable} of {len(samples):,} readings have {what}: record it, or leave {aid!r} out; it was not used"
-    return Mistake("aid-empty", aid, usable, FEW, words, drops=True)
+    return _mistake("aid-empty", aid, {"usable": usable, "samples": len(samples)}, what=what)
 
 
 def _clipped(samples: Samples, aid: str) -> Mistake | None:
@@ -351,55 +327,47 @@ def _clipped(samples: Samples, aid: str) -> Mistake | None:
         next_to_it = float(inside[inside > 0.0].min(initial=np.inf))
         before = int(np.count_nonzero((inside > 0.0) & (inside <= max(width, next_to_it))))
         if at_the_end > MANY_MORE * before:
-            words = (
-                f"the gyro's {'xyz'[rail.axis]} axis is at its limit of {figures(abs(rail.value))} rad/s in "
-                f"{rail.share:.0%} of the readings: set a wider range, or turn more slowly; it was not used"
-            )
-            return Mistake("gyro-clipped", "rate", rail.share, RAIL_SHARE, words, drops=True)
+            numbers = {"clipped_share": rail.share, "gyro_range": abs(rail.value)}
+            return _mistake("gyro-clipped", "rate", numbers, axis="xyz"[rail.axis])
     return None
 
 
-def _strange(gyro: Mounted) -> Mistake:
+def _strange(mounted: Mounted) -> Mistake:
     """Say that a gyro does not tell how the field moves, in whatever unit and axes."""
-    words = (
-        f"the gyro leaves {gyro.left:.0%} of how far the field moves, in whatever unit and axes: it is stuck, at its "
-        "limit, slower than the readings, or that of another body or time; it was not used"
-    )
-    return Mistake("gyro-differs", "rate", gyro.left, EXPLAINED, words, drops=True)
+    return _certain("gyro-differs", "rate", {"gyro_leaves": mounted.left})
 
 
 def _misread(aid: str, found: Mounted, *, contradicted: bool) -> Mistake:
     """What is wrong with an instrument, and whether it can be used all the same."""
     what, other = ("gyro", "accelerometer") if aid == "rate" else ("accelerometer", "gyro")
-    times = f"fits {found.better:.0f} times better"
+    better = {"times_better": found.better}
     if found.unit != RAD_S or (aid == "rate" and found.axes == REVERSED):
         as_what = f"as {found.unit}" if found.unit != RAD_S else "with the other sign"
         if found.unit != RAD_S and not found.axes.is_identity:
             as_what += f" with axes {found.axes}"
-        words = f"the rate {times} {as_what}: record it in rad/s, clockwise along an axis positive; it was not used"
-        return Mistake("gyro-unit", aid, found.better, MARGIN, words, drops=True)
+        return _certain("gyro-unit", aid, better, as_what=as_what)
     if found.axes.is_mirror:
-        words = (
-            f"the {what} {times} as a mirror image, {found.axes} of the magnetometer's axes: one of them has a wrong "
-            "sign, correct it where it is recorded; it was not used"
+        how = (
+            f"as a mirror image, {found.axes} of the magnetometer's axes: one of them has a wrong sign, correct it "
+            "where it is recorded; it was not used"
         )
     elif contradicted:
-        words = (
-            f"the {what} {times} with the magnetometer's axes turned by {found.axes}, and the {other} does not: "
-            f"the {what} sits otherwise than the two, turn its columns; it was not used"
+        how = (
+            f"with the magnetometer's axes turned by {found.axes}, and the {other} does not: the {what} sits otherwise "
+            "than the two, turn its columns; it was not used"
         )
     elif not found.is_clear:
-        words = (
-            f"the {what} {times} with the magnetometer's axes turned, such as by {found.axes}, and too little turning "
-            f"to tell how: turn the {what}'s columns to be as the magnetometer's; it was not used"
+        how = (
+            f"with the magnetometer's axes turned, such as by {found.axes}, and too little turning to tell how: turn "
+            f"the {what}'s columns to be as the magnetometer's; it was not used"
         )
     else:
-        words = (
-            f"the {what} {times} with the magnetometer's axes turned by {found.axes}: "
-            f"they do not sit alike, and the correction turns readings into the {what}'s axes"
+        how = (
+            f"with the magnetometer's axes turned by {found.axes}: they do not sit alike, and the correction turns "
+            f"readings into the {what}'s axes"
         )
     drops = contradicted or not found.is_clear or found.axes.is_mirror
-    return Mistake("swapped-axes", aid, found.better, MARGIN, words, drops=drops)
+    return _certain("swapped-axes", aid, better, drops=drops, instrument=what, how=how)
 
 
 def _from_the_middle(matrices: Floats, corrected: Floats) -> Floats:

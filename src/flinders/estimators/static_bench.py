@@ -30,14 +30,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import Driver
-from flinders.errors import counted, figures
+from flinders.errors import counted
 from flinders.estimators.autocorrelation import Residuals
 from flinders.estimators.disturbance_solver import WEAK
 from flinders.estimators.linearity import curvature
 from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, rounding, widened
 from flinders.estimators.regressors import Driven, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
-from flinders.findings import Finding
+from flinders.findings import CATALOGUE, Finding, Record
 from flinders.likelihood.equations import NormalEquations
 
 if TYPE_CHECKING:
@@ -107,21 +107,9 @@ class Still:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What speaks against this bench: a sensor that moved, once or along with a driver."""
-        found = []
-        if self.step:
-            advice = (
-                f"what the drivers leave makes a step of {figures(self.step)} (noise {figures(self.noise)}): the "
-                "sensor moved, or something magnetic came near; fix both, and record again"
-            )
-            found.append(Finding("bench-moved", "limits", self.step, 4.0 * self.noise, advice))
-        if self.tilted_deg > TILTED_DEG:
-            advice = (
-                f"the vertical turns by {figures(self.tilted_deg)}° with what drives the sensor, as the accelerometer "
-                "shows: the sensor moved with it, and so much of the earth's field was taken for the driver's; fix the "
-                "sensor, and record again"
-            )
-            found.append(Finding("bench-tilted", "limits", self.tilted_deg, TILTED_DEG, advice))
-        return tuple(found)
+        record = Record({"step": self.step, "noise": self.noise, "tilted_deg": self.tilted_deg})
+        findings = (CATALOGUE[code].finding(record) for code in ("bench-moved", "bench-tilted"))
+        return tuple(finding for finding in findings if finding is not None)
 
 
 def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:

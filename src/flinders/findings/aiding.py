@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
-from flinders.findings.row import Row
+from flinders.findings.row import Grade, Limit, Row, Rule
 
 ROWS: Final = (
     Row(
@@ -17,7 +18,12 @@ ROWS: Final = (
             "the yaw came from this compass before it was calibrated: use `--with tilt`, or an attitude without a"
             " compass in it"
         ),
-        said="{advice}",
+        rule=Rule("deviation_deg", (Grade("limits", 1.0, "deviation_limit_deg"),)),
+        said=(
+            "the yaw of the attitude follows a compass with a deviation of {deviation_deg:.1f}°, most likely this"
+            " one before it was calibrated: it was not used; take the attitude without its yaw ('tilt'), or one "
+            "without a compass in it"
+        ),
         plain=(
             "The heading in the recorded attitude errs by {angle}, in step with the heading itself. It most "
             "likely came from this compass before it was corrected, and was not used."
@@ -31,7 +37,11 @@ ROWS: Final = (
         number="how many times better the rate fits in another unit",
         limit="2",
         action="record the rate in rad/s; it was not used",
-        said="{advice}",
+        rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
+        said=(
+            "the rate fits {times_better:.0f} times better {as_what}: record it in rad/s, clockwise along an axis"
+            " positive; it was not used"
+        ),
         plain="The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
         remedy="Record the turning rate in radians a second.",
     ),
@@ -42,7 +52,11 @@ ROWS: Final = (
         number="of how far the field moves, what the gyro leaves",
         limit="0.5",
         action="the gyro is stuck, at its limit, too slow, or another body's; it was not used",
-        said="{advice}",
+        rule=Rule("gyro_leaves", (Grade("limits", 0.5),)),
+        said=(
+            "the gyro leaves {gyro_leaves:.0%} of how far the field moves, in whatever unit and axes: it is "
+            "stuck, at its limit, slower than the readings, or that of another body or time; it was not used"
+        ),
         plain="The recorded turning rate does not go with the compass. It was not used.",
         remedy=(
             "Check that the instrument is on the same body, is not at its limit, and is recorded as often as the "
@@ -56,7 +70,11 @@ ROWS: Final = (
         number="share of the readings in which an axis of the gyro is at its limit",
         limit="0.01",
         action="set a wider range, or turn more slowly; it was not used",
-        said="{advice}",
+        rule=Rule("clipped_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
+        said=(
+            "the gyro's {axis} axis is at its limit of {gyro_range} rad/s in {clipped_share:.0%} of the readings:"
+            " set a wider range, or turn more slowly; it was not used"
+        ),
         plain=(
             "The gyro was at its limit in {number:.0%} of the recording, so it does not tell how the compass was "
             "turned. It was not used."
@@ -70,7 +88,11 @@ ROWS: Final = (
         number="by how much the scales of the gyro would be off",
         limit="0.1, five times what those of gyros are",
         action="check its range and how often it is logged; it was not used",
-        said="{advice}",
+        rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
+        said=(
+            "the gyro's scales would be off by {scales_off:.0%}, and those of gyros are by {usual:.0%} or so: "
+            "check its range and how often it is logged; it was not used"
+        ),
         plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. It was not used.",
         remedy="Check the range that the gyro is set to, and that it is recorded often enough.",
     ),
@@ -81,7 +103,11 @@ ROWS: Final = (
         number="share of the readings that have no rate, in gaps of three at most",
         limit="0",
         action="the rate was taken from their neighbours; log the gyro as often as the magnetometer",
-        said="{advice}",
+        rule=Rule("gap_share", (Grade("note", 0.0),)),
+        said=(
+            "{gaps:,.0f} of {samples:,.0f} readings have no rate, in gaps of at most {longest_gap:.0f}: it was "
+            "taken from their neighbours; log the gyro as often as the magnetometer"
+        ),
         plain="In {number:.0%} of the recording the turning rate is missing, for a moment at a time. It was filled in.",
         remedy="Record the turning rate as often as the compass.",
     ),
@@ -92,7 +118,11 @@ ROWS: Final = (
         number="by how much the scales of the gyro would be off beside an aid, where without it they are not",
         limit="0.1",
         action="leave that aid out: an accelerometer leans in steady turns; it was not used",
-        said="{advice}",
+        rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
+        said=(
+            "beside {aid!r} the gyro's scales would be off by {scales_off:.0%}, and without it they are not: "
+            "{why}; it was not used, leave {aid!r} out"
+        ),
         plain="Gyro and vertical do not go together. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
     ),
@@ -105,7 +135,11 @@ ROWS: Final = (
         ),
         limit="11.5 (0.2 rad)",
         action="check in which direction its quaternions turn, whether w comes first, its times; it was not used",
-        said="{advice}",
+        rule=Rule("astray_rad", (Grade("limits", 0.2),), number="astray_deg", limit=Limit(math.degrees(0.2))),
+        said=(
+            "{aid!r} is off by {astray_deg:.0f}° (1 σ) from what the field says, however the magnetometer sits: "
+            "{why}; it was not used"
+        ),
         plain="What was recorded of how the body was held does not go with the compass. It was not used.",
         remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
     ),
@@ -116,7 +150,8 @@ ROWS: Final = (
         number="readings that have what an aid goes by",
         limit="12",
         action="record it, or leave the aid out; it was not used",
-        said="{advice}",
+        rule=Rule("usable", (Grade("limits", 12.0),), comparison="<"),
+        said="{usable:.0f} of {samples:,.0f} readings have {what}: record it, or leave {aid!r} out; it was not used",
         plain="Something that should have helped was recorded as empty. It was not used.",
         remedy="Check what is recorded beside the compass.",
     ),
@@ -130,7 +165,8 @@ ROWS: Final = (
             "map the magnetometer's axes with `--axes`, or mind that corrected readings are in the other "
             "instrument's axes"
         ),
-        said="{advice}",
+        rule=Rule("times_better", (Grade("limits", 0.0),), limit=Limit(2.0)),
+        said="the {instrument} fits {times_better:.0f} times better {how}",
         plain="The compass and the instrument beside it do not agree on which way is forward, right and down.",
         remedy="Check how both are mounted, and the axes mapping.",
     ),
@@ -141,7 +177,11 @@ ROWS: Final = (
         number="turning about the second axis, of that about the first",
         limit="0.05",
         action="the gyro says nothing of the offset along the one axis: turn about another as well",
-        said="{advice}",
+        rule=Rule("second_axis", (Grade("note", 0.05),), comparison="<"),
+        said=(
+            "the body turned about one axis (about the second {second_axis:.0%} as much): the gyro says nothing "
+            "of the offset along it; turn it about another axis as well"
+        ),
         plain=(
             "Nearly all turning was about one axis. The turning rate says nothing of what disturbs the compass "
             "along it."
@@ -155,7 +195,11 @@ ROWS: Final = (
         number="degrees between the dip found and that of the site",
         limit="2",
         action="check place and date, whether iron was near, and the accelerometer's sign; the site was not used",
-        said="{advice}",
+        rule=Rule("dip_off_deg", (Grade("limits", 0.0),), limit=Limit(2.0)),
+        said=(
+            "the field dips by {dip_deg:.1f}°, at the site it should by {site_dip_deg:.1f}°: {check}; the site "
+            "was not used"
+        ),
         plain="The field points down {number:.0f}° more or less steeply than it should at the place that was given.",
         remedy="Check the place and the day, and whether there was iron near.",
     ),

@@ -114,7 +114,12 @@ ROWS: Final = (
             "check the compass on known bearings; record the readings where that can be done, since six typed "
             "numbers tell neither noise nor directions"
         ),
-        said="{advice}",
+        rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
+        said=(
+            "six typed numbers: nobody knows how many readings they are the extremes of, how noisy those were or "
+            "how far the turn went, so no heading error can be claimed; {turn}Check it on known bearings, and "
+            "record the readings where that can be done"
+        ),
         plain=(
             "There was no recording, only the smallest and the largest reading of each axis. Nobody knows how "
             "good the correction is; if the sensor was not turned all the way, the compass may be off by {angle} "
@@ -132,7 +137,8 @@ ROWS: Final = (
         ),
         limit="the target",
         action="turn in the plane xy last; or fit the same turns, unloaded, together with `flinders calibrate`",
-        said="{advice}",
+        rule=Rule("is_composed", (Grade("limits", 0.0),), number="rotation_left_deg", limit=Limit(1.0, "target_deg")),
+        said="composed of turns ({turns}){composition}",
         plain=(
             "The correction was put together from turns in one plane after the other. What they leave out costs a"
             " level heading {angle}, and nobody knows how good it is at other attitudes."
@@ -152,7 +158,10 @@ ROWS: Final = (
             "turn more slowly, or leave the filter out: it pulls readings of a turning sensor inside the "
             "ellipsoid; `auto` leaves spikes out by itself ([filters](filters.md))"
         ),
-        said="{advice}",
+        rule=Rule(
+            "moved_deg", (Grade("note", -1.0), Grade("limits", 1.0, "allowed_deg")), limit=Limit(1.0, "claimed_deg")
+        ),
+        said="filtered ({by}){effect}",
         plain="The readings went through a filter, which moved the heading by {angle} at the worst.",
         remedy=(
             "If the filter moved the heading by more than the error given here, calibrate again without it, or "

@@ -208,6 +208,12 @@ class Row:
             return None
         return self.stating(severity, *self.rule.stated(record), record)
 
+    def certain(self, record: Mapping[str, Any]) -> Finding:
+        """Apply the rule to a record for which it holds."""
+        finding = self.finding(record)
+        assert finding is not None
+        return finding
+
     def stating(self, severity: Severity, number: float, limit: float, words: Mapping[str, Any]) -> Finding:
         """State a finding that code has decided on."""
         return Finding(self.code, severity, float(number), float(limit), self.said.format_map(words))
@@ -227,18 +233,19 @@ class Quantity(float):
 
 
 class Record(dict[str, Any]):
-    """Quantities by name, and words of a sentence that are made when a sentence asks for them.
+    """Quantities by name, and words of a sentence, which may be made when a sentence asks for them.
 
     >>> Record({"noise": 0.123456}, who=lambda: "somebody").told("{noise} {who}")
     '0.12 somebody'
     """
 
-    def __init__(self, numbers: Mapping[str, float], **words: Callable[[], str]) -> None:
+    def __init__(self, numbers: Mapping[str, float], **words: Callable[[], str] | str) -> None:
         super().__init__({name: Quantity(number) for name, number in numbers.items()})
         self._words = words
 
     def __missing__(self, name: str) -> str:
-        return self._words[name]()
+        word = self._words[name]
+        return word if isinstance(word, str) else word()
 
     def told(self, sentence: str) -> str:
         """Fill a sentence."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings.row import Row
+from flinders.findings.row import Grade, Limit, Needs, Row, Rule
 
 ROWS: Final = (
     Row(
@@ -20,7 +20,16 @@ ROWS: Final = (
             "something magnetic was near it at the times that the advice names, or a current flowed; record again"
             " without, or steer by another"
         ),
-        said="{advice}",
+        rule=Rule(
+            "departs_share",
+            (Grade("note", 0.0), Grade("limits", 0.1)),
+            number="departs_deg",
+            limit=Limit(1.0, "target_deg"),
+        ),
+        said=(
+            "it departs from the others, by up to {departs_deg}° of heading, for {departs_share:.0%} of the time "
+            "({when}), while {why}: something magnetic was near it then, or a current flowed{rests}"
+        ),
         plain=(
             "For a while the compass was up to {angle} of heading off the others of its vehicle: something "
             "magnetic was near it, or a current flowed. The correction does not rest on that."
@@ -34,7 +43,16 @@ ROWS: Final = (
         number="what readings averaged over a second are off the others all the time, degrees of heading, 1 σ",
         limit="the target, or three times the best of the others where that is more",
         action="steer by another; see whether [a driver](drivers.md) explains it",
-        said="{advice}",
+        rule=Rule(
+            "scatter_deg",
+            (Grade("limits", 1.0, "target_deg"),),
+            needs=(Needs("scatter_deg", ">", 3.0, "best_other_deg"),),
+        ),
+        said=(
+            "even averaged over a second its readings are off by {scatter_deg}° of heading all the time (1 σ), "
+            "those of the best other by {best_other_deg}°: something near it changes, such as a current; steer by"
+            " the other, or see whether --with current helps"
+        ),
         plain=(
             "The compass is {angle} of heading off the others of its vehicle all the time: something near it "
             "keeps changing, such as a current."
@@ -48,7 +66,8 @@ ROWS: Final = (
         number="heading that sensors of one body are apart for a while, or of two all the time (1 σ), degrees",
         limit="the target",
         action="neither a majority nor a length tells which is off: compare with a known bearing, or fit a third",
-        said="{advice}",
+        rule=Rule("apart_deg", (Grade("limits", 0.0),), limit=Limit(1.0, "target_deg")),
+        said="{disagreement}, and it cannot be told which of them is off: no length tells, and no majority{alone}",
         plain="Compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was off.",
         remedy="Compare them with a known bearing, or fit a third.",
     ),
@@ -59,7 +78,11 @@ ROWS: Final = (
         number="1",
         limit="0.1 of the noise, which an affine map of another sensor's readings leaves",
         action="look at how the columns were written: it is no second sensor",
-        said="{advice}",
+        rule=Rule("is_copy", (Grade("limits", 0.0),), limit=Limit(0.1)),
+        said=(
+            "its readings are those of {other}, turned and scaled: it is no second witness, and was fitted by "
+            "itself; look at how the columns were written"
+        ),
         plain="The readings are those of another sensor, turned and scaled. It is no second compass.",
         remedy="Look at how the columns of the recording were written.",
     ),
@@ -73,7 +96,8 @@ ROWS: Final = (
             "one of two sensors is not right-handed, or one of its axes is turned over: find out which, and map "
             "its axes (`--axes`)"
         ),
-        said="{advice}",
+        rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
+        said="its axes are a mirror image of those of {reference}: as {axes} they fit. {who}",
         plain=(
             "The axes of this sensor and those of another are mirror images of each other: one of the two has an "
             "axis turned over."
@@ -87,7 +111,11 @@ ROWS: Final = (
         number="how well the rotation into the axes of the reference is known, degrees, 1 σ",
         limit="",
         action="nothing; corrected readings of all are in those axes",
-        said="{advice}",
+        rule=Rule("is_turned", (Grade("note", 0.0),), number="rotation_sigma_deg", limit=Limit(0.0)),
+        said=(
+            "turned into the axes of {reference}: {axes}, and {off_axes_deg}° off that, known to "
+            "{rotation_sigma_deg}° (1 σ){where}"
+        ),
         plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",
     ),
     Row(
@@ -97,7 +125,8 @@ ROWS: Final = (
         number="length of its readings over that of the reference's",
         limit="the nearest power of ten",
         action="name the unit of each",
-        said="{advice}",
+        rule=Rule("is_decades_off", (Grade("note", 0.0),), number="times_as_long", limit=Limit(1.0, "decade")),
+        said="it reads {times_as_long} times as much as {reference}: most likely in another unit",
         plain=(
             "The readings are {number:.3g} times as long as those of another sensor of the vehicle: most likely "
             "they are in another unit."
@@ -111,7 +140,11 @@ ROWS: Final = (
         number="by how much its clock is behind that of the reference, seconds",
         limit="0",
         action="nothing; it was taken off to hold them against each other",
-        said="{advice}",
+        rule=Rule("is_delayed", (Grade("note", 0.0),), number="delay_s", limit=Limit(0.0)),
+        said=(
+            "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms), which was "
+            "taken off to hold them against each other"
+        ),
         plain="The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
     ),
     Row(
@@ -124,7 +157,8 @@ ROWS: Final = (
             "turn the body about all its axes with all sensors running; or see what is wrong with the others, and"
             " their clocks: it has what it finds by itself"
         ),
-        said="{advice}",
+        rule=Rule("is_alone", (Grade("note", 0.0),), number="together_deg", limit=Limit(1.5, "alone_deg")),
+        said="{why}",
         plain=(
             "The sensor was corrected by itself: together with the others of the vehicle it would be known no better."
         ),

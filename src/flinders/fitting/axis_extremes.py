@@ -27,7 +27,7 @@ from flinders.core.units import Unit, label
 from flinders.errors import UsageError, figures
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.reference.minmax import MinMax, spanned, strength_of
-from flinders.findings import Finding, by_severity
+from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.result import Outcome
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -184,9 +184,5 @@ def _typed(found: Extremes, target_deg: float, dip_deg: float) -> Finding:
         if short.any()
         else ""
     )
-    return Finding(
-        TYPED, "limits", worst, target_deg,
-        "six typed numbers: nobody knows how many readings they are the extremes of, how noisy those were or how far "
-        f"the turn went, so no heading error can be claimed; {turn}"
-        "Check it on known bearings, and record the readings where that can be done",
-    )  # fmt: skip
+    record = Record({"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg}, turn=turn)
+    return CATALOGUE[TYPED].certain(record)

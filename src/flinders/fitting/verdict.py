@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.core.disturbance import Driver
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import Driven
-    from flinders.findings import Row, Severity
+    from flinders.findings import Row
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Health, Rail
@@ -50,8 +50,6 @@ ALTERNATING: Final = -0.25
 """Correlation of a residual with the next that neither noise has nor what changes slowly."""
 UNSAID: Final = 0.5
 """Of the target: a curve of a disturbance that costs less heading is left unsaid."""
-NOTED: Final = frozenset({"one-axis", "gyro-gaps"})
-"""Mistakes that are limits of a recording and cost what the heading error says."""
 STRAIGHT: Final = "current"
 """A field goes in proportion to the current that makes it, and may be extrapolated."""
 
@@ -300,9 +298,7 @@ def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str
 
 def _of_aiding(found: Fit) -> Iterator[Finding]:
     """What does not fit together among the instruments."""
-    for mistake in () if found.aids is None else found.aids.mistakes:
-        severity: Severity = "note" if mistake.code in NOTED else "limits"
-        yield CATALOGUE[mistake.code].stating(severity, mistake.number, mistake.limit, {"advice": mistake.words})
+    yield from () if found.aids is None else (mistake.finding for mistake in found.aids.mistakes)
 
 
 def _outliers(found: Fit, health: Health) -> dict[str, float]:
