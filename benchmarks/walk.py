@@ -1,0 +1,133 @@
+"""How many files of the project one thing passes on its way: a reading, a line on a wire, a row group.
+
+    python -m benchmarks.walk            # the counts
+    python -m benchmarks.walk --list     # and the files, in the order in which they are entered
+
+Counts are of the distinct files of `flinders` in which a traced run enters a function; what runs when a module is
+imported does not count.
+
+reading     from a CSV file to the exported header: ``calibrate`` and ``export --to arduino``
+line        from a line of a serial port to what the page is told: the transcript, the session, a fit, a message
+row group   from a row group of a Parquet file to a row of the table: ``fleet``
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from click.testing import CliRunner
+
+import flinders
+from flinders import simulate
+from flinders.cli import main as program
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
+
+ROOT: Final = Path(flinders.__file__).parent
+PASSING: Final = {"<module>", "__getattr__"}
+"""What runs when a module is imported, or hands a name on."""
+
+
+def entered(run: Callable[[Path], None]) -> list[str]:
+    """Files of the project that a run in an empty folder enters, in that order; all is imported before."""
+    files: dict[str, None] = {}
+
+    def look(frame: FrameType, event: str, _: object) -> None:
+        path = Path(frame.f_code.co_filename)
+        if event == "call" and frame.f_code.co_name not in PASSING and path.is_relative_to(ROOT):
+            files.setdefault(str(path.relative_to(ROOT)))
+
+    with tempfile.TemporaryDirectory() as folder:
+        run(Path(folder))
+    with tempfile.TemporaryDirectory() as folder:
+        threading.setprofile(look)
+        sys.setprofile(look)
+        try:
+            run(Path(folder))
+        finally:
+            sys.setprofile(None)
+            threading.setprofile(None)
+    return list(files)
+
+
+def a_reading(folder: Path) -> None:
+    """From a CSV file to the exported header."""
+    log, result, header = folder / "tumble.csv", folder / "calibration.json", folder / "calibration.h"
+    field = simulate.tumble(seed=1, n=600).samples.field
+    log.write_text("mx_uT,my_uT,mz_uT\n" + "".join(f"{x:.2f},{y:.2f},{z:.2f}\n" for x, y, z in field.tolist()))
+    _command("calibrate", str(log), "-o", str(result))
+    _command("export", str(result), "--to", "arduino", "-o", str(header))
+
+
+def a_row_group(folder: Path) -> None:
+    """From a row group of a Parquet file to a row of the table."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    field = np.concatenate([simulate.tumble(seed=seed, n=300).samples.field for seed in range(3)])
+    columns = {"unit": np.repeat(["A1", "A2", "A3"], 300)}
+    columns |= {f"m{axis}_uT": field[:, place] for place, axis in enumerate("xyz")}
+    parquet.write_table(pa.table(columns), folder / "units.parquet", row_group_size=300)
+    units, table = str(folder / "units.parquet"), str(folder / "table.parquet")
+    _command("fleet", units, "-o", table, "--unit-column", "unit", "--workers", "1")
+
+
+def a_line(_: Path) -> None:
+    """From a line of a serial port to what the page is told: all but the port and the socket."""
+    field = simulate.tumble(seed=1, n=600).samples.field
+    _live([f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n" for x, y, z in field.tolist()])
+
+
+def _live(lines: list[str]) -> None:
+    """Take lines in, fit, and write the messages."""
+    from flinders.core.axes import Axes
+    from flinders.core.units import Unit
+    from flinders.live.evaluation import evaluate
+    from flinders.live.messages import encode
+    from flinders.live.server import rows_of_readings
+    from flinders.live.session import Arrived, Fitted, Session, begin_fit, snapshot, state, step
+    from flinders.live.track import Clock
+    from flinders.live.transcript import Transcript
+
+    transcript, session, clock = Transcript("the board"), Session(), Clock()
+    for number, line in enumerate(lines):
+        taken = transcript.take(line.encode(), at=0.1 * number)
+        if taken.readings:
+            rows, clock = rows_of_readings(list(taken.readings), Axes(), clock)
+            session, _ = step(session, Arrived(0.1 * number, rows, Unit.of("uT")))
+    session = begin_fit(session)
+    session, messages = step(session, Fitted(60.0, evaluate(snapshot(session)), 0.01))
+    for message in (*messages, state(session)):
+        encode(message)
+
+
+def _command(*words: str) -> None:
+    """Run a command of the program in this process."""
+    done = CliRunner().invoke(program, words)
+    if done.exit_code not in (0, 3, 4):
+        sys.exit(f"flinders {' '.join(words)}: {done.output}")
+
+
+def main() -> None:
+    """Print the counts."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--list", action="store_true", help="also list the files")
+    asked = parser.parse_args()
+    walks = {"a reading, to the header": a_reading, "a line, to the page": a_line, "a row group": a_row_group}
+    for name, walk in walks.items():
+        files = entered(walk)
+        print(f"{name:<26} {len(files):>3} files")
+        if asked.list:
+            print("".join(f"    {file}\n" for file in files))
+
+
+if __name__ == "__main__":
+    main()
