@@ -16,7 +16,14 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
-from flinders.findings.row import VERDICTS, Finding, Quantity, Record, Row, Severity, Verdict, by_severity
+from flinders.findings.row import VERDICTS as VERDICTS
+from flinders.findings.row import Finding as Finding
+from flinders.findings.row import Quantity as Quantity
+from flinders.findings.row import Record as Record
+from flinders.findings.row import Row as Row  # noqa: TC001 - also a name to import
+from flinders.findings.row import Severity as Severity  # noqa: TC001
+from flinders.findings.row import Verdict as Verdict
+from flinders.findings.row import by_severity as by_severity
 
 CATALOGUE: Final[dict[str, Row]] = {
     row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
@@ -37,17 +44,3 @@ def limit_of(code: str, of: Severity | str = "limits") -> float:
         need.quantity: need.factor for need in rule.needs
     }
     return limits[of]
-
-
-__all__ = [
-    "CATALOGUE",
-    "VERDICTS",
-    "Finding",
-    "Quantity",
-    "Record",
-    "Row",
-    "Severity",
-    "Verdict",
-    "by_severity",
-    "limit_of",
-]

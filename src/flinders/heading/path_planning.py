@@ -80,7 +80,7 @@ THINNED: Final = 400
 _EVERYWHERE: Final = fibonacci(50)
 
 
-class Fitted(Protocol):
+class FittedSurface(Protocol):
     """What is taken of a fit."""
 
     @property
@@ -117,7 +117,7 @@ class Belief:
     is_rough: bool = False
 
     @classmethod
-    def of_fit(cls, fit: Fitted) -> Self:
+    def of_fit(cls, fit: FittedSurface) -> Self:
         """What a fit claims. A refused one may claim nothing that makes sense: see `rough`."""
         jacobian = magnitude.information(CELLS, fit.ellipsoid)
         variance = reading_variance(jacobian, fit.covariance, fit.noise, fit.coverage.counts)
