@@ -126,9 +126,13 @@ def start(nursery: subprocess.Popen[str], tmp_path: Path) -> Iterator[Start]:
 
 
 def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port that no program gets without asking for it, so that it stays free while nobody listens there."""
+    numbers = np.random.default_rng()
+    for port in numbers.integers(20_000, 30_000, 100).tolist():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return int(port)
+    raise OSError("no free port from 20,000 to 30,000")
 
 
 class Board(threading.Thread):

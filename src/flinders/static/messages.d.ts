@@ -84,7 +84,7 @@ export interface ErrorView {
   worst: number;
 }
 
-/** A finding, as `flinders.fitting.result.Finding`. */
+/** A finding, as `flinders.findings.Finding`. */
 export interface FindingView {
   code: string;
   severity: "note" | "limits" | "refuses";
