@@ -21,13 +21,13 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from flinders.comparison.batch import Changes, between, offset_heading_deg
 from flinders.errors import UsageError
-from flinders.fleet.batches import MOST, Batches, batches_of
-from flinders.fleet.changes import Changes, between, offset_heading_deg
+from flinders.fleet.change_points import ChangePoint, OffsetSeries, change_points
+from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
 from flinders.fleet.history import histories
-from flinders.fleet.scatter import FEWEST, YEAR, Scatter, scatter_of
-from flinders.fleet.steps import Lines, Step, steps_of
-from flinders.fleet.table import VERDICTS
+from flinders.fleet.results import VERDICTS
+from flinders.fleet.variance import FEWEST, YEAR, Variance, estimate_variance
 from flinders.report.fleet_figures import standing_out
 from flinders.report.fleet_view import STATES, BatchDrift, Drift, Histogram, Undated, UnitDrift, UnitStep
 
@@ -72,7 +72,7 @@ def drift_of(
     against : str
         The calibration that a vehicle carries: that of its ``first`` recording, or the ``previous`` one.
     batch : str, optional
-        What tells the hardware batch, as `flinders.fleet.batches.batches_of`.
+        What tells the hardware batch, as `flinders.fleet.hardware_batch.batch_rule`.
     most : int
         Units and steps that are listed.
     each : callable, optional
@@ -89,7 +89,7 @@ def drift_of(
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     if against not in ("first", "previous"):
         raise UsageError(f"against is {against!r}: need 'first' or 'previous'")
-    batches = batches_of(paths, batch)
+    batches = batch_rule(paths, batch)
     seen = _survey(paths, batches)
     count = len({name for name, _ in seen.verdicts})
     if batch is not None and count > MOST:
@@ -124,7 +124,7 @@ class _Pairs:
     stride: int = 1
     parts: list[tuple[int, Floats, Floats, Floats]] = field(default_factory=list)
 
-    def add(self, number: int, lines: Lines, first: int, count: int) -> None:
+    def add(self, number: int, lines: OffsetSeries, first: int, count: int) -> None:
         """Take in the unit of that number, of the whole fleet."""
         if number % self.stride == 0:
             self.parts.append((number, *_pairs(lines, first, count)))
@@ -187,24 +187,24 @@ class _Survey:
                 self.verdicts[told] += count
 
 
-def _survey(paths: Sequence[str | os.PathLike[str]], batches: Batches) -> _Survey:
+def _survey(paths: Sequence[str | os.PathLike[str]], batches: BatchRule) -> _Survey:
     seen = _Survey()
     for history in histories(paths, batches=batches):
         seen.add(history)
     return seen
 
 
-def _lines(history: Histories) -> Lines:
+def _lines(history: Histories) -> OffsetSeries:
     """Offsets as shares of the field of a unit's first recording; without dates time counts recordings."""
     calibrations = history.calibrations
     line = history.line
     radius = calibrations.radius[history.first[line]] if len(calibrations) else np.empty(0)
     covariance = calibrations.covariance[:, :3, :3] / radius[:, np.newaxis, np.newaxis] ** 2
     time = np.where(history.is_dated[line], history.date_s, np.arange(len(line)) - history.first[line])
-    return Lines(history.first, time, calibrations.offset / radius[:, np.newaxis], covariance)
+    return OffsetSeries(history.first, time, calibrations.offset / radius[:, np.newaxis], covariance)
 
 
-def _pairs(lines: Lines, first: int, count: int) -> tuple[Floats, Floats, Floats]:
+def _pairs(lines: OffsetSeries, first: int, count: int) -> tuple[Floats, Floats, Floats]:
     """Neighbours in time, and the first and the last, of one unit; a bounded number of them."""
     a = np.arange(first, first + count - 1)[:20]
     b = a + 1
@@ -214,12 +214,12 @@ def _pairs(lines: Lines, first: int, count: int) -> tuple[Floats, Floats, Floats
     return lines.offset[b] - lines.offset[a], claimed, lines.time[b] - lines.time[a]
 
 
-def _scatters(seen: _Survey) -> tuple[Scatter, Scatter]:
+def _scatters(seen: _Survey) -> tuple[Variance, Variance]:
     """How recordings with dates scatter, over time, and those without, from one to the next.
 
     Where there are too few of one kind, the other tells what claims are worth: that does not hang on dates.
     """
-    dated, undated = scatter_of(*seen.dated.joined()), scatter_of(*seen.undated.joined())
+    dated, undated = estimate_variance(*seen.dated.joined()), estimate_variance(*seen.undated.joined())
     if undated.pairs < FEWEST <= dated.pairs:
         typical = float(np.median(seen.dated.joined()[2]))
         undated = replace(undated, session=dated.session, walk=dated.walk * math.sqrt(typical))
@@ -235,8 +235,8 @@ def _scatters(seen: _Survey) -> tuple[Scatter, Scatter]:
 class _Rules:
     """What all units are judged by."""
 
-    dated: Scatter
-    undated: Scatter
+    dated: Variance
+    undated: Variance
     target_deg: float
     dip_deg: float
     is_dip_given: bool
@@ -342,17 +342,17 @@ def _steps_of(history: Histories, rules: _Rules) -> list[UnitStep]:
     return [_step(history, *found) for found in zip(steps, moved.tolist(), worst.tolist(), strict=True)]
 
 
-def _steps_in(lines: Lines, units: NDArray[np.intp], scatter: Scatter, chance: float) -> list[Step]:
+def _steps_in(lines: OffsetSeries, units: NDArray[np.intp], scatter: Variance, chance: float) -> list[ChangePoint]:
     """Find change points of some of the units."""
     counts = np.diff(lines.first)[units]
     first = np.concatenate([[0], np.cumsum(counts)])
     rows = np.arange(first[-1]) - np.repeat(first[:-1] - lines.first[units], counts)
-    some = Lines(first, lines.time[rows], lines.offset[rows], lines.covariance[rows])
-    steps = steps_of(some, scatter, chance=chance)
+    some = OffsetSeries(first, lines.time[rows], lines.offset[rows], lines.covariance[rows])
+    steps = change_points(some, scatter, chance=chance)
     return [replace(step, after=int(rows[step.after])) for step in steps]
 
 
-def _step(history: Histories, step: Step, moved: list[float], worst: float) -> UnitStep:
+def _step(history: Histories, step: ChangePoint, moved: list[float], worst: float) -> UnitStep:
     at = step.after
     return UnitStep(
         unit=history.unit[history.line[at]],
@@ -406,7 +406,7 @@ class _Found:
         self.stepped.update(unit.batch for unit in units if unit.unit in stepped)
 
 
-def _told(seen: _Survey, rules: _Rules, found: _Found, batches: Batches) -> Drift:
+def _told(seen: _Survey, rules: _Rules, found: _Found, batches: BatchRule) -> Drift:
     undated = rules.undated
     return Drift(
         units=seen.units,
@@ -438,10 +438,10 @@ def _told(seen: _Survey, rules: _Rules, found: _Found, batches: Batches) -> Drif
     )
 
 
-def _batches(seen: _Survey, found: _Found, batches: Batches) -> tuple[BatchDrift, ...]:
+def _batches(seen: _Survey, found: _Found, batches: BatchRule) -> tuple[BatchDrift, ...]:
     """How each batch changed; none where there are too many, or where names tell none."""
     names = sorted(found.batches)
-    if not batches.are_told(names, sum(seen.verdicts.values())):
+    if not batches.are_useful(names, sum(seen.verdicts.values())):
         return ()
     verdicts: dict[str, dict[str, int]] = {name: {} for name in names}
     for (batch, verdict), count in seen.verdicts.items():

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.comparison.batch import Calibrations
 from flinders.core.files import reason
 from flinders.errors import DocumentError
-from flinders.fleet.batches import of_units
-from flinders.fleet.changes import Calibrations
 from flinders.fleet.dates import arranged, is_date
-from flinders.fleet.table import LATER, LISTS, NAMES, needs_arrow, objects
+from flinders.fleet.hardware_batch import named_rows
+from flinders.fleet.results import LATER, LISTS, NAMES, needs_arrow, objects
 
 if TYPE_CHECKING:
     import os
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fleet.batches import Batches
+    from flinders.fleet.hardware_batch import BatchRule
 
 COLUMNS: Final = (
     "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "radius", "dip_deg", "unit_of_field",
@@ -47,7 +47,7 @@ class Histories:
     Attributes
     ----------
     unit : (U,) object
-        Names, sorted; units without any calibration are among them.
+        Interner, sorted; units without any calibration are among them.
     batch : (U,) object
         Of hardware; empty where it is not known.
     first : (U + 1,) int
@@ -92,11 +92,11 @@ class Histories:
         return np.repeat(np.arange(len(self.unit)), np.diff(self.first))
 
     @classmethod
-    def of_table(cls, table: Any, batches: Batches | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401
+    def of_table(cls, table: Any, batches: BatchRule | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401
         """Sort the rows of whole units, each of a recording of its own."""
         from pyarrow import compute
 
-        rows, table = len(table), of_units(table)
+        rows, table = len(table), named_rows(table)
         keys = [("unit", "ascending"), ("start_s", "ascending"), ("recording", "ascending")]
         table = table.take(compute.sort_indices(table, sort_keys=keys)).combine_chunks()
         names, begins, line = np.unique(_texts(table.column("unit")), return_index=True, return_inverse=True)
@@ -169,7 +169,7 @@ class _Order:
 
 
 def histories(
-    paths: Sequence[str | os.PathLike[str]], *, batches: Batches | None = None, rows: int = ROWS
+    paths: Sequence[str | os.PathLike[str]], *, batches: BatchRule | None = None, rows: int = ROWS
 ) -> Iterator[Histories]:
     """Read tables of a fleet, whole units at a time.
 
@@ -177,7 +177,7 @@ def histories(
     ----------
     paths : sequence of path
         Parquet files as `flinders fleet` writes them; a unit may be in several.
-    batches : Batches, optional
+    batches : BatchRule, optional
         What tells the hardware batch.
     rows : int
         That are read at once, of all of them together.

@@ -12,8 +12,8 @@ of an offset that drifts along a straight line: what takes off as much, of χ² 
 
 >>> rng = np.random.default_rng(3)
 >>> offset = rng.normal(size=(8, 3)) * 0.002 + np.where(np.arange(8) >= 5, 0.03, 0.0)[:, np.newaxis]
->>> line = Lines(np.array([0, 8]), np.arange(8) * 86400.0, offset, np.tile(0.002**2 * np.eye(3), (8, 1, 1)))
->>> [(step.after, step.p_value < 1e-9) for step in steps_of(line, Scatter(), chance=1e-3)]
+>>> line = OffsetSeries(np.array([0, 8]), np.arange(8) * 86400.0, offset, np.tile(0.002**2 * np.eye(3), (8, 1, 1)))
+>>> [(step.after, step.p_value < 1e-9) for step in change_points(line, Variance(), chance=1e-3)]
 [(4, True)]
 """
 
@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.fleet.changes import chances
-from flinders.fleet.scatter import MEDIAN, Scatter
+from flinders.comparison.batch import chances
+from flinders.fleet.variance import MEDIAN, Variance
 from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ EACH: Final = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lines:
+class OffsetSeries:
     """Offsets of many units over time.
 
     Attributes
@@ -67,13 +67,13 @@ class Lines:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class ChangePoint:
     """A change point.
 
     Attributes
     ----------
     after : int
-        The recording just before it, of all in `Lines`.
+        The recording just before it, of all in `OffsetSeries`.
     moved : (3,) float
         By what the offset changed, as a fraction of the field.
     p_value : float
@@ -120,26 +120,26 @@ class Gaps:
         return best[self.p_value[best] < chance]
 
 
-def steps_of(lines: Lines, scatter: Scatter, *, chance: float) -> list[Step]:
+def change_points(lines: OffsetSeries, scatter: Variance, *, chance: float) -> list[ChangePoint]:
     """Find change points; a unit that has one is looked at again on either side of it.
 
     Parameters
     ----------
-    lines : Lines
-    scatter : Scatter
+    lines : OffsetSeries
+    scatter : Variance
         Of the fleet.
     chance : float
         A gap is a step where chance makes as much of one less often than this.
 
     Returns
     -------
-    list of Step
+    list of ChangePoint
         In the order of recordings.
     """
     cuts: list[Places] = []
     begin, end = lines.first[:-1], lines.first[1:]
     while len(begin):
-        gaps = gaps_of(lines, begin, end, scatter)
+        gaps = interval_tests(lines, begin, end, scatter)
         best = gaps.best(chance)
         on_line = [_on_a_line(lines, gaps, place, (begin, end), scatter) for place in best.tolist()]
         best = best[chances(np.array(on_line), np.full(len(best), 3)) < chance]
@@ -149,27 +149,29 @@ def steps_of(lines: Lines, scatter: Scatter, *, chance: float) -> list[Step]:
     return _once_more(lines, np.sort(np.concatenate([*cuts, lines.first[:0]])), scatter, chance)
 
 
-def _once_more(lines: Lines, cuts: Places, scatter: Scatter, chance: float) -> list[Step]:
+def _once_more(lines: OffsetSeries, cuts: Places, scatter: Variance, chance: float) -> list[ChangePoint]:
     """Look at each step once more, between those beside it: one found early may have been the shadow of two others."""
     if not len(cuts):
         return []
     ends = np.union1d(cuts, lines.first)
     at = np.searchsorted(ends, cuts)
-    gaps = gaps_of(lines, ends[at - 1], ends[at + 1], scatter)
+    gaps = interval_tests(lines, ends[at - 1], ends[at + 1], scatter)
     here = np.flatnonzero(gaps.after + 1 == cuts[gaps.stretch])
     here = here[gaps.p_value[here] < chance]
-    return [Step(int(gaps.after[place]), gaps.moved[place], float(gaps.p_value[place])) for place in here.tolist()]
+    return [
+        ChangePoint(int(gaps.after[place]), gaps.moved[place], float(gaps.p_value[place])) for place in here.tolist()
+    ]
 
 
-def gaps_of(lines: Lines, begin: Places, end: Places, scatter: Scatter) -> Gaps:
+def interval_tests(lines: OffsetSeries, begin: Places, end: Places, scatter: Variance) -> Gaps:
     """Hold what is before each gap against what is after it.
 
     Parameters
     ----------
-    lines : Lines
+    lines : OffsetSeries
     begin, end : (S,) int
         Stretches of recordings that belong together.
-    scatter : Scatter
+    scatter : Variance
     """
     count = np.maximum(end - begin - 1, 0)
     stretch = np.repeat(np.arange(len(begin)), count)
@@ -191,7 +193,7 @@ def gaps_of(lines: Lines, begin: Places, end: Places, scatter: Scatter) -> Gaps:
 
 
 def _known(
-    lines: Lines, places: Places, way: int, ends: tuple[Places, Places], square: Floats, scatter: Scatter
+    lines: OffsetSeries, places: Places, way: int, ends: tuple[Places, Places], square: Floats, scatter: Variance
 ) -> tuple[Floats, Floats]:
     """Offset (G, 3) and its covariance (G, 3, 3) at (G,) recordings, from them and those on one side of them."""
     information, voice = np.zeros((len(places), 3, 3)), np.zeros((len(places), 3, 1))
@@ -211,7 +213,7 @@ def _known(
     return origin + (covariance @ voice)[:, :, 0], covariance
 
 
-def _on_a_line(lines: Lines, gaps: Gaps, place: int, ends: tuple[Places, Places], scatter: Scatter) -> float:
+def _on_a_line(lines: OffsetSeries, gaps: Gaps, place: int, ends: tuple[Places, Places], scatter: Variance) -> float:
     """Chi-square that a step takes off on top of a straight line; of two recordings nobody can tell, and it is any."""
     stretch, after = gaps.stretch[place], int(gaps.after[place])
     first, end = max(int(ends[0][stretch]), after + 1 - SIDE), min(int(ends[1][stretch]), after + 1 + SIDE)
@@ -237,7 +239,7 @@ def _left(offset: Floats, courses: Sequence[Floats], covariance: Floats) -> floa
     return float(about @ about)
 
 
-def _walks(lines: Lines, after: Places, low: Places, high: Places, scatter: Scatter) -> tuple[Floats, Floats]:
+def _walks(lines: OffsetSeries, after: Places, low: Places, high: Places, scatter: Variance) -> tuple[Floats, Floats]:
     """(G,) q² to hold each gap against, and the degrees of freedom of a unit's own, 0 for that of the fleet."""
     excess, chi_square = _between_neighbours(lines, scatter)
     around = np.concatenate([np.arange(1 - SIDE, 0), np.arange(1, SIDE)])
@@ -253,7 +255,7 @@ def _walks(lines: Lines, after: Places, low: Places, high: Places, scatter: Scat
     return np.where(faster, own, scatter.walk**2), np.where(faster, EACH * count, 0).astype(float)
 
 
-def _between_neighbours(lines: Lines, scatter: Scatter) -> tuple[Floats, Floats]:
+def _between_neighbours(lines: OffsetSeries, scatter: Variance) -> tuple[Floats, Floats]:
     """(R − 1,) the walk, squared, that each change to the next recording shows, and that change as a chi-square.
 
     Between recordings of the same time there is none, and the first is NaN.

@@ -8,7 +8,7 @@ changes are as large as chance makes half of them: medians, to which units that 
 >>> rng = np.random.default_rng(1)
 >>> seconds = rng.choice([60.0, 1e6], 4000)
 >>> changes = rng.normal(size=(4000, 3)) * np.sqrt(2.0 * 0.02**2 + 1e-9 * seconds)[:, np.newaxis]
->>> found = scatter_of(changes, np.tile(0.02**2 * np.eye(3), (4000, 1, 1)), seconds)
+>>> found = estimate_variance(changes, np.tile(0.02**2 * np.eye(3), (4000, 1, 1)), seconds)
 >>> f"{found.session:.1f} {found.walk**2:.0e}"                   # of claims of which two make the 2 above
 '2.0 1e-09'
 """
@@ -38,7 +38,7 @@ DAY: Final = 86400.0
 
 
 @dataclass(frozen=True, slots=True)
-class Scatter:
+class Variance:
     """How offsets of a fleet scatter.
 
     Attributes
@@ -58,7 +58,7 @@ class Scatter:
     def heading_deg(self, seconds: float, *, dip_deg: float = 60.0) -> float:
         """1 σ of the heading of a level vehicle, in degrees, at the worst, that the slow drift makes in a time.
 
-        >>> round(Scatter(walk=1e-6).heading_deg(YEAR), 2)
+        >>> round(Variance(walk=1e-6).heading_deg(YEAR), 2)
         0.64
         """
         return math.degrees(self.walk * math.sqrt(seconds) / math.cos(math.radians(dip_deg)))
@@ -68,7 +68,7 @@ class Scatter:
         return {"session": self.session, "walk_per_root_second": self.walk, "pairs": self.pairs}
 
 
-def scatter_of(changes: Floats, claimed: Floats, seconds: Floats) -> Scatter:
+def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Variance:
     """Find both from pairs of recordings.
 
     Parameters
@@ -83,7 +83,7 @@ def scatter_of(changes: Floats, claimed: Floats, seconds: Floats) -> Scatter:
     """
     known = np.isfinite(seconds) & np.isfinite(changes).all(axis=1)
     if np.count_nonzero(known) < FEWEST:
-        return Scatter(pairs=int(np.count_nonzero(known)))
+        return Variance(pairs=int(np.count_nonzero(known)))
     values, axes = np.linalg.eigh(claimed[known])
     values = values.clip(min=1e-30)
     squares = np.einsum("nji,nj->ni", axes, changes[known]) ** 2
@@ -95,7 +95,7 @@ def scatter_of(changes: Floats, claimed: Floats, seconds: Floats) -> Scatter:
     factors = np.geomspace(0.7, 1.4, 9)
     finer = [(max(1.0, session * a), square * b) for b in factors.tolist() for a in factors.tolist()]
     session, square = min(finer, key=lambda pair: _misfit(pair, squares, values, time, groups))
-    return Scatter(float(session), math.sqrt(square), len(time))
+    return Variance(float(session), math.sqrt(square), len(time))
 
 
 def _typical(squares: Floats, time: Floats) -> float:
