@@ -17,8 +17,8 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.comparison.batch import Calibrations, between
 from flinders.comparison.comparison import compare
+from flinders.comparison.pairs import Ellipsoids, differences
 from flinders.errors import DocumentError, UsageError
 from flinders.fitting.judged import Judged
 from flinders.fleet.aggregate import overview_of
@@ -63,8 +63,8 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
         sensor = simulate.Sensor(noise=0.5, offset=np.array([20.0, -10.0, 5.0 + seed]))
         fits.append(flinders.fit(simulate.tumble(seed=seed, n=300, motion="uniform", sensor=sensor).samples))
     rows = Rows.of([Row.of_fit(fit, "A") for fit in fits])
-    all_of_them = Calibrations.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
-    found = between(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
+    all_of_them = Ellipsoids.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
+    found = differences(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
     for place, (one, two) in enumerate(pairwise(fits)):
         alone = compare(Judged.from_fit(one), Judged.from_fit(two), dip_deg=-40.0)
         assert alone.claimed_deg is not None
@@ -96,7 +96,7 @@ def test_a_unit_upside_down_is_judged_so_and_the_others_as_they_sit(tmp_path: Pa
 def test_the_chance_of_a_chi_square_is_that_of_scipy() -> None:
     from scipy import stats
 
-    from flinders.comparison.batch import chances
+    from flinders.comparison.pairs import chances
 
     chi_square = np.geomspace(0.01, 300.0, 60)
     for freedom in (1, 2, 3, 8, 9, 30):

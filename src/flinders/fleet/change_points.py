@@ -1,14 +1,14 @@
-"""Change points: where a sensor's offset jumped from one recording to the next, as where a battery was moved.
+"""Change points: where the offset of a sensor jumped from one recording to the next, as when a battery was moved.
 
-For each gap between two recordings the offset just before it is estimated from those before, and the offset just after
-it from those after, each by a Kalman filter that lets the offset walk slowly. A step is what they differ by, beyond
-what both are uncertain by and what the walk makes across the gap:
+For each interval between two recordings the offset before it is estimated from the recordings before, and the offset
+after it from those after, each by a Kalman filter with a slow random walk. A step is the difference, beyond the
+uncertainty of both and of the random walk over the interval:
 
     z = sᵀ (P₋ + P₊ + q² Δt)⁻¹ s,     s = b₊ − b₋
 
-which chance makes chi-square with three degrees of freedom. A unit whose other gaps show that it drifts faster than
-its fleet is held against its own drift, and z/3 is F then. Of three recordings or more, a step must show as well on top
-of an offset that drifts along a straight line: what takes off as much, of χ² with three degrees of freedom.
+which is chi-square with three degrees of freedom if nothing moved. If other intervals show that a unit drifts faster
+than its fleet, it is judged by its own drift, and z/3 is F-distributed. With three recordings or more, a step must also
+be significant on top of a straight line: by the decrease in χ², again with three degrees of freedom.
 
 >>> rng = np.random.default_rng(3)
 >>> offset = rng.normal(size=(8, 3)) * 0.002 + np.where(np.arange(8) >= 5, 0.03, 0.0)[:, np.newaxis]
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.comparison.batch import chances
+from flinders.comparison.pairs import chances
 from flinders.fleet.variance import MEDIAN, Variance
 from flinders.summary.pooling import chance_of
 
@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     Places = NDArray[np.intp]
 
 SIDE: Final = 6
-"""Recordings on either side of a gap that are looked at."""
+"""Recordings on either side of an interval that are used."""
 ODD: Final = 0.05
-"""Other gaps that chance makes less often than this show a drift of the unit's own."""
+"""Significance at which the other intervals show that a unit drifts faster than its fleet."""
 EACH: Final = 2
-"""Degrees of freedom that a gap gives to a unit's own drift, which is taken as their lower median."""
+"""Degrees of freedom of an interval for a unit's own drift, which is their lower median."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,9 +52,9 @@ class OffsetSeries:
     Attributes
     ----------
     first : (U + 1,) int
-        Where the recordings of each unit begin, in the order of time; and the end of the last.
+        First recording of each unit, in the order of time; and the end of the last.
     time : (R,) float, s
-        Or where no dates are known the number of each recording.
+        Or the number of each recording if dates are not known.
     offset : (R, 3) float
         As a fraction of the field.
     covariance : (R, 3, 3) float
@@ -73,11 +73,11 @@ class ChangePoint:
     Attributes
     ----------
     after : int
-        The recording just before it, of all in `OffsetSeries`.
+        The recording before it, in `OffsetSeries`.
     moved : (3,) float
-        By what the offset changed, as a fraction of the field.
+        Change of the offset, as a fraction of the field.
     p_value : float
-        How often chance makes one gap show as much.
+        Of the test of this interval.
     """
 
     after: int
@@ -86,26 +86,26 @@ class ChangePoint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Gaps:
-    """What each of G gaps shows.
+class IntervalTests:
+    """Test of each of G intervals.
 
     Attributes
     ----------
-    stretch : (G,) int
-        In which stretch of recordings it is.
+    segment : (G,) int
+        Its segment of recordings.
     after : (G,) int
         The recording before it.
     moved : (G, 3) float
         The step.
     p_value : (G,) float
-        How often chance makes as much of one.
+        Probability that chance makes as large a step.
     chi_square : (G,) float
-        Of that step.
+        Of the step.
     square : (G,) float
-        The walk, squared, that it was held against.
+        Squared random walk for this interval.
     """
 
-    stretch: Places
+    segment: Places
     after: Places
     moved: Floats
     p_value: Floats
@@ -113,23 +113,23 @@ class Gaps:
     square: Floats
 
     def best(self, chance: float) -> Places:
-        """(B,) the gap of each stretch that chance explains least, where that is less often than `chance`."""
-        order = np.lexsort((-self.chi_square, self.p_value, self.stretch))
-        is_first = np.diff(self.stretch[order], prepend=-1) > 0
+        """(B,) the most significant interval of each segment, if it is significant at `chance`."""
+        order = np.lexsort((-self.chi_square, self.p_value, self.segment))
+        is_first = np.diff(self.segment[order], prepend=-1) > 0
         best = order[is_first]
         return best[self.p_value[best] < chance]
 
 
-def change_points(lines: OffsetSeries, scatter: Variance, *, chance: float) -> list[ChangePoint]:
-    """Find change points; a unit that has one is looked at again on either side of it.
+def change_points(series: OffsetSeries, variance: Variance, *, chance: float) -> list[ChangePoint]:
+    """Find change points; a unit with one is searched again on either side of it.
 
     Parameters
     ----------
-    lines : OffsetSeries
-    scatter : Variance
+    series : OffsetSeries
+    variance : Variance
         Of the fleet.
     chance : float
-        A gap is a step where chance makes as much of one less often than this.
+        Significance level of each interval.
 
     Returns
     -------
@@ -137,111 +137,120 @@ def change_points(lines: OffsetSeries, scatter: Variance, *, chance: float) -> l
         In the order of recordings.
     """
     cuts: list[Places] = []
-    begin, end = lines.first[:-1], lines.first[1:]
+    begin, end = series.first[:-1], series.first[1:]
     while len(begin):
-        gaps = interval_tests(lines, begin, end, scatter)
-        best = gaps.best(chance)
-        on_line = [_on_a_line(lines, gaps, place, (begin, end), scatter) for place in best.tolist()]
-        best = best[chances(np.array(on_line), np.full(len(best), 3)) < chance]
-        cut, stretch = gaps.after[best] + 1, gaps.stretch[best]
+        tests = interval_tests(series, begin, end, variance)
+        best = tests.best(chance)
+        beyond_line = [_beyond_a_line(series, tests, place, (begin, end), variance) for place in best.tolist()]
+        best = best[chances(np.array(beyond_line), np.full(len(best), 3)) < chance]
+        cut, segment = tests.after[best] + 1, tests.segment[best]
         cuts.append(cut)
-        begin, end = np.concatenate([begin[stretch], cut]), np.concatenate([cut, end[stretch]])
-    return _once_more(lines, np.sort(np.concatenate([*cuts, lines.first[:0]])), scatter, chance)
+        begin, end = np.concatenate([begin[segment], cut]), np.concatenate([cut, end[segment]])
+    return _tested_again(series, np.sort(np.concatenate([*cuts, series.first[:0]])), variance, chance)
 
 
-def _once_more(lines: OffsetSeries, cuts: Places, scatter: Variance, chance: float) -> list[ChangePoint]:
-    """Look at each step once more, between those beside it: one found early may have been the shadow of two others."""
+def _tested_again(series: OffsetSeries, cuts: Places, variance: Variance, chance: float) -> list[ChangePoint]:
+    """Test each step again, between its neighbours: one that was found early may be the shadow of two others."""
     if not len(cuts):
         return []
-    ends = np.union1d(cuts, lines.first)
+    ends = np.union1d(cuts, series.first)
     at = np.searchsorted(ends, cuts)
-    gaps = interval_tests(lines, ends[at - 1], ends[at + 1], scatter)
-    here = np.flatnonzero(gaps.after + 1 == cuts[gaps.stretch])
-    here = here[gaps.p_value[here] < chance]
+    tests = interval_tests(series, ends[at - 1], ends[at + 1], variance)
+    here = np.flatnonzero(tests.after + 1 == cuts[tests.segment])
+    here = here[tests.p_value[here] < chance]
     return [
-        ChangePoint(int(gaps.after[place]), gaps.moved[place], float(gaps.p_value[place])) for place in here.tolist()
+        ChangePoint(int(tests.after[place]), tests.moved[place], float(tests.p_value[place])) for place in here.tolist()
     ]
 
 
-def interval_tests(lines: OffsetSeries, begin: Places, end: Places, scatter: Variance) -> Gaps:
-    """Hold what is before each gap against what is after it.
+def interval_tests(series: OffsetSeries, begin: Places, end: Places, variance: Variance) -> IntervalTests:
+    """Test each interval: the offset after it against the offset before it.
 
     Parameters
     ----------
-    lines : OffsetSeries
+    series : OffsetSeries
     begin, end : (S,) int
-        Stretches of recordings that belong together.
-    scatter : Variance
+        Segments of recordings.
+    variance : Variance
     """
     count = np.maximum(end - begin - 1, 0)
-    stretch = np.repeat(np.arange(len(begin)), count)
-    after = np.arange(len(stretch)) - np.repeat(np.cumsum(count) - count, count) + begin[stretch]
-    low, high = begin[stretch], end[stretch]
+    segment = np.repeat(np.arange(len(begin)), count)
+    after = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count) + begin[segment]
+    low, high = begin[segment], end[segment]
     if not len(after):
-        return Gaps(stretch, after, np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
-    square, freedom = _walks(lines, after, low, high, scatter)
-    before, before_sigma = _known(lines, after, -1, (low, high), square, scatter)
-    behind, behind_sigma = _known(lines, after + 1, 1, (low, high), square, scatter)
+        return IntervalTests(segment, after, np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
+    square, freedom = _random_walks(series, after, low, high, variance)
+    before, before_sigma = _estimates(series, after, -1, (low, high), square, variance)
+    behind, behind_sigma = _estimates(series, after + 1, 1, (low, high), square, variance)
     moved = behind - before
-    gap = np.abs(lines.time[after + 1] - lines.time[after])
-    covariance = before_sigma + behind_sigma + (square * gap)[:, np.newaxis, np.newaxis] * np.eye(3)
+    interval = np.abs(series.time[after + 1] - series.time[after])
+    covariance = before_sigma + behind_sigma + (square * interval)[:, np.newaxis, np.newaxis] * np.eye(3)
     chi_square = _squares(moved, covariance)
     p_value = chances(chi_square, np.full(len(after), 3))
     for place in np.flatnonzero(freedom).tolist():
         p_value[place] = chance_of(float(chi_square[place]), 3, others=float(freedom[place]))
-    return Gaps(stretch, after, moved, p_value, chi_square, square)
+    return IntervalTests(segment, after, moved, p_value, chi_square, square)
 
 
-def _known(
-    lines: OffsetSeries, places: Places, way: int, ends: tuple[Places, Places], square: Floats, scatter: Variance
+def _estimates(
+    series: OffsetSeries,
+    places: Places,
+    direction: int,
+    ends: tuple[Places, Places],
+    square: Floats,
+    variance: Variance,
 ) -> tuple[Floats, Floats]:
-    """Offset (G, 3) and its covariance (G, 3, 3) at (G,) recordings, from them and those on one side of them."""
-    information, voice = np.zeros((len(places), 3, 3)), np.zeros((len(places), 3, 1))
-    origin = lines.offset[places]
+    """Kalman estimates (G, 3) of the offset and covariances (G, 3, 3), from recordings and those on one side."""
+    information, weighted = np.zeros((len(places), 3, 3)), np.zeros((len(places), 3, 1))
+    origin = series.offset[places]
     for steps in range(SIDE - 1, -1, -1):
-        here = places + way * steps
+        here = places + direction * steps
         is_there = (here >= ends[0]) & (here < ends[1])
         here = np.where(is_there, here, places)
-        nearer = np.where(is_there, here - way * min(steps, 1), places)
-        precision = np.linalg.inv(scatter.session * lines.covariance[here]) * is_there[:, np.newaxis, np.newaxis]
+        nearer = np.where(is_there, here - direction * min(steps, 1), places)
+        precision = np.linalg.inv(variance.factor * series.covariance[here]) * is_there[:, np.newaxis, np.newaxis]
         information = information + precision
-        voice = voice + precision @ (lines.offset[here] - origin)[:, :, np.newaxis]
-        spread = square * np.abs(lines.time[nearer] - lines.time[here])
-        kept = np.linalg.inv(np.eye(3) + spread[:, np.newaxis, np.newaxis] * information)  # (1 + q² Δt Λ)⁻¹
-        information, voice = kept @ information, kept @ voice
+        weighted = weighted + precision @ (series.offset[here] - origin)[:, :, np.newaxis]
+        added = square * np.abs(series.time[nearer] - series.time[here])
+        shrink = np.linalg.inv(np.eye(3) + added[:, np.newaxis, np.newaxis] * information)  # (1 + q² Δt Λ)⁻¹
+        information, weighted = shrink @ information, shrink @ weighted
     covariance = np.linalg.inv(information)
-    return origin + (covariance @ voice)[:, :, 0], covariance
+    return origin + (covariance @ weighted)[:, :, 0], covariance
 
 
-def _on_a_line(lines: OffsetSeries, gaps: Gaps, place: int, ends: tuple[Places, Places], scatter: Variance) -> float:
-    """Chi-square that a step takes off on top of a straight line; of two recordings nobody can tell, and it is any."""
-    stretch, after = gaps.stretch[place], int(gaps.after[place])
-    first, end = max(int(ends[0][stretch]), after + 1 - SIDE), min(int(ends[1][stretch]), after + 1 + SIDE)
+def _beyond_a_line(
+    series: OffsetSeries, tests: IntervalTests, place: int, ends: tuple[Places, Places], variance: Variance
+) -> float:
+    """Decrease in chi-square by a step on top of a straight line; infinite for two recordings, which cannot tell."""
+    segment, after = tests.segment[place], int(tests.after[place])
+    first, end = max(int(ends[0][segment]), after + 1 - SIDE), min(int(ends[1][segment]), after + 1 + SIDE)
     if end - first < 3:
         return np.inf
-    time = lines.time[first:end] - lines.time[first]
-    covariance = np.kron(gaps.square[place] * np.minimum(time[:, np.newaxis], time), np.eye(3))
+    time = series.time[first:end] - series.time[first]
+    covariance = np.kron(tests.square[place] * np.minimum(time[:, np.newaxis], time), np.eye(3))
     for row in range(end - first):
         inside = slice(3 * row, 3 * row + 3)
-        covariance[inside, inside] += scatter.session * lines.covariance[first + row]
-    offset = (lines.offset[first:end] - lines.offset[first]).ravel()
-    line = [np.ones(len(time)), time / max(float(time[-1]), np.finfo(float).tiny)]
+        covariance[inside, inside] += variance.factor * series.covariance[first + row]
+    offset = (series.offset[first:end] - series.offset[first]).ravel()
+    trend = [np.ones(len(time)), time / max(float(time[-1]), np.finfo(float).tiny)]
     step = (np.arange(first, end) > after).astype(float)
-    return _left(offset, line, covariance) - _left(offset, [*line, step], covariance)
+    return _chi_square(offset, trend, covariance) - _chi_square(offset, [*trend, step], covariance)
 
 
-def _left(offset: Floats, courses: Sequence[Floats], covariance: Floats) -> float:
-    """Chi-square that (3 n,) offsets leave about sums of courses (n,), which each axis has its own share of."""
+def _chi_square(offset: Floats, regressors: Sequence[Floats], covariance: Floats) -> float:
+    """Chi-square of (3 n,) offsets about a combination of regressors (n,), fitted to each axis."""
     root = np.linalg.inv(np.linalg.cholesky(covariance))
-    design = root @ np.kron(np.stack(courses, axis=1), np.eye(3))
-    seen = root @ offset
-    about = seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]
+    design = root @ np.kron(np.stack(regressors, axis=1), np.eye(3))
+    whitened = root @ offset
+    about = whitened - design @ np.linalg.lstsq(design, whitened, rcond=None)[0]
     return float(about @ about)
 
 
-def _walks(lines: OffsetSeries, after: Places, low: Places, high: Places, scatter: Variance) -> tuple[Floats, Floats]:
-    """(G,) q² to hold each gap against, and the degrees of freedom of a unit's own, 0 for that of the fleet."""
-    excess, chi_square = _between_neighbours(lines, scatter)
+def _random_walks(
+    series: OffsetSeries, after: Places, low: Places, high: Places, variance: Variance
+) -> tuple[Floats, Floats]:
+    """(G,) q² for each interval, and the degrees of freedom of a unit's own, 0 for that of the fleet."""
+    excess, chi_square = _successive(series, variance)
     around = np.concatenate([np.arange(1 - SIDE, 0), np.arange(1, SIDE)])
     others = after[:, np.newaxis] + around
     is_there = (others >= low[:, np.newaxis]) & (others < high[:, np.newaxis] - 1)
@@ -251,21 +260,18 @@ def _walks(lines: OffsetSeries, after: Places, low: Places, high: Places, scatte
     odd = chances(np.where(is_there, chi_square[others], 0.0).sum(axis=1), 3 * count) < ODD
     sizes = np.sort(np.where(is_there, excess[others], np.inf), axis=1)
     own = sizes[np.arange(len(after)), np.maximum(count - 1, 0) // 2]
-    faster = odd & (count > 0) & (own > scatter.walk**2)
-    return np.where(faster, own, scatter.walk**2), np.where(faster, EACH * count, 0).astype(float)
+    faster = odd & (count > 0) & (own > variance.random_walk**2)
+    return np.where(faster, own, variance.random_walk**2), np.where(faster, EACH * count, 0).astype(float)
 
 
-def _between_neighbours(lines: OffsetSeries, scatter: Variance) -> tuple[Floats, Floats]:
-    """(R − 1,) the walk, squared, that each change to the next recording shows, and that change as a chi-square.
-
-    Between recordings of the same time there is none, and the first is NaN.
-    """
-    changes, gap = np.diff(lines.offset, axis=0), np.abs(np.diff(lines.time))
-    noise = scatter.session * (lines.covariance[1:] + lines.covariance[:-1])
+def _successive(series: OffsetSeries, variance: Variance) -> tuple[Floats, Floats]:
+    """(R − 1,) squared random walk of each change, NaN between recordings of one time, and its chi-square."""
+    changes, interval = np.diff(series.offset, axis=0), np.abs(np.diff(series.time))
+    noise = variance.factor * (series.covariance[1:] + series.covariance[:-1])
     beyond = np.sum(changes**2, axis=1) - np.einsum("nii->n", noise)
-    excess = beyond.clip(min=0.0) / np.where(gap > 0.0, gap, np.nan) / MEDIAN
-    spread = (scatter.walk**2 * gap)[:, np.newaxis, np.newaxis] * np.eye(3)
-    return excess, _squares(changes, noise + spread)
+    excess = beyond.clip(min=0.0) / np.where(interval > 0.0, interval, np.nan) / MEDIAN
+    added = (variance.random_walk**2 * interval)[:, np.newaxis, np.newaxis] * np.eye(3)
+    return excess, _squares(changes, noise + added)
 
 
 def _squares(vectors: Floats, covariance: Floats) -> Floats:
