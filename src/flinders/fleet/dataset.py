@@ -218,10 +218,6 @@ def _rows_of(file: Any, only: Callable[[Sequence[int]], Any]) -> tuple[int, ...]
     return tuple(counts.get(number, 0) for number in range(file.num_record_batches))
 
 
-class NoBatch(UsageError):
-    """The column that an option names for the hardware batch is missing."""
-
-
 @dataclass(frozen=True, slots=True)
 class KeyColumns:
     """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row.
@@ -242,7 +238,7 @@ class KeyColumns:
     batch_value: str = ""
 
     @classmethod
-    def of(cls, name: str, columns: Sequence[str], options: Options) -> Self | None:
+    def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
         """Find them among columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
 
         Raises
@@ -260,10 +256,7 @@ class KeyColumns:
         if unit is None:
             return None
         recording = _key(values, columns, options.recording_column, RECORDING_COLUMNS, name) or ("", "")
-        try:
-            batch = _key(values, columns, options.batch_column, BATCH_COLUMNS, name) or ("", "")
-        except UsageError as error:
-            raise NoBatch(str(error)) from None
+        batch = _key(values, columns, options.batch_column, BATCH_COLUMNS, name, needed=needs_batch) or ("", "")
         return cls(unit[0], recording[0], unit[1], recording[1], *batch)
 
     @classmethod
@@ -280,11 +273,7 @@ class KeyColumns:
         own = (options.recording_column, RECORDING_COLUMNS), (options.batch_column, BATCH_COLUMNS)
         guessed = {column for named, usual in own if named is None for column in usual}
         columns = [field.name for field in schema if field.name.casefold() not in guessed or _is_text(field.type)]
-        try:
-            keys = cls.of(name, columns, options)
-        except NoBatch:
-            keys = cls.of(name, columns, replace(options, batch_column=None))
-            keys = keys and replace(keys, batch="", batch_value="")
+        keys = cls.of(name, columns, options, needs_batch=False)
         for column in keys.columns if keys else ():
             _refuse_column(name, schema, column)
         return keys
@@ -349,16 +338,22 @@ def batch_in(name: str, options: Options) -> str:
 
 
 def _key(
-    values: dict[str, str], columns: Sequence[str], column: str | None, usual: Sequence[str], name: str
+    values: dict[str, str],
+    columns: Sequence[str],
+    column: str | None,
+    usual: Sequence[str],
+    name: str,
+    *,
+    needed: bool = True,
 ) -> tuple[str, str] | None:
-    """Column that holds a key, or its value in the path; UsageError if the one that is named is in neither."""
+    """Column that holds a key, or its value in the path; UsageError if one that is named and needed is in neither."""
     lowered = {each.casefold(): each for each in reversed(columns)}
     for wanted in usual if column is None else (column,):
         if wanted in values:
             return "", values[wanted]
         if wanted.casefold() in lowered:
             return lowered[wanted.casefold()], ""
-    if column is not None:
+    if column is not None and needed:
         raise UsageError(f"{name} has no column {column}: there are {', '.join(columns[:24])}")
     return None
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -78,7 +78,7 @@ BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
 TABLES_OF_FLEETS: Final = "tables of fleets"
 """Kind of the tables that a run wrote: an output may lie among the recordings."""
 AHEAD: Final = 8 * LOOKS
-"""Files that are submitted ahead: memory is bounded for any number of files."""
+"""Files that are submitted at a time: memory is bounded for any number of files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,14 +272,9 @@ def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> It
     [1, 2, 3]
     """
     waiting = iter(items)
-    pool = ThreadPoolExecutor(LOOKS)
-    try:
-        futures = deque(pool.submit(function, each) for each in islice(waiting, AHEAD))
-        while futures:
-            yield futures.popleft().result()
-            futures.extend(pool.submit(function, each) for each in islice(waiting, 1))
-    finally:
-        pool.shutdown(cancel_futures=True)
+    with ThreadPoolExecutor(LOOKS) as pool:
+        while some := list(islice(waiting, AHEAD)):
+            yield from pool.map(function, some)
 
 
 def key_of(name: str) -> tuple[str, str]:

@@ -89,6 +89,7 @@ class _JsonLines(logging.Handler):
     """Appends events to a file, unbuffered; unlike other handlers it raises if it cannot."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        """Open the file, and end a line that was cut."""
         super().__init__()
         self._path = path
         try:
@@ -99,21 +100,25 @@ class _JsonLines(logging.Handler):
             self._write("\n")
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Write an event."""
         time = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
         fields: dict[str, object] = getattr(record, "fields", {})
         self._write(json.dumps({"time": time, "event": record.getMessage(), **fields}, allow_nan=False) + "\n")
 
     def close(self) -> None:
+        """Close the file."""
         self._file.close()
         super().close()
 
     def _write(self, line: str) -> None:
+        """Write a line; raises OutputError."""
         try:
             write_all(self._file, line.encode())
         except OSError as error:
             raise self._refused(error) from None
 
     def _refused(self, error: OSError) -> OutputError:
+        """Error of a log that cannot be written."""
         return OutputError(f"{self._path}: the log cannot be written: {reason(error)}")
 
 

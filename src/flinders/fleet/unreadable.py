@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput, counted
 from flinders.fleet.dataset import HALF, Interner, KeyColumns, KeyedTable, batch_in, counts_of, extents_of, opened
-from flinders.fleet.results import LONGEST, Row
+from flinders.fleet.results import Row, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -268,4 +268,4 @@ def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> 
 def _row(error: Exception, pair: Pair, readings: int, message: str) -> Row:
     """Row with the code of an error and a longer message."""
     row = Row.of_error(error, pair[0], recording=pair[1], readings=readings)
-    return replace(row, message=" ".join(message.split())[:LONGEST])
+    return replace(row, message=one_line(message))

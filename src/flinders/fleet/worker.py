@@ -47,7 +47,7 @@ from flinders.fleet.recordings import (
     merged_recording,
     read_recordings,
 )
-from flinders.fleet.results import LONGEST, NAMES, VERDICTS, Row, Rows, needs_arrow, objects
+from flinders.fleet.results import LONGEST, NAMES, VERDICTS, Row, Rows, needs_arrow, objects, one_line
 from flinders.fleet.storage import StoredFile
 from flinders.fleet.unreadable import NOT_PLANNED, Unreadable, open_as_planned
 from flinders.readers import open_log
@@ -278,7 +278,7 @@ def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], 
         "end_s": spans[:, 1],
         "readings": readings,
         "batch": np.full(len(pairs), "", dtype=object),
-        "message": objects([message and " ".join(message.split())[:LONGEST] for message in columns.message.tolist()]),
+        "message": objects([message and one_line(message) for message in columns.message.tolist()]),
     }
     return Rows(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
 
@@ -476,12 +476,12 @@ def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: In
 
 def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[Row]:
     """Rows for readings without a unit, and for those whose unit cannot be read, which are reported once."""
-    found = unreadable.unknown() if partition.only is None else []
+    report = unreadable.unknown() if partition.only is None else []
     if rows:
         names = [part.file.name for part in partition.slices]
         where = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
-        found.append(Row.of_error(NoUnit(where, rows), "", readings=rows))
-    return found
+        report.append(Row.of_error(NoUnit(where, rows), "", readings=rows))
+    return report
 
 
 def _that_fit(counts: dict[Pair, int]) -> list[set[Pair]]:
