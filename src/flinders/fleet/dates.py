@@ -216,7 +216,7 @@ def _marks(names: Sequence[str], start_s: Floats) -> list[_Mark]:
 
 
 def _groups(marks: Sequence[_Mark]) -> list[list[int]]:
-    """Groups of recordings whose dates overlap, in order: a day lasts 24 h, local time is uncertain against UTC by one."""
+    """Groups of recordings whose dates overlap, in order: a day lasts 24 h, local time may be off by one."""
     zone = DAY if len({mark.kind == "instant" for mark in marks}) == 2 else 0.0
     spans = []
     for mark in marks:
