@@ -22,9 +22,9 @@ from flinders.comparison.pairs import Ellipsoids, differences
 from flinders.errors import DocumentError, UsageError
 from flinders.fitting.judged import Judged
 from flinders.fleet.aggregate import overview_of
-from flinders.fleet.change_points import OffsetSeries, change_points, interval_tests
+from flinders.fleet.change_points import change_points, interval_tests
 from flinders.fleet.drift import drift_of
-from flinders.fleet.history import histories
+from flinders.fleet.history import OffsetSeries, histories
 from flinders.fleet.results import Row, Rows
 from flinders.fleet.variance import Variance, estimate_variance
 from flinders.report.fleet import page

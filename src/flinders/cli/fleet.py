@@ -147,14 +147,14 @@ def _progress() -> Iterator[ProgressCallback | None]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.fields[told]}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.fields[state]}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
-        task = shown.add_task("", total=None, told="looking at what is there")
+        task = shown.add_task("", total=None, state="looking at what is there")
 
         def update(done: int, total: int, rows: int, units: int | None) -> None:
             elapsed = shown.tasks[0].elapsed or 0.0
             of_units = "" if units is None else f" of {counted(units, 'unit')}"
             rate = f", {rows / elapsed:,.0f} a second" if elapsed else ""
-            shown.update(task, completed=done, total=total, told=f"{counted(rows, 'recording')}{of_units}{rate}")
+            shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{of_units}{rate}")
 
         yield update

@@ -10,6 +10,7 @@ which is chi-square with three degrees of freedom if nothing moved. If other int
 than its fleet, it is judged by its own drift, and z/3 is F-distributed. With three recordings or more, a step must also
 be significant on top of a straight line: by the decrease in χ², again with three degrees of freedom.
 
+>>> from flinders.fleet.history import OffsetSeries
 >>> rng = np.random.default_rng(3)
 >>> offset = rng.normal(size=(8, 3)) * 0.002 + np.where(np.arange(8) >= 5, 0.03, 0.0)[:, np.newaxis]
 >>> line = OffsetSeries(np.array([0, 8]), np.arange(8) * 86400.0, offset, np.tile(0.002**2 * np.eye(3), (8, 1, 1)))
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.fleet.history import OffsetSeries
 
     Places = NDArray[np.intp]
 
@@ -43,27 +45,6 @@ ODD: Final = 0.05
 """Significance at which the other intervals show that a unit drifts faster than its fleet."""
 EACH: Final = 2
 """Degrees of freedom of an interval for a unit's own drift, which is their lower median."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OffsetSeries:
-    """Offsets of many units over time.
-
-    Attributes
-    ----------
-    first : (U + 1,) int
-        First recording of each unit, in the order of time; and the end of the last.
-    time : (R,) float, s
-        Or the number of each recording if dates are not known.
-    offset : (R, 3) float
-        As a fraction of the field.
-    covariance : (R, 3, 3) float
-    """
-
-    first: Places
-    time: Floats
-    offset: Floats
-    covariance: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,11 +23,11 @@ import numpy as np
 
 from flinders.comparison.pairs import Differences, differences, offset_heading_deg
 from flinders.errors import UsageError
-from flinders.fleet.change_points import ChangePoint, OffsetSeries, change_points
+from flinders.fleet.change_points import ChangePoint, change_points
 from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
-from flinders.fleet.history import histories
+from flinders.fleet.history import OffsetSeries, histories
 from flinders.fleet.results import VERDICTS
-from flinders.fleet.variance import FEWEST, YEAR, Variance, estimate_variance
+from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
 from flinders.report.fleet_figures import standing_out
 from flinders.report.fleet_view import STATES, BatchDrift, Drift, Histogram, Undated, UnitDrift, UnitStep
 
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 CHANCE: Final = 0.01
 """Probability of a false alarm in a whole fleet, as in a comparison of two calibrations."""
-MOST_PAIRS: Final = 20_000
-"""Pairs of recordings from which the variance of a fleet is estimated."""
 DIP_DEG: Final = 60.0
 
 Against = Literal["first", "previous"]
@@ -118,32 +116,6 @@ def drift_of(
 
 
 @dataclass(slots=True)
-class _Pairs:
-    """A sample of pairs of recordings, of every `stride`-th unit; if it grows too large, the stride is doubled."""
-
-    stride: int = 1
-    parts: list[tuple[int, Floats, Floats, Floats]] = field(default_factory=list)
-
-    def add(self, number: int, series: OffsetSeries, first: int, count: int) -> None:
-        """Add the unit of this number in the whole fleet."""
-        if number % self.stride == 0:
-            self.parts.append((number, *_pairs(series, first, count)))
-
-    def bound(self) -> None:
-        """Reduce to `MOST_PAIRS`."""
-        while sum(len(part[3]) for part in self.parts) > MOST_PAIRS and len(self.parts) > 1:
-            self.stride *= 2
-            self.parts = [part for part in self.parts if part[0] % self.stride == 0] or self.parts[:1]
-
-    def joined(self) -> tuple[Floats, Floats, Floats]:
-        """Changes (n, 3), claimed covariances (n, 3, 3) and times (n,) of all pairs."""
-        if not self.parts:
-            return np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0)
-        _, changes, claimed, times = zip(*self.parts, strict=True)
-        return np.concatenate(changes), np.concatenate(claimed), np.concatenate(times)
-
-
-@dataclass(slots=True)
 class _Survey:
     """First pass: counts, and samples of pairs of recordings with and without dates."""
 
@@ -155,8 +127,8 @@ class _Survey:
     changing: int = 0
     undated_units: int = 0
     dips: Counter[float] = field(default_factory=Counter)
-    dated: _Pairs = field(default_factory=_Pairs)
-    undated: _Pairs = field(default_factory=_Pairs)
+    dated: PairSample = field(default_factory=PairSample)
+    undated: PairSample = field(default_factory=PairSample)
     verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
 
     @classmethod
@@ -177,7 +149,7 @@ class _Survey:
         self.dips.update(history.dip_deg[np.isfinite(history.dip_deg)].tolist())
         counts = np.diff(history.first)
         several = (counts >= 2) & history.is_known
-        series = _series(history)
+        series = history.offsets
         for unit in np.flatnonzero(several).tolist():
             pairs = self.dated if history.is_dated[unit] else self.undated
             pairs.add(self.units + unit, series, int(history.first[unit]), int(counts[unit]))
@@ -195,31 +167,11 @@ class _Survey:
                 self.verdicts[key] += count
 
 
-def _series(history: Histories) -> OffsetSeries:
-    """Offsets as fractions of the field of a unit's first recording; without dates, time counts recordings."""
-    calibrations = history.calibrations
-    line = history.line
-    radius = calibrations.radius[history.first[line]] if len(calibrations) else np.empty(0)
-    covariance = calibrations.covariance[:, :3, :3] / radius[:, np.newaxis, np.newaxis] ** 2
-    time = np.where(history.is_dated[line], history.date_s, np.arange(len(line)) - history.first[line])
-    return OffsetSeries(history.first, time, calibrations.centre / radius[:, np.newaxis], covariance)
-
-
-def _pairs(series: OffsetSeries, first: int, count: int) -> tuple[Floats, Floats, Floats]:
-    """Pairs of successive recordings of one unit, and the first with the last; a bounded number."""
-    a = np.arange(first, first + count - 1)[:20]
-    b = a + 1
-    if count > 2:
-        a, b = np.append(a, first), np.append(b, first + count - 1)
-    claimed = series.covariance[a] + series.covariance[b]
-    return series.offset[b] - series.offset[a], claimed, series.time[b] - series.time[a]
-
-
 def _variances(survey: _Survey) -> tuple[Variance, Variance]:
     """Variance of recordings with dates and without; if one kind is too few, its variance factor is the other's."""
-    dated, undated = estimate_variance(*survey.dated.joined()), estimate_variance(*survey.undated.joined())
+    dated, undated = survey.dated.variance(), survey.undated.variance()
     if undated.pairs < FEWEST <= dated.pairs:
-        typical = float(np.median(survey.dated.joined()[2]))
+        typical = survey.dated.typical_time()
         undated = replace(undated, factor=dated.factor, random_walk=dated.random_walk * math.sqrt(typical))
     elif dated.pairs < FEWEST <= undated.pairs:
         dated = replace(dated, factor=undated.factor)
@@ -321,7 +273,7 @@ def _alone(name: str, batch: str, count: int) -> UnitDrift:
 
 def _steps_of(history: Histories, rules: _Rules) -> list[UnitStep]:
     """Change points of units whose recordings have an order: over time, or from one recording to the next."""
-    series = _series(history)
+    series = history.offsets
     steps = [
         step
         for units, variance in ((history.is_dated, rules.dated), (~history.is_dated, rules.undated))

@@ -41,6 +41,27 @@ ROWS: Final = 16_384
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OffsetSeries:
+    """Offsets of many units over time.
+
+    Attributes
+    ----------
+    first : (U + 1,) int
+        First recording of each unit, in the order of time; and the end of the last.
+    time : (R,) float, s
+        Or the number of each recording if dates are not known.
+    offset : (R, 3) float
+        As a fraction of the field.
+    covariance : (R, 3, 3) float
+    """
+
+    first: NDArray[np.intp]
+    time: Floats
+    offset: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Histories:
     """Calibrations of some units, those of a unit together and in the order of time.
 
@@ -89,6 +110,14 @@ class Histories:
     def line(self) -> NDArray[np.intp]:
         """(R,) index of the unit of each calibration."""
         return np.repeat(np.arange(len(self.unit)), np.diff(self.first))
+
+    @property
+    def offsets(self) -> OffsetSeries:
+        """Offsets as fractions of the field of a unit's first recording; without dates, time counts recordings."""
+        radius = self.calibrations.radius[self.first[self.line]] if len(self.calibrations) else np.empty(0)
+        covariance = self.calibrations.covariance[:, :3, :3] / radius[:, np.newaxis, np.newaxis] ** 2
+        time = np.where(self.is_dated[self.line], self.date_s, np.arange(len(self.line)) - self.first[self.line])
+        return OffsetSeries(self.first, time, self.calibrations.centre / radius[:, np.newaxis], covariance)
 
     @classmethod
     def of_table(cls, table: Any, rule: BatchRule | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401

@@ -141,6 +141,7 @@ class _Worker:
     """An executor of one process: a pool of several does not say which unit a process died of."""
 
     def __init__(self) -> None:
+        """Start the process."""
         with _environment(dict.fromkeys(ONE_THREAD, "1")), _interrupts_blocked():
             self.executor = ProcessPoolExecutor(1, _context(), _prepare)
             self._pid = self.executor.submit(os.getpid)
@@ -161,8 +162,9 @@ class _Worker:
 
     def stop(self) -> None:
         """Kill the process, which holds nothing that is not here yet."""
-        with contextlib.suppress(OSError, ValueError):
-            os.kill(int(self.pid), signal.SIGTERM)
+        for process in multiprocessing.active_children():
+            if str(process.pid) == self.pid:
+                process.kill()
         self.executor.shutdown(cancel_futures=True)
 
 

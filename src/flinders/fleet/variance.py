@@ -16,16 +16,19 @@ to which units that moved mean little.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.fleet.history import OffsetSeries
 
 MEDIAN: Final = 2.366
 """Median of chi-square with three degrees of freedom."""
+MOST_PAIRS: Final = 20_000
+"""Pairs of recordings from which the variance of a fleet is estimated, at most."""
 FEWEST: Final = 40
 """Pairs below which claims are not changed."""
 GROUPS: Final = 4
@@ -109,3 +112,43 @@ def _misfit(
     chi_square = np.sum(squares / (factor * values + square * time[:, np.newaxis]), axis=1)
     medians = np.array([np.median(chi_square[group]) for group in groups]).clip(min=1e-300)
     return float(np.sum(np.log(medians / MEDIAN) ** 2)) + 1e-4 * math.log(factor)
+
+
+@dataclass(slots=True)
+class PairSample:
+    """A sample of pairs of recordings, of every `stride`-th unit; if it grows too large, the stride is doubled."""
+
+    stride: int = 1
+    parts: list[tuple[int, Floats, Floats, Floats]] = field(default_factory=list)
+
+    def add(self, number: int, series: OffsetSeries, first: int, count: int) -> None:
+        """Add the unit of this number in the whole fleet."""
+        if number % self.stride == 0:
+            self.parts.append((number, *_pairs(series, first, count)))
+
+    def bound(self) -> None:
+        """Reduce to `MOST_PAIRS`."""
+        while sum(len(part[3]) for part in self.parts) > MOST_PAIRS and len(self.parts) > 1:
+            self.stride *= 2
+            self.parts = [part for part in self.parts if part[0] % self.stride == 0] or self.parts[:1]
+
+    def variance(self) -> Variance:
+        """Estimate the variance from all pairs."""
+        if not self.parts:
+            return Variance()
+        _, changes, claimed, times = zip(*self.parts, strict=True)
+        return estimate_variance(np.concatenate(changes), np.concatenate(claimed), np.concatenate(times))
+
+    def typical_time(self) -> float:
+        """Median time between the recordings of a pair."""
+        return float(np.median(np.concatenate([part[3] for part in self.parts])))
+
+
+def _pairs(series: OffsetSeries, first: int, count: int) -> tuple[Floats, Floats, Floats]:
+    """Pairs of successive recordings of one unit, and the first with the last; a bounded number."""
+    a = np.arange(first, first + count - 1)[:20]
+    b = a + 1
+    if count > 2:
+        a, b = np.append(a, first), np.append(b, first + count - 1)
+    claimed = series.covariance[a] + series.covariance[b]
+    return series.offset[b] - series.offset[a], claimed, series.time[b] - series.time[a]
