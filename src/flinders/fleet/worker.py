@@ -55,7 +55,7 @@ from flinders.stacked import Lined, fit_stack
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterator, Sequence
+    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -243,30 +243,34 @@ def fit_jobs(jobs: Sequence[Job], options: Options) -> Rows:
 
 
 def _fit_together(jobs: Sequence[Job], options: Options) -> Rows:
-    """Fit recordings in memory as a batch; one by one, should that fail for any reason."""
+    """Fit recordings in memory together."""
     if not jobs:
         return Rows.of(())
-    try:
-        columns = _fit_batch(cast("list[Samples]", [job.source for job in jobs]), options)
-    except Exception:  # noqa: BLE001 - one recording must not cost the others
-        return Rows.of([_row(job, options) for job in jobs])
-    readings = [job.readings or len(job.source) for job in jobs]  # type: ignore[arg-type]
+    samples = cast("list[Samples]", [job.source for job in jobs])
+    readings = np.array([job.readings or len(each) for job, each in zip(jobs, samples, strict=True)], dtype=np.int64)
     spans = np.array([_span(job) for job in jobs])
-    return _rows(columns, [(job.unit, job.recording) for job in jobs], np.array(readings, dtype=np.int64), spans)
+    return _fit_batch(samples, [(job.unit, job.recording) for job in jobs], readings, spans, jobs, options)
 
 
 def _fit_set(recordings: RecordingSet, options: Options) -> Rows:
-    """Fit a set of recordings as a batch; one by one, should that fail for any reason."""
+    """Fit a set of recordings together."""
+    return _fit_batch(recordings.lined, recordings.pairs, recordings.rows, recordings.spans, recordings.jobs(), options)
+
+
+def _fit_batch(
+    sources: Sequence[Samples] | Lined,
+    pairs: Sequence[Pair],
+    readings: NDArray[np.int64],
+    spans: Floats,
+    jobs: Iterable[Job],
+    options: Options,
+) -> Rows:
+    """Fit recordings as a batch; one by one, should that fail for any reason."""
     try:
-        columns = _fit_batch(recordings.lined, options)
-    except Exception:  # noqa: BLE001 - as in `_fit_together`
-        return Rows.of([_row(job, options) for job in recordings.jobs()])
-    return _rows(columns, recordings.pairs, recordings.rows, recordings.spans)
-
-
-def _fit_batch(sources: Sequence[Samples] | Lined, options: Options) -> Columns:
-    """Fit recordings in memory together."""
-    return fit_stack(sources, target_deg=options.target_deg, dip_deg=options.dip_deg, polish=options.polish)
+        columns = fit_stack(sources, target_deg=options.target_deg, dip_deg=options.dip_deg, polish=options.polish)
+    except Exception:  # noqa: BLE001 - one recording must not cost the others
+        return Rows.of([_row(job, options) for job in jobs])
+    return _rows(columns, pairs, readings, spans)
 
 
 def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> Rows:
