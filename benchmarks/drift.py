@@ -32,8 +32,8 @@ import numpy as np
 import flinders
 from flinders import simulate
 from flinders.fleet.drift import drift_of
-from flinders.fleet.scatter import YEAR
-from flinders.fleet.table import UPPER, Row, Rows, objects
+from flinders.fleet.results import UPPER, Row, Rows, objects
+from flinders.fleet.variance import YEAR
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -29,11 +29,11 @@ import numpy as np
 import flinders
 from flinders.errors import FlindersError
 from flinders.estimators import METHODS, Readings
-from flinders.fleet.engine import cores
-from flinders.fleet.parts import Parts
-from flinders.fleet.run import run
-from flinders.fleet.table import Rows
-from flinders.fleet.tables import Asked
+from flinders.fleet.checkpoint import Checkpoint
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
+from flinders.fleet.results import Rows
+from flinders.fleet.scheduler import cores
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.simulate import angle_error_deg
 from flinders.simulate.fleet import BAD, Specimen, fleet
@@ -194,10 +194,10 @@ def beside_peers(pool: Sequence[Specimen], folder: Path, costs: dict[str, Cost],
 def of_parts(folder: Path, whole: Path) -> None:
     """Print what writing a part and taking it away costs the one that started the run."""
     out = folder.with_suffix(".parquet")
-    run(str(whole / "part-00000.parquet"), out, Asked(polish=False), workers=0)
+    run(str(whole / "part-00000.parquet"), out, Options(polish=False), workers=0)
     content = Rows.read(out)[:A_PART].to_bytes()
     folder.mkdir()
-    parts = Parts(folder)
+    parts = Checkpoint(folder)
     begin = perf_counter()
     for place in range(PARTS):
         parts.commit(place, content)
@@ -304,7 +304,7 @@ def _do(job: str, where: str, paths: Sequence[Path], workers: int) -> None:
             into_numpy(path)
         return
     with tempfile.TemporaryDirectory() as made:
-        run(where, Path(made) / "out.parquet", Asked(polish=job == "polish"), workers=workers)
+        run(where, Path(made) / "out.parquet", Options(polish=job == "polish"), workers=workers)
 
 
 def _cpu_s() -> float:
@@ -317,7 +317,7 @@ def _calibrated(folder: Path, some: Sequence[Specimen], *, polish: bool) -> list
     """What the fleet's table says of some units."""
     with tempfile.TemporaryDirectory() as made:
         out = Path(made) / "out.parquet"
-        run(str(folder / "part-00000.parquet"), out, Asked(polish=polish), workers=0)
+        run(str(folder / "part-00000.parquet"), out, Options(polish=polish), workers=0)
         rows = Rows.read(out)
     known = dict(zip(rows.unit.tolist(), zip(rows.offset, rows.matrix, strict=True), strict=True))
     return [_ellipsoid(*known[unit.name]) if unit.name in known else None for unit in some]

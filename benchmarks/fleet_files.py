@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.bucket import Bucket
 from flinders.fleet import plan
-from flinders.fleet.tables import Asked
+from flinders.fleet.options import Options
 
 
 def write(folder: Path, files: int) -> None:
@@ -37,7 +37,7 @@ def looked(where: str, at_once: int) -> tuple[float, str]:
     plan.LOOKS, usual = at_once, plan.LOOKS  # type: ignore[misc]
     begun = perf_counter()
     try:
-        found = plan.plan_of(where, Asked())
+        found = plan.plan_of(where, Options())
     finally:
         plan.LOOKS = usual  # type: ignore[misc]
     return perf_counter() - begun, f"{found.fingerprint[:8]}, {len(found.partitions)} partitions"

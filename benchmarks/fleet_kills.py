@@ -29,9 +29,9 @@ from distributed import Client
 from pyarrow import parquet
 
 from flinders import simulate
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
-from flinders.fleet.run import run
-from flinders.fleet.tables import Asked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,7 +64,7 @@ def worker_killed(source: str, out: Path, after: int) -> str:
             killed.append(children[0].pid)
             os.kill(children[0].pid, signal.SIGKILL)
 
-    run(source, out, Asked(), workers=2, force=True, watch=kill)
+    run(source, out, Options(), workers=2, force=True, watch=kill)
     return f"worker {killed[0]} killed"
 
 
@@ -84,7 +84,7 @@ def program_killed(source: str, out: Path, after: int) -> str:
     program = started(source, out, after, "--workers", "2")
     program.kill()
     program.wait()
-    told = run(source, out, Asked(), workers=2, resume=True)
+    told = run(source, out, Options(), workers=2, resume=True)
     return f"program killed, {told.resumed} of {told.partitions} partitions stayed"
 
 
@@ -150,7 +150,7 @@ def cluster_worker_killed(source: str, out: Path, after: int) -> str:
             if len(done) == after:
                 made.workers[0].kill()
 
-        told = run(source, out, Asked(), scheduler=made.address, force=True, watch=kill)
+        told = run(source, out, Options(), scheduler=made.address, force=True, watch=kill)
     return f"worker {made.workers[0].pid} of the cluster killed, {told.workers_lost} seen to leave"
 
 
@@ -164,7 +164,7 @@ def scheduler_killed(source: str, out: Path, after: int) -> str:
         seconds = time.monotonic() - begun
     print(f"    exit code {program.returncode} after {seconds:.1f} s: {' '.join(said.split())}")
     with cluster() as made:
-        told = run(source, out, Asked(), scheduler=made.address, resume=True)
+        told = run(source, out, Options(), scheduler=made.address, resume=True)
     return f"scheduler killed, {told.resumed} of {told.partitions} partitions stayed"
 
 
@@ -181,9 +181,9 @@ def main() -> None:
         (Path(place) / "in").mkdir()
         source, whole, out = written(Path(place) / "in"), Path(place) / "whole.parquet", Path(place) / "out.parquet"
         begun = time.monotonic()
-        run(source, whole, Asked(), workers=2)
+        run(source, whole, Options(), workers=2)
         seconds = time.monotonic() - begun
-        partitions = len(plan_of(source, Asked()).partitions)
+        partitions = len(plan_of(source, Options()).partitions)
         print(f"undisturbed: {FILES * UNITS:,} units in {partitions} partitions in {seconds:.1f} s")
         for kind in kinds:
             for _ in range(times):

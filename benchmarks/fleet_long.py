@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.fleet.run import run
-from flinders.fleet.table import Rows
-from flinders.fleet.tables import Asked
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
+from flinders.fleet.results import Rows
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -90,7 +90,7 @@ def job(path: str) -> dict[str, Any]:
     """Calibrate it here, with no other process, and tell what that took and came to."""
     begun = perf_counter()
     with tempfile.TemporaryDirectory() as made:
-        told = run(path, Path(made) / "out.parquet", Asked(), workers=0)
+        told = run(path, Path(made) / "out.parquet", Options(), workers=0)
         seconds = perf_counter() - begun
         rows = Rows.read(Path(made) / "out.parquet")
     long = rows.row(int(np.argmax(rows.readings)))

@@ -22,9 +22,9 @@ import numpy as np
 from benchmarks.claims import by_hand
 from benchmarks.datasets import heading_error_deg
 from flinders import simulate
-from flinders.fleet.lots import Job
-from flinders.fleet.tables import Asked
-from flinders.fleet.work import fitted
+from flinders.fleet.options import Options
+from flinders.fleet.recordings import Job
+from flinders.fleet.worker import fit_jobs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fleet.table import Rows
+    from flinders.fleet.results import Rows
     from flinders.simulate import Simulated
 
 UNITS: Final = 300
@@ -84,7 +84,7 @@ class Errors:
 def errors_of(recordings: list[Simulated], *, polish: bool) -> Errors:
     """Fit all of them."""
     jobs = [Job(f"{place:06d}", "", recording.samples, 0) for place, recording in enumerate(recordings)]
-    return Errors.of(fitted(jobs, Asked(polish=polish)).sorted(), recordings)
+    return Errors.of(fit_jobs(jobs, Options(polish=polish)).sorted(), recordings)
 
 
 def table(units: int) -> Iterator[str]:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from benchmarks.drift import Fleet, simulated
 
+from flinders.fleet.aggregate import overview_of
 from flinders.fleet.drift import drift_of
-from flinders.fleet.overview import overview_of
-from flinders.fleet.table import Row, Rows
+from flinders.fleet.results import Row, Rows
 from flinders.report.fleet import page as report
 
 if TYPE_CHECKING:

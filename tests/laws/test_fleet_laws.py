@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 
 import flinders
 from flinders import simulate
-from flinders.fleet import Row, Rows, fit_many, work
+from flinders.fleet import Row, Rows, fit_many, worker
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
-from flinders.fleet.run import run
-from flinders.fleet.tables import Asked
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from flinders.fleet.lots import Job
+    from flinders.fleet.recordings import Job
 
 pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import feather, parquet  # noqa: E402 - after it is known to be there
@@ -125,7 +125,7 @@ def test_any_way_to_write_it_gives_the_table_of_single_fits(
 ) -> None:
     (tmp_path / "in").mkdir()
     written(tmp_path / "in")
-    run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
     rows = Rows.read(tmp_path / "out.parquet")
     for name in ("unit", "recording", "readings", "used", "verdict", "code", "findings", "unit_of_field", "method"):
         assert getattr(rows, name).tolist() == getattr(alone, name).tolist(), name
@@ -156,10 +156,13 @@ def test_each_reading_is_in_one_partition(
         parquet.write_table(WHOLE.slice(begin, end - begin), folder / f"{place}.parquet", row_group_size=group)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan, "LARGEST", largest)
-        patch.setattr(work, "LARGEST", largest)
-        patch.setattr(work, "fitted", counted)
-        patch.setattr(work, "_row", counted_one)
-        rows = [Rows.from_bytes(work.done(each, asked=Asked())) for each in plan_of(str(folder), Asked()).partitions]
+        patch.setattr(worker, "LARGEST", largest)
+        patch.setattr(worker, "fit_jobs", counted)
+        patch.setattr(worker, "_row", counted_one)
+        rows = [
+            Rows.from_bytes(worker.calibrate_partition(each, options=Options()))
+            for each in plan_of(str(folder), Options()).partitions
+        ]
     found = Rows.joined(rows)
     assert dict(zip(found.unit.tolist(), found.readings.tolist(), strict=True)) == {
         unit: len(samples) for unit, samples in SAMPLES.items()
@@ -167,12 +170,12 @@ def test_each_reading_is_in_one_partition(
     assert len(found) == UNITS
 
 
-def counted(jobs: list[Job], asked: Asked) -> Rows:
+def counted(jobs: list[Job], options: Options) -> Rows:
     """What would be fitted."""
-    return Rows.of([counted_one(job, asked) for job in jobs])
+    return Rows.of([counted_one(job, options) for job in jobs])
 
 
-def counted_one(job: Job, asked: Asked) -> Row:
+def counted_one(job: Job, options: Options) -> Row:
     """Its readings, as they come when it is gone through."""
     rows = sum(len(block) for block in job.source.blocks())
     assert rows == job.readings

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from flinders.errors import OutputError
 from flinders.fleet import Row, Rows
 from flinders.fleet import merge as merging
-from flinders.fleet.batches import of_units
-from flinders.fleet.counts import Counts
+from flinders.fleet.hardware_batch import named_rows
 from flinders.fleet.merge import merge
+from flinders.fleet.summary import Counts
 
 pytest.importorskip("pyarrow")
 
@@ -70,7 +70,10 @@ def test_counts_are_those_of_the_whole_table(cells: list[Row], group: int) -> No
     with tempfile.TemporaryDirectory() as name:
         merged([whole], Path(name), group)
         counts = Counts.of(Path(name) / "all.parquet")
-    assert (counts.rows, counts.units) == (len(whole), len(set(of_units(whole.to_arrow()).column("unit").to_pylist())))
+    assert (counts.rows, counts.units) == (
+        len(whole),
+        len(set(named_rows(whole.to_arrow()).column("unit").to_pylist())),
+    )
     assert counts.readings == int(whole.readings.sum())
     assert dict(counts.texts["verdict"]) == whole.verdicts()
     found = [code for codes in whole.findings for code in codes]

@@ -22,12 +22,12 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
-from flinders.fleet import Rows, engine, journal, work
-from flinders.fleet.log import Log
-from flinders.fleet.parts import Parts
+from flinders.fleet import Rows, progress, scheduler, worker
+from flinders.fleet.checkpoint import Checkpoint
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
-from flinders.fleet.run import run
-from flinders.fleet.tables import Asked
+from flinders.fleet.progress import log_to
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -54,18 +54,18 @@ def logs(tmp_path: Path) -> Path:
     return tmp_path / "logs"
 
 
-DONE = work.done
+DONE = worker.calibrate_partition
 
 
-def deadly(partition: Partition, *, asked: Asked) -> bytes:
+def deadly(partition: Partition, *, options: Options) -> bytes:
     """Dies of one file, each time."""
-    if any("poison" in piece.member.name for piece in partition.pieces):
+    if any("poison" in part.file.name for part in partition.slices):
         os.kill(os.getpid(), signal.SIGKILL)
-    return DONE(partition, asked=asked)
+    return DONE(partition, options=options)
 
 
 def test_a_row_has_the_numbers_of_the_single_command(logs: Path, tmp_path: Path) -> None:
-    assert run(str(logs), tmp_path / "out.parquet", Asked(), workers=0).verdicts == {"good": 6}
+    assert run(str(logs), tmp_path / "out.parquet", Options(), workers=0).verdicts == {"good": 6}
     rows = Rows.read(tmp_path / "out.parquet")
     assert rows.unit.tolist() == [f"U{place}" for place in range(6)]
     for place in range(6):
@@ -89,7 +89,7 @@ def test_what_is_wrong_with_a_file_is_a_row(logs: Path, tmp_path: Path) -> None:
     (logs / "U9.parquet").write_bytes(b"PAR1 and then nothing")
     (logs / "UA.csv").write_text("t_s,pressure\n" + "0.1,1013\n" * 30)
     (logs / "notes.md").write_text("not a recording")
-    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     rows = Rows.read(tmp_path / "out.parquet")
     assert told.verdicts == {"good": 7, "refused": 1, "failed": 3}
     codes = dict(zip(rows.unit.tolist(), rows.code.tolist(), strict=True))
@@ -107,20 +107,20 @@ def test_what_is_wrong_with_a_file_is_a_row(logs: Path, tmp_path: Path) -> None:
 @pytest.mark.skipif(os.name != "posix" or os.getuid() == 0, reason="root may read everything")
 def test_a_file_that_may_not_be_read_is_a_row(logs: Path, tmp_path: Path) -> None:
     (logs / "U0" / "monday.csv").chmod(0)
-    assert run(str(logs), tmp_path / "out.parquet", Asked(), workers=0).codes == {"unreadable": 1}
+    assert run(str(logs), tmp_path / "out.parquet", Options(), workers=0).codes == {"unreadable": 1}
 
 
 def test_any_number_of_workers_writes_the_same_bytes(logs: Path, tmp_path: Path) -> None:
     written = []
     for workers in (0, 1, 3):
-        run(str(logs), tmp_path / f"{workers}.parquet", Asked(), workers=workers)
+        run(str(logs), tmp_path / f"{workers}.parquet", Options(), workers=workers)
         written.append((tmp_path / f"{workers}.parquet").read_bytes())
         assert not (tmp_path / f"{workers}.parquet.parts").exists()
     assert written[0] == written[1] == written[2]
 
 
 def test_a_worker_that_is_killed_changes_nothing(logs: Path, tmp_path: Path) -> None:
-    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     killed: list[int | None] = []
 
     def kill(*_: int | None) -> None:
@@ -128,15 +128,15 @@ def test_a_worker_that_is_killed_changes_nothing(logs: Path, tmp_path: Path) -> 
             os.kill(child.pid or 0, signal.SIGKILL)
             killed.append(child.pid)
 
-    run(str(logs), tmp_path / "killed.parquet", Asked(), workers=2, watch=kill)
+    run(str(logs), tmp_path / "killed.parquet", Options(), workers=2, watch=kill)
     assert len(killed) == 1
     assert (tmp_path / "killed.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_a_file_that_kills_its_workers_is_left_out(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_csv(logs / "U3" / "poison.csv", FIELDS[0])
-    monkeypatch.setattr(work, "done", deadly)
-    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=2)
+    monkeypatch.setattr(worker, "calibrate_partition", deadly)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=2)
     assert (told.verdicts, told.codes, told.retried) == ({"good": 6, "failed": 1}, {"lost-worker": 1}, 1)
     rows = Rows.read(tmp_path / "out.parquet")
     assert rows.recording[rows.code == "lost-worker"].tolist() == ["poison.csv"]
@@ -149,16 +149,16 @@ def test_only_the_guilty_file_of_a_partition_is_lost(
 
     write_csv(logs / "U3" / "poison.csv", FIELDS[0])
     monkeypatch.setattr(plan, "LEAST_PARTITIONS", 1)
-    monkeypatch.setattr(work, "done", deadly)
-    assert len(plan_of(str(logs), Asked()).partitions) == 1
-    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=2)
+    monkeypatch.setattr(worker, "calibrate_partition", deadly)
+    assert len(plan_of(str(logs), Options()).partitions) == 1
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=2)
     assert told.verdicts == {"good": 6, "failed": 1}
 
 
 def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     write = Path.write_bytes
     written: list[int] = []
 
@@ -171,15 +171,15 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
         with pytest.raises(OutputError, match=r"no space left.* 2 of 6 partitions are done, and kept: go on with "):
-            run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
+            run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     assert not (tmp_path / "out.parquet").exists()
-    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
     assert told.resumed == 2
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path) -> None:
-    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]
     driver = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.PIPE)
     while not list((tmp_path / "out.parquet.parts").glob("part-*.arrow")) and driver.poll() is None:
@@ -187,31 +187,34 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
     driver.kill()
     driver.communicate()
     with pytest.raises(UsageError, match="go on with --resume"):
-        run(str(logs), tmp_path / "out.parquet", Asked(), workers=0)
-    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
+        run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
     assert told.resumed > 0
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: Path) -> None:
     """One cut short, one emptied and one of zeros are found by their lengths and check sums."""
-    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
-    asked, out = Asked(), tmp_path / "out.parquet"
-    plan = plan_of(str(logs), asked)
-    parts = Parts.of(out, plan, resume=False, force=False)
-    paths = [parts.commit(place, work.done(each, asked=asked)) for place, each in enumerate(plan.partitions)]
+    run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
+    options, out = Options(), tmp_path / "out.parquet"
+    plan = plan_of(str(logs), options)
+    parts = Checkpoint.of(out, plan, resume=False, force=False)
+    paths = [
+        parts.commit(place, worker.calibrate_partition(each, options=options))
+        for place, each in enumerate(plan.partitions)
+    ]
     held = [path.read_bytes() for path in paths]
     for path, spoilt in zip(paths, (held[0][:-9], b"", bytes(len(held[2]))), strict=False):
         path.write_bytes(spoilt)
-    assert run(str(logs), out, asked, workers=0, resume=True).resumed == len(paths) - 3 > 0
+    assert run(str(logs), out, options, workers=0, resume=True).resumed == len(paths) - 3 > 0
     assert out.read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> None:
-    plan = plan_of(str(logs), Asked())
-    Parts.of(tmp_path / "out.parquet", plan, resume=False, force=False).commit(0, b"rows")
+    plan = plan_of(str(logs), Options())
+    Checkpoint.of(tmp_path / "out.parquet", plan, resume=False, force=False).commit(0, b"rows")
     with pytest.raises(UsageError, match="other files, options or another release"):
-        run(str(logs), tmp_path / "out.parquet", Asked(target_deg=2.0), workers=0, resume=True)
+        run(str(logs), tmp_path / "out.parquet", Options(target_deg=2.0), workers=0, resume=True)
 
 
 def test_the_program_says_what_came_of_it(logs: Path, tmp_path: Path) -> None:
@@ -244,11 +247,11 @@ def events(path: Path) -> list[dict[str, Any]]:
 def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(journal, "UNREAD", 1)
+    monkeypatch.setattr(progress, "UNREAD", 1)
     for unit in ("U7", "U8", "U9"):
         (logs / f"{unit}.csv").write_bytes(b"")
-    with Log.to(tmp_path / "log.jsonl") as log:
-        told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, log=log)
+    with log_to(tmp_path / "log.jsonl"):
+        told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     by_kind: dict[str, list[dict[str, Any]]] = {}
     for event in events(tmp_path / "log.jsonl"):
         by_kind.setdefault(event.pop("event"), []).append(event)
@@ -266,9 +269,9 @@ def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
 
 def test_workers_that_died_are_told_and_counted(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_csv(logs / "U3" / "poison.csv", FIELDS[0])
-    monkeypatch.setattr(work, "done", deadly)
-    with Log.to(tmp_path / "log.jsonl") as log:
-        told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=1, log=log)
+    monkeypatch.setattr(worker, "calibrate_partition", deadly)
+    with log_to(tmp_path / "log.jsonl"):
+        told = run(str(logs), tmp_path / "out.parquet", Options(), workers=1)
     deaths = [event for event in events(tmp_path / "log.jsonl") if event["event"] == "worker-lost"]
     assert [(death["files"], death["attempt"]) for death in deaths] == [
         (["U3/poison.csv"], attempt) for attempt in (1, 2, 3)
@@ -282,16 +285,16 @@ def test_who_stops_a_run_is_told_what_is_kept(
 ) -> None:
     done: list[bytes] = []
 
-    def stopped(partition: Partition, *, asked: Asked) -> bytes:
+    def stopped(partition: Partition, *, options: Options) -> bytes:
         if len(done) == 2:
             signal.raise_signal(number)
-        done.append(DONE(partition, asked=asked))
+        done.append(DONE(partition, options=options))
         return done[-1]
 
     out, log = tmp_path / "out.parquet", tmp_path / "log.jsonl"
     words = ["fleet", str(logs), "--out", str(out), "--workers", "0", "--log", str(log)]
     with monkeypatch.context() as patch:
-        patch.setattr(work, "done", stopped)
+        patch.setattr(worker, "calibrate_partition", stopped)
         ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 130
     assert ended.output.split("\n") == [
@@ -311,27 +314,27 @@ def test_a_start_that_came_to_nothing_is_no_earlier_run(
 ) -> None:
     """A scheduler that is not there, Ctrl-C before anything is done, and a program that was killed by then."""
     pytest.importorskip("distributed")
-    monkeypatch.setattr(engine, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(scheduler, "PATIENCE_S", 0.2)
     out, folder, log = tmp_path / "out.parquet", tmp_path / "out.parquet.parts", tmp_path / "log.jsonl"
-    with Log.to(log) as stream, pytest.raises(LinkError):
-        run(str(logs), out, Asked(), scheduler="tcp://127.0.0.1:1", log=stream)
+    with log_to(log), pytest.raises(LinkError):
+        run(str(logs), out, Options(), scheduler="tcp://127.0.0.1:1")
     assert [(event["event"], event["code"]) for event in events(log)] == [("failed", "link")]
     assert not folder.exists()
     with monkeypatch.context() as patch:
-        patch.setattr(work, "done", lambda *_, **__: signal.raise_signal(signal.SIGINT))
+        patch.setattr(worker, "calibrate_partition", lambda *_, **__: signal.raise_signal(signal.SIGINT))
         with pytest.raises(KeyboardInterrupt):
-            run(str(logs), out, Asked(), workers=0)
+            run(str(logs), out, Options(), workers=0)
     assert not folder.exists()
-    Parts.of(out, plan_of(str(logs), Asked()), resume=False, force=False)
+    Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False)
     assert folder.exists()
-    assert run(str(logs), out, Asked(), workers=0).units == 6
+    assert run(str(logs), out, Options(), workers=0).units == 6
 
 
 def test_a_folder_of_something_else_is_left_alone(logs: Path, tmp_path: Path) -> None:
     (tmp_path / "out.parquet.parts").mkdir()
     (tmp_path / "out.parquet.parts" / "diary.txt").write_text("mine")
     with pytest.raises(UsageError, match=r"holds something else, diary\.txt"):
-        run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, force=True)
+        run(str(logs), tmp_path / "out.parquet", Options(), workers=0, force=True)
     assert (tmp_path / "out.parquet.parts" / "diary.txt").read_text() == "mine"
 
 
@@ -383,7 +386,7 @@ def test_a_table_that_holds_a_driver_says_what_the_single_command_says(tmp_path:
     (tmp_path / "in").mkdir()
     for place in range(files):
         parquet.write_table(pyarrow.concat_tables(tables[place::files]), tmp_path / "in" / f"{place}.parquet")
-    run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
     rows_out = Rows.read(tmp_path / "out.parquet")
     for place in range(3):
         command = ["calibrate", str(tmp_path / f"U{place}.csv"), "--json"]
@@ -405,10 +408,10 @@ def test_a_unit_with_many_readings_beside_small_ones_is_streamed(
     both = pyarrow.concat_tables([table(0), big, table(1)])
     (tmp_path / "in").mkdir()
     parquet.write_table(both, tmp_path / "in" / "all.parquet", row_group_size=500)
-    run(str(tmp_path / "in"), tmp_path / "held.parquet", Asked(), workers=0)
-    for module in (plan, work):
+    run(str(tmp_path / "in"), tmp_path / "held.parquet", Options(), workers=0)
+    for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", 1000)
-    told = run(str(tmp_path / "in"), tmp_path / "streamed.parquet", Asked(), workers=0)
+    told = run(str(tmp_path / "in"), tmp_path / "streamed.parquet", Options(), workers=0)
     held, streamed = Rows.read(tmp_path / "held.parquet"), Rows.read(tmp_path / "streamed.parquet")
     assert told.partitions > 1
     assert streamed.unit.tolist() == held.unit.tolist() == ["U0", "U0big", "U1"]
@@ -422,7 +425,7 @@ def test_a_unit_in_uT_here_and_counts_there_is_refused_by_name(tmp_path: Path) -
     (tmp_path / "in").mkdir()
     parquet.write_table(table(0), tmp_path / "in" / "a.parquet")
     parquet.write_table(counts, tmp_path / "in" / "b.parquet")
-    told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
     assert told.codes == {"unit": 1}
     assert "counts" in Rows.read(tmp_path / "out.parquet").message[0]
 
@@ -431,10 +434,10 @@ def test_a_table_without_units_or_field_is_said(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     parquet.write_table(table(0), tmp_path / "in" / "a.parquet")
     parquet.write_table(table(1).drop_columns(["mag_z_uT"]), tmp_path / "in" / "b.parquet")
-    told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Asked(), workers=0)
+    told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
     assert (told.verdicts, told.codes) == ({"good": 1, "failed": 1}, {"no-magnetometer": 1})
     with pytest.raises(UsageError, match="no column serial: there are unit, time_s"):
-        run(str(tmp_path / "in"), tmp_path / "no.parquet", Asked(unit_column="serial"), workers=0)
+        run(str(tmp_path / "in"), tmp_path / "no.parquet", Options(unit_column="serial"), workers=0)
 
 
 def test_what_was_left_out_is_told_in_words(logs: Path, tmp_path: Path) -> None:
@@ -462,8 +465,8 @@ def test_recordings_in_a_store_are_read_as_those_on_the_disk(logs: Path, tmp_pat
     (tmp_path / "tables").mkdir()
     parquet.write_table(pyarrow.concat_tables([table(0), table(1)]), tmp_path / "tables" / "a.parquet")
     for folder, units in ((logs, 6), (tmp_path / "tables", 2)):
-        run(str(folder), tmp_path / "here.parquet", Asked(), workers=0, force=True)
-        told = run(f"file://{folder}", tmp_path / "there.parquet", Asked(), workers=0, force=True)
+        run(str(folder), tmp_path / "here.parquet", Options(), workers=0, force=True)
+        told = run(f"file://{folder}", tmp_path / "there.parquet", Options(), workers=0, force=True)
         assert told.units == units
         assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
 
@@ -471,16 +474,16 @@ def test_recordings_in_a_store_are_read_as_those_on_the_disk(logs: Path, tmp_pat
 def test_a_store_that_is_not_there_is_an_error_of_ours(tmp_path: Path) -> None:
     pytest.importorskip("obstore")
     with pytest.raises(FlindersError):
-        run("s3://", tmp_path / "out.parquet", Asked(), workers=0)
+        run("s3://", tmp_path / "out.parquet", Options(), workers=0)
 
 
 def test_a_dask_cluster_gives_the_same_bytes(logs: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    run(str(logs), tmp_path / "here.parquet", Asked(), workers=0)
+    run(str(logs), tmp_path / "here.parquet", Options(), workers=0)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=2, processes=False, protocol="tcp", dashboard_address=None
     ) as cluster:
-        run(str(logs), tmp_path / "there.parquet", Asked(), scheduler=cluster.scheduler_address)
+        run(str(logs), tmp_path / "there.parquet", Options(), scheduler=cluster.scheduler_address)
     assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
 
 
@@ -489,14 +492,14 @@ def test_a_cluster_without_workers_is_said_and_waited_for(logs: Path, tmp_path: 
     told: list[str] = []
     with distributed.LocalCluster(
         n_workers=0, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
-    ) as cluster, Log.to(tmp_path / "log.jsonl") as log:  # fmt: skip
+    ) as cluster, log_to(tmp_path / "log.jsonl"):  # fmt: skip
 
         def help_out(words: str) -> None:
             told.append(words)
             cluster.scale(1)
 
         address = cluster.scheduler_address
-        ended = run(str(logs), tmp_path / "out.parquet", Asked(), scheduler=address, log=log, notice=help_out)
+        ended = run(str(logs), tmp_path / "out.parquet", Options(), scheduler=address, notice=help_out)
     assert ended.units == 6
     assert told == [f"{address} has no workers: waiting for one (`dask worker {address}` starts one)"]
     waits = [event["message"] for event in events(tmp_path / "log.jsonl") if event["event"] == "waiting"]
@@ -507,7 +510,7 @@ def test_a_byte_that_the_disk_has_turned_is_an_error_where_pages_have_check_sums
     path, out = tmp_path / "units.parquet", tmp_path / "out.parquet"
     parquet.write_table(table(0), path, write_page_checksum=True)
     turn_a_byte(path)
-    run(str(path), out, Asked(), workers=0)
+    run(str(path), out, Options(), workers=0)
     assert Rows.read(out).code.tolist() == ["unreadable"]
     turn_a_byte(out)
     with pytest.raises(DocumentError, match="CRC checksum verification failed"):
@@ -526,7 +529,7 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
     logs: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     distributed = pytest.importorskip("distributed")
-    run(str(logs), tmp_path / "whole.parquet", Asked(), workers=0)
+    run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
     ) as cluster:
@@ -535,9 +538,9 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
             cluster.close()
 
         with pytest.raises(LinkError, match="is gone: start it again, and go on with --resume"):
-            run(str(logs), tmp_path / "out.parquet", Asked(), scheduler=cluster.scheduler_address, watch=leave)
+            run(str(logs), tmp_path / "out.parquet", Options(), scheduler=cluster.scheduler_address, watch=leave)
     assert "Traceback" not in capfd.readouterr().err
-    told = run(str(logs), tmp_path / "out.parquet", Asked(), workers=0, resume=True)
+    told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
     assert told.resumed >= 1
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
@@ -555,14 +558,14 @@ def test_a_result_that_died_with_its_worker_is_waited_for() -> None:
             assert self.status == "finished"
             return b"rows"
 
-    assert engine._of_future(Future(), "tcp://127.0.0.1:8786") == b"rows"
+    assert scheduler._of_future(Future(), "tcp://127.0.0.1:8786") == b"rows"
 
 
 def test_a_scheduler_that_is_not_there_is_said(logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(engine, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(scheduler, "PATIENCE_S", 0.2)
     with pytest.raises(FlindersError, match=r"no Dask scheduler answers at tcp://127.0.0.1:1 "):
-        run(str(logs), tmp_path / "out.parquet", Asked(), scheduler="tcp://127.0.0.1:1")
+        run(str(logs), tmp_path / "out.parquet", Options(), scheduler="tcp://127.0.0.1:1")
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -583,8 +586,8 @@ def test_a_bucket_gives_what_the_folder_gives(logs: Path, tmp_path: Path, monkey
         parquet.write_table(pyarrow.concat_tables([table(4), table(5)]), logs / "all.parquet")
         for path in sorted(logs.rglob("*.*")):
             obstore.put(store, f"2026/{path.relative_to(logs).as_posix()}", path.read_bytes())
-        run(str(logs), tmp_path / "here.parquet", Asked(), workers=0)
-        told = run("s3://fleet/2026/", tmp_path / "there.parquet", Asked(), workers=0)
+        run(str(logs), tmp_path / "here.parquet", Options(), workers=0)
+        told = run("s3://fleet/2026/", tmp_path / "there.parquet", Options(), workers=0)
     finally:
         server.stop()
     assert told.verdicts == {"good": 8}

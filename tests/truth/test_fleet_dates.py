@@ -13,11 +13,11 @@ from benchmarks.drift import Fleet, simulated
 from click.testing import CliRunner
 
 from flinders.cli import main
-from flinders.fleet.batches import batches_of
+from flinders.fleet.aggregate import overview_of
 from flinders.fleet.dates import arranged, date_of, is_date, is_unclear
 from flinders.fleet.drift import drift_of
-from flinders.fleet.overview import overview_of
-from flinders.fleet.table import Rows, objects
+from flinders.fleet.hardware_batch import batch_rule
+from flinders.fleet.results import Rows, objects
 from flinders.report.fleet import page
 
 if TYPE_CHECKING:
@@ -276,7 +276,7 @@ def test_an_empty_column_batch_leaves_it_to_the_names(tmp_path: Path) -> None:
     rows, _ = fleet()
     named = replace(rows, unit=objects([f"B{int(unit[1:]) // 60}-{unit}" for unit in rows.unit]))
     path = written(tmp_path / "t", named)
-    assert batches_of([path], None).is_guess
+    assert batch_rule([path], None).is_guess
     assert [lot.batch for lot in drift_of([path]).batches] == ["B0", "B1"]
     without = named.sorted().to_arrow().drop_columns(["batch"])
     parquet.write_table(without, tmp_path / "old")

@@ -14,12 +14,11 @@ from benchmarks.bucket import Bucket
 
 from flinders import simulate
 from flinders.errors import OutputError
-from flinders.fleet import Rows, store
-from flinders.fleet.engine import map_units
-from flinders.fleet.journal import Journal
-from flinders.fleet.log import Log
-from flinders.fleet.run import run
-from flinders.fleet.tables import Asked
+from flinders.fleet import Rows, storage
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
+from flinders.fleet.progress import LOGGER, Progress, log_event, log_to
+from flinders.fleet.scheduler import map_units
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -46,7 +45,7 @@ def logs() -> Iterator[Path]:
 def test_what_may_not_be_read_is_a_row(logs: Path) -> None:
     """A file, a folder that may not be listed, and one whose files may not be looked at."""
     out = logs.parent / "out.parquet"
-    run(str(logs), logs.parent / "whole.parquet", Asked(), workers=0)  # imports what it needs, as who may
+    run(str(logs), logs.parent / "whole.parquet", Options(), workers=0)  # imports what it needs, as who may
     (logs / "U0" / "monday.csv").chmod(0)
     (logs / "U1").chmod(0)
     (logs / "U2").chmod(0o444)
@@ -54,7 +53,7 @@ def test_what_may_not_be_read_is_a_row(logs: Path) -> None:
     try:
         if own == 0:
             os.seteuid(NOBODY)
-        told = run(str(logs), out, Asked(), workers=0)
+        told = run(str(logs), out, Options(), workers=0)
     finally:
         os.seteuid(own)
         for unit in ("U1", "U2"):
@@ -71,7 +70,7 @@ def test_a_link_that_leads_up_is_not_followed(logs: Path) -> None:
     (logs.parent / "elsewhere").mkdir()
     (logs.parent / "elsewhere" / "tuesday.csv").write_text(TEXT)
     (logs / "U2" / "more").symlink_to(logs.parent / "elsewhere", target_is_directory=True)
-    names = [member.name for member in store.listed(str(logs))]
+    names = [member.name for member in storage.listed(str(logs))]
     seen = ["U0/monday.csv", "U1/itself", "U1/monday.csv", "U2/monday.csv", "U2/more/tuesday.csv", "U3/monday.csv"]
     assert names == seen
 
@@ -81,23 +80,23 @@ def test_a_log_that_cannot_be_written_is_said_and_the_run_resumed(logs: Path, mo
     """Its first line, before anything is done, and the first after a partition was."""
     out = logs.parent / "out.parquet"
     said = r"/dev/full: the log cannot be written: no space [^.]*"
-    with pytest.raises(OutputError, match=f"{said}$"), Log.to("/dev/full") as log:
-        run(str(logs), out, Asked(), workers=0, log=log)
+    with pytest.raises(OutputError, match=f"{said}$"), log_to("/dev/full"):
+        run(str(logs), out, Options(), workers=0)
     assert not list(logs.parent.glob("*.parts"))
-    monkeypatch.setattr(Journal, "planned", quietly(Journal.planned))
-    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .* go on with --resume"), Log.to("/dev/full") as log:
-        run(str(logs), out, Asked(), workers=0, log=log)
-    told = run(str(logs), out, Asked(), workers=0, resume=True)
+    monkeypatch.setattr(Progress, "planned", quietly(Progress.planned))
+    with pytest.raises(OutputError, match=rf"{said}\. 1 of 4 .* go on with --resume"), log_to("/dev/full"):
+        run(str(logs), out, Options(), workers=0)
+    told = run(str(logs), out, Options(), workers=0, resume=True)
     assert (told.resumed, told.verdicts) == (1, {"good": 4})
 
 
 def quietly(planned: Callable[..., None]) -> Callable[..., None]:
     """The same without the first line of the log."""
 
-    def silent(journal: Journal, *args: Any, **fields: object) -> None:
-        log, journal.log = journal.log, Log()
-        planned(journal, *args, **fields)
-        journal.log = log
+    def silent(progress: Progress, *args: Any, **fields: object) -> None:
+        LOGGER.disabled = True
+        planned(progress, *args, **fields)
+        LOGGER.disabled = False
 
     return silent
 
@@ -106,8 +105,8 @@ def test_a_log_goes_on_below_a_line_that_was_cut(tmp_path: Path) -> None:
     path = tmp_path / "log.jsonl"
     path.write_text('{"event": "planned"}\n{"event": "part')
     for _ in range(2):
-        with Log.to(path) as log:
-            log.event("planned", resumed=1)
+        with log_to(path):
+            log_event("planned", resumed=1)
     first, cut, *others = path.read_text().splitlines()
     assert (json.loads(first)["event"], cut) == ("planned", '{"event": "part')
     assert [json.loads(line)["resumed"] for line in others] == [1, 1]
@@ -122,12 +121,12 @@ def test_a_copy_of_an_object_for_which_there_is_no_room_ends_the_run(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(store, "write_all", full)
+    monkeypatch.setattr(storage, "write_all", full)
     with Bucket({"U0/monday.csv": TEXT.encode()}) as bucket:
         for name, value in bucket.environment.items():
             monkeypatch.setenv(name, value)
         with pytest.raises(OutputError, match="no space left on the disk"):
-            run("gs://fleet/", logs.parent / "out.parquet", Asked(), workers=0)
+            run("gs://fleet/", logs.parent / "out.parquet", Options(), workers=0)
 
 
 def no_room(_: int) -> bytes:

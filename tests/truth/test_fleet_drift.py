@@ -18,15 +18,15 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.comparison.comparison import compare
+from flinders.comparison.pairs import Ellipsoids, differences
 from flinders.errors import DocumentError, UsageError
 from flinders.fitting.judged import Judged
-from flinders.fleet.changes import Calibrations, between
+from flinders.fleet.aggregate import overview_of
+from flinders.fleet.change_points import change_points, interval_tests
 from flinders.fleet.drift import drift_of
-from flinders.fleet.history import histories
-from flinders.fleet.overview import overview_of
-from flinders.fleet.scatter import Scatter, scatter_of
-from flinders.fleet.steps import Lines, gaps_of, steps_of
-from flinders.fleet.table import Row, Rows
+from flinders.fleet.history import OffsetSeries, histories
+from flinders.fleet.results import Row, Rows
+from flinders.fleet.variance import Variance, estimate_variance
 from flinders.report.fleet import page
 
 if TYPE_CHECKING:
@@ -63,8 +63,8 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
         sensor = simulate.Sensor(noise=0.5, offset=np.array([20.0, -10.0, 5.0 + seed]))
         fits.append(flinders.fit(simulate.tumble(seed=seed, n=300, motion="uniform", sensor=sensor).samples))
     rows = Rows.of([Row.of_fit(fit, "A") for fit in fits])
-    all_of_them = Calibrations.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
-    found = between(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
+    all_of_them = Ellipsoids.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
+    found = differences(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
     for place, (one, two) in enumerate(pairwise(fits)):
         alone = compare(Judged.from_fit(one), Judged.from_fit(two), dip_deg=-40.0)
         assert alone.claimed_deg is not None
@@ -96,7 +96,7 @@ def test_a_unit_upside_down_is_judged_so_and_the_others_as_they_sit(tmp_path: Pa
 def test_the_chance_of_a_chi_square_is_that_of_scipy() -> None:
     from scipy import stats
 
-    from flinders.fleet.changes import chances
+    from flinders.comparison.pairs import chances
 
     chi_square = np.geomspace(0.01, 300.0, 60)
     for freedom in (1, 2, 3, 8, 9, 30):
@@ -140,10 +140,11 @@ def test_a_unit_that_drifts_steadily_has_no_step() -> None:
     time = np.arange(10) * 30.0 * DAY
     offset = np.outer(np.linspace(0.0, 0.1, 10), [1.0, 0.0, 0.0]) + 0.001 * rng.normal(size=(10, 3))
     covariance = np.tile(1e-6 * np.eye(3), (10, 1, 1))
-    assert steps_of(Lines(np.array([0, 10]), time, offset, covariance), Scatter(), chance=1e-4) == []
+    assert change_points(OffsetSeries(np.array([0, 10]), time, offset, covariance), Variance(), chance=1e-4) == []
     offset[6:] += [0.0, 0.05, 0.0]
     assert [
-        step.after for step in steps_of(Lines(np.array([0, 10]), time, offset, covariance), Scatter(), chance=1e-4)
+        step.after
+        for step in change_points(OffsetSeries(np.array([0, 10]), time, offset, covariance), Variance(), chance=1e-4)
     ] == [5]
 
 
@@ -152,8 +153,8 @@ def test_two_steps_of_a_unit_are_both_found() -> None:
     offset = 0.001 * rng.normal(size=(12, 3))
     offset[4:, 0] += 0.05
     offset[9:, 1] -= 0.05
-    lines = Lines(np.array([0, 12]), np.arange(12) * DAY, offset, np.tile(1e-6 * np.eye(3), (12, 1, 1)))
-    assert [step.after for step in steps_of(lines, Scatter(), chance=1e-4)] == [3, 8]
+    lines = OffsetSeries(np.array([0, 12]), np.arange(12) * DAY, offset, np.tile(1e-6 * np.eye(3), (12, 1, 1)))
+    assert [step.after for step in change_points(lines, Variance(), chance=1e-4)] == [3, 8]
 
 
 @pytest.mark.filterwarnings("error")
@@ -163,16 +164,16 @@ def test_recordings_of_the_same_time_overflow_nothing_and_hide_no_step(same: sli
     offset[6:, 0] += 0.05
     time = np.arange(12) * DAY
     time[same] = time[same][0]
-    lines = Lines(np.array([0, 12]), time, offset, np.tile(1e-6 * np.eye(3), (12, 1, 1)))
+    lines = OffsetSeries(np.array([0, 12]), time, offset, np.tile(1e-6 * np.eye(3), (12, 1, 1)))
     unclaimed = replace(lines, covariance=lines.covariance / 100.0)  # all changes show a drift then
-    gaps = gaps_of(unclaimed, np.array([0]), np.array([12]), Scatter())
+    gaps = interval_tests(unclaimed, np.array([0]), np.array([12]), Variance())
     assert np.max(gaps.square) < 1.0
     assert np.isfinite(gaps.p_value).all()
-    assert [step.after for step in steps_of(lines, Scatter(), chance=1e-4)] == [5]
+    assert [step.after for step in change_points(lines, Variance(), chance=1e-4)] == [5]
 
 
 def test_few_pairs_say_nothing_of_how_a_fleet_scatters() -> None:
-    assert scatter_of(np.ones((10, 3)), np.tile(np.eye(3), (10, 1, 1)), np.ones(10)) == Scatter(pairs=10)
+    assert estimate_variance(np.ones((10, 3)), np.tile(np.eye(3), (10, 1, 1)), np.ones(10)) == Variance(pairs=10)
 
 
 def test_units_spread_over_tables_and_any_number_of_rows_at_once_give_the_same(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from flinders.errors import FitError, FlindersError, InputError, UsageError
-from flinders.fleet import journal
-from flinders.fleet.overview import overview_of
-from flinders.fleet.table import Row, Rows
-from flinders.fleet.work import LostWorker
+from flinders.fleet import progress
+from flinders.fleet.aggregate import overview_of
+from flinders.fleet.results import Row, Rows
+from flinders.fleet.worker import LostWorker
 from flinders.report.fleet import advice, page
 from flinders.report.fleet_view import SUMS_ALONE
 
@@ -86,7 +86,7 @@ def test_what_sums_alone_cost_is_what_was_measured() -> None:
 
 
 def test_every_event_of_the_log_is_in_the_docs() -> None:
-    told = set(re.findall(r'event\(\s*"([a-z-]+)"', inspect.getsource(journal)))
+    told = set(re.findall(r'event\(\s*"([a-z-]+)"', inspect.getsource(progress)))
     text = (DOCS / "fleet.md").read_text()
     table = text[text.index("## What the log says") :]
     assert told == set(re.findall(r"^\| `([a-z-]+)` \|", table, flags=re.MULTILINE))

@@ -13,15 +13,15 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists, UnreadableInput
 from flinders.fleet import Rows
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
 from flinders.fleet.plan import LOOKS, plan_of
-from flinders.fleet.run import run
-from flinders.fleet.tables import Asked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from flinders.fleet.store import Member
+    from flinders.fleet.storage import StoredFile
 
 pyarrow = pytest.importorskip("pyarrow")
 pytest.importorskip("obstore")
@@ -57,22 +57,22 @@ def bucket(fleet: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bucket]:
 
 @pytest.mark.parametrize("scheme", ["s3", "gs"])
 def test_a_bucket_gives_what_the_folder_gives(scheme: str, fleet: Path, bucket: Bucket, tmp_path: Path) -> None:
-    run(str(fleet), tmp_path / "here.parquet", Asked(), workers=0)
+    run(str(fleet), tmp_path / "here.parquet", Options(), workers=0)
     for where, units in ((f"{scheme}://fleet/2026/", 3), (f"{scheme}://fleet/2026", 3)):
-        told = run(where, tmp_path / "there.parquet", Asked(), workers=0, force=True)
+        told = run(where, tmp_path / "there.parquet", Options(), workers=0, force=True)
         assert (told.units, told.verdicts) == (units, {"good": 3})
         assert (tmp_path / "here.parquet").read_bytes() == (tmp_path / "there.parquet").read_bytes()
-    assert [member.name for member in plan_members(f"{scheme}://fleet/2026/*.parquet")] == ["1.parquet", "2.parquet"]
+    assert [file.name for file in plan_files(f"{scheme}://fleet/2026/*.parquet")] == ["1.parquet", "2.parquet"]
 
 
-def plan_members(where: str) -> list[Member]:
-    return [piece.member for part in plan_of(where, Asked()).partitions for piece in part.pieces]
+def plan_files(where: str) -> list[StoredFile]:
+    return [part.file for each in plan_of(where, Options()).partitions for part in each.slices]
 
 
 def test_looking_at_files_takes_a_request_each_and_many_at_a_time(bucket: Bucket, fleet: Path) -> None:
     bucket.latency_s = 0.002
     bucket.objects = {f"many/{place:04}.parquet": (fleet / "1.parquet").read_bytes() for place in range(1100)}
-    plan = plan_of("s3://fleet/many/", Asked())
+    plan = plan_of("s3://fleet/many/", Options())
     assert plan.files == 1100
     assert bucket.asked == 2 + 1100, "two pages of the list, and footers"
     assert 8 < bucket.most <= LOOKS
@@ -83,7 +83,7 @@ def test_the_table_goes_to_a_bucket_when_it_is_complete(
     scheme: str, fleet: Path, bucket: Bucket, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    run(str(fleet), "here.parquet", Asked(), workers=0)
+    run(str(fleet), "here.parquet", Options(), workers=0)
     out = f"{scheme}://fleet/out/there.parquet"
     words = ["fleet", str(fleet), "--out", out, "--workers", "0", "--report", "report.html"]
     ended = CliRunner().invoke(main, words, prog_name="flinders")
@@ -92,7 +92,7 @@ def test_the_table_goes_to_a_bucket_when_it_is_complete(
     assert bucket.objects["out/there.parquet"] == (tmp_path / "here.parquet").read_bytes()
     assert (tmp_path / "report.html").stat().st_size > 1000
     with pytest.raises(OutputExists, match=r"there\.parquet exists"):
-        run(str(fleet), out, Asked(), workers=0)
+        run(str(fleet), out, Options(), workers=0)
 
 
 def test_a_bucket_that_does_not_take_the_table_costs_nothing(
@@ -101,9 +101,9 @@ def test_a_bucket_that_does_not_take_the_table_costs_nothing(
     monkeypatch.chdir(tmp_path)
     bucket.refuses = 403
     with pytest.raises(OutputError, match=r"the store says: .* 3 partitions are done, and kept: go on with --resume"):
-        run(str(fleet), "gs://fleet/there.parquet", Asked(), workers=0)
+        run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0)
     bucket.refuses = 0
-    told = run(str(fleet), "gs://fleet/there.parquet", Asked(), workers=0, resume=True)
+    told = run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0, resume=True)
     assert (told.resumed, told.verdicts) == (told.partitions, {"good": 3})
     (tmp_path / "read.parquet").write_bytes(bucket.objects["there.parquet"])
     assert np.isfinite(Rows.read(tmp_path / "read.parquet").offset).all()
@@ -111,6 +111,6 @@ def test_a_bucket_that_does_not_take_the_table_costs_nothing(
 
 def test_what_is_no_object_is_said(fleet: Path, bucket: Bucket, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="it is a folder"):
-        run(str(fleet), "s3://fleet/out/", Asked(), workers=0)
+        run(str(fleet), "s3://fleet/out/", Options(), workers=0)
     with pytest.raises(UnreadableInput, match="no files"):
-        run("gs://fleet/2027/", tmp_path / "out.parquet", Asked(), workers=0)
+        run("gs://fleet/2027/", tmp_path / "out.parquet", Options(), workers=0)

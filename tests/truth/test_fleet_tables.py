@@ -12,10 +12,10 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput, UsageError
-from flinders.fleet import Rows, fit_many, plan, work
+from flinders.fleet import Rows, fit_many, plan, worker
+from flinders.fleet.job import run
+from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
-from flinders.fleet.run import run
-from flinders.fleet.tables import Asked
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,7 +51,7 @@ def spoil(path: Path, group: int, column: str) -> None:
 
 def rows_of(folder: Path, **options: Any) -> Rows:
     out = folder.parent / "out.parquet"
-    run(str(folder), out, Asked(**options), workers=0, force=True)
+    run(str(folder), out, Options(**options), workers=0, force=True)
     return Rows.read(out)
 
 
@@ -76,7 +76,7 @@ def test_a_broken_row_group_costs_those_who_have_readings_in_it(
     folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In one partition, in several, and where each unit is streamed."""
-    for module in (plan, work):
+    for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", largest)
     parquet.write_table(table(0, 1, 2, 3), folder / "a.parquet", row_group_size=100)
     spoil(folder / "a.parquet", 2, "mag_y_uT")
@@ -166,7 +166,7 @@ def test_a_broken_table_in_a_folder_of_null_is_a_row(folder: Path) -> None:
 def test_what_cannot_be_read_is_counted(folder: Path) -> None:
     parquet.write_table(table(0, 1), folder / "a.parquet", row_group_size=READINGS)
     spoil(folder / "a.parquet", 1, "mag_z_uT")
-    ended = run(str(folder), folder.parent / "out.parquet", Asked(), workers=0)
+    ended = run(str(folder), folder.parent / "out.parquet", Options(), workers=0)
     assert (ended.readings, ended.failed_readings, ended.codes) == (300, 150, {"unreadable": 1})
 
 
@@ -180,11 +180,11 @@ def test_rows_without_a_unit_are_never_fitted(folder: Path) -> None:
         assert told(rows) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
         assert rows.message[0].startswith("450 rows of 0.parquet")
     with pytest.MonkeyPatch.context() as patch:
-        for module in (plan, work):
+        for module in (plan, worker):
             patch.setattr(module, "LARGEST", 100)
         assert told(rows_of(folder)) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
     assert told(fit_many(whole)) == {"": (3 * READINGS, "no-unit"), "A": GOOD}
-    ended = run(str(folder), folder.parent / "out.parquet", Asked(), workers=0, force=True)
+    ended = run(str(folder), folder.parent / "out.parquet", Options(), workers=0, force=True)
     assert (ended.units, ended.rows) == (1, 2)
 
 
@@ -221,7 +221,7 @@ def test_the_batch_of_hardware_stands_in_the_table(folder: Path, column: str) ->
     parquet.write_table(table(0, 1, 2, **{column: batches}), folder / "a.parquet", row_group_size=70)
     assert rows_of(folder).batch.tolist() == ["2026-04", "2026-05", ""]
     with pytest.MonkeyPatch.context() as patch:
-        for module in (plan, work):
+        for module in (plan, worker):
             patch.setattr(module, "LARGEST", 100)
         assert rows_of(folder).batch.tolist() == ["2026-04", "2026-05", ""]
     assert fit_many(table(0, names=["A"], firmware=[3] * READINGS), batch_column="firmware").batch.tolist() == ["3"]
@@ -277,7 +277,7 @@ def test_units_of_field_that_differ_are_told_with_their_files(folder: Path, monk
     parquet.write_table(counts, folder / "b.parquet")
     said = "its readings are in uT in a.parquet and in counts in b.parquet: give --unit"
     assert rows_of(folder).message[0].startswith(said)
-    for module in (plan, work):
+    for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", 100)
     assert rows_of(folder).message[0].startswith(said), "of a unit that is streamed too"
 
@@ -287,7 +287,7 @@ def test_units_beside_one_in_two_units_of_field_are_fitted(
     folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where they lie in the same files, and where they are streamed."""
-    for module in (plan, work):
+    for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", largest)
     parquet.write_table(table(0, 1).take([*range(0, 300, 2)]), folder / "b.parquet")
     parquet.write_table(table(0).take([*range(1, 150, 2)]), folder / "c.parquet")
@@ -299,16 +299,16 @@ def test_units_beside_one_in_two_units_of_field_are_fitted(
 def test_what_a_run_wrote_is_no_recording(folder: Path) -> None:
     parquet.write_table(table(0, 1), folder / "a.parquet")
     out = folder / "out.parquet"
-    first = run(str(folder), out, Asked(), workers=0)
-    parts = work.done(plan_of(str(folder), Asked()).partitions[0], asked=Asked())
+    first = run(str(folder), out, Options(), workers=0)
+    parts = worker.calibrate_partition(plan_of(str(folder), Options()).partitions[0], options=Options())
     (folder / "other.parquet.parts").mkdir()
     (folder / "other.parquet.parts" / "part-0000000-1-00000000.arrow").write_bytes(parts)
-    again = run(str(folder), out, Asked(), workers=0, force=True)
+    again = run(str(folder), out, Options(), workers=0, force=True)
     assert (first.left_out, again.left_out) == ({}, {"tables of fleets": 1})
     assert (again.verdicts, again.files) == ({"good": 2}, 1)
     (folder / "a.parquet").unlink()
     with pytest.raises(UnreadableInput, match="no recordings, but 1 table that `flinders fleet` wrote"):
-        run(str(folder), folder.parent / "no.parquet", Asked(), workers=0)
+        run(str(folder), folder.parent / "no.parquet", Options(), workers=0)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of POSIX")
@@ -316,7 +316,7 @@ def test_a_link_to_nothing_is_a_row_and_a_pipe_is_left_alone(folder: Path) -> No
     parquet.write_table(table(0), folder / "a.parquet")
     (folder / "U1.csv").symlink_to(folder / "gone.csv")
     os.mkfifo(folder / "U2.csv")
-    ended = run(str(folder), folder.parent / "out.parquet", Asked(), workers=0)
+    ended = run(str(folder), folder.parent / "out.parquet", Options(), workers=0)
     assert told(Rows.read(folder.parent / "out.parquet")) == {"U0": GOOD, "U1": (0, "unreadable")}
     assert ended.left_out == {"pipe": 1}
 
@@ -359,7 +359,7 @@ def test_a_table_that_could_not_be_opened_at_first_is_not_fitted_from_a_part(
     folder: Path, path: str, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor all of it as the log of one unit."""
-    for module in (plan, work):
+    for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", largest)
     (folder / path).parent.mkdir(parents=True, exist_ok=True)
     whole = table(0).drop_columns(["unit"]) if "=" in path else table(0, 1)
@@ -370,8 +370,8 @@ def test_a_table_that_could_not_be_opened_at_first_is_not_fitted_from_a_part(
 
     with monkeypatch.context() as patch:
         patch.setattr(plan, "opened", closed)
-        (partition,) = plan_of(str(folder), Asked()).partitions
-    rows = Rows.from_bytes(work.done(partition, asked=Asked()))
+        (partition,) = plan_of(str(folder), Options()).partitions
+    rows = Rows.from_bytes(worker.calibrate_partition(partition, options=Options()))
     assert told(rows) == {"U0" if "=" in path else "(a.parquet)": (0, "unreadable")}
     assert "a.parquet could not be read when the run began" in rows.message[0]
 
@@ -386,23 +386,23 @@ def test_a_log_of_one_that_could_not_be_opened_at_first_is_fitted(
 
     with monkeypatch.context() as patch:
         patch.setattr(plan, "opened", closed)
-        (partition,) = plan_of(str(folder), Asked()).partitions
-    assert told(Rows.from_bytes(work.done(partition, asked=Asked()))) == {"U0": GOOD}
+        (partition,) = plan_of(str(folder), Options()).partitions
+    assert told(Rows.from_bytes(worker.calibrate_partition(partition, options=Options()))) == {"U0": GOOD}
 
 
 @pytest.mark.parametrize("largest", [1_000_000, 100])
 def test_a_file_that_goes_while_the_run_goes_on_is_counted_once(
     folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (plan, work):
+    for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", largest)
     parquet.write_table(table(0, 1), folder / "a.parquet")
     (folder / "unit=U2" / "date=2026-03-01").mkdir(parents=True)
     parquet.write_table(table(2).drop_columns(["unit"]), folder / "unit=U2" / "date=2026-03-01" / "b.parquet")
-    partitions = plan_of(str(folder), Asked()).partitions
+    partitions = plan_of(str(folder), Options()).partitions
     for path in folder.rglob("*.parquet"):
         path.unlink()
-    rows = Rows.joined([Rows.from_bytes(work.done(each, asked=Asked())) for each in partitions])
+    rows = Rows.joined([Rows.from_bytes(worker.calibrate_partition(each, options=Options())) for each in partitions])
     assert told(rows) == {"(a.parquet)": (300, "unreadable"), "U2": UNREADABLE}
 
 
@@ -429,7 +429,7 @@ def test_a_broken_record_batch_costs_those_who_have_readings_in_it(folder: Path,
 def test_units_that_cannot_be_read_keep_their_batch(
     folder: Path, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module in (plan, work):
+    for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", largest)
     lots = ["6"] * READINGS + ["7"] * READINGS
     parquet.write_table(table(0, 1, lot=lots), folder / "a.parquet", row_group_size=READINGS)

@@ -126,7 +126,7 @@ def _check_outputs(report: str | None, out: str | None, tables: Sequence[str], *
 
 def _write_report(drift: Drift, tables: Sequence[str], report: str, batch: str | None, *, force: bool) -> None:
     from flinders.core.files import write_text
-    from flinders.fleet.overview import overview_of
+    from flinders.fleet.aggregate import overview_of
     from flinders.report.fleet import page
 
     text = page(overview_of(tables, batch=batch, target_deg=drift.target_deg), drift)

@@ -17,7 +17,7 @@ from flinders.errors import UsageError, counted
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.fleet.journal import Watch
+    from flinders.fleet.progress import ProgressCallback
 
 
 @click.command(
@@ -76,37 +76,36 @@ def command(
     with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row that
     says why.
     """
-    from flinders.fleet.log import Log
-    from flinders.fleet.run import run
-    from flinders.fleet.tables import Asked
+    from flinders.fleet.job import run
+    from flinders.fleet.options import Options
+    from flinders.fleet.progress import log_to
 
     if workers is not None and scheduler is not None:
         raise UsageError("--workers are processes of this machine, --scheduler has its own: leave one of them out")
     _check_outputs(out, report, log_file, force=force)
     reading["polish"] = not reading.pop("moments_only")
-    with Log.to(log_file) as log, _progress() as watch:
-        told = run(
+    with log_to(log_file), _progress() as watch:
+        summary = run(
             source,
             out,
-            Asked(**reading),
+            Options(**reading),
             workers=workers,
             scheduler=scheduler,
             resume=resume,
             force=force,
-            log=log,
             watch=watch,
             notice=say,
         )
     if as_json:
-        print_json(told.as_dict())
+        print_json(summary.as_dict())
     else:
-        from flinders.fleet.page import page
+        from flinders.fleet.summary import page
 
-        click.echo(drawn(page(told), sys.stdout))
+        click.echo(drawn(page(summary), sys.stdout))
     if report is not None:
         _write_report(out, report, force=force)
-    say(f"written to {out} in {told.seconds:.1f} s" if sys.stderr.isatty() else f"written to {out}")
-    return GOOD if told.is_whole else LIMITED
+    say(f"written to {out} in {summary.seconds:.1f} s" if sys.stderr.isatty() else f"written to {out}")
+    return GOOD if summary.is_whole else LIMITED
 
 
 def _check_outputs(out: str, report: str | None, log_file: str | None, *, force: bool) -> None:
@@ -117,7 +116,7 @@ def _check_outputs(out: str, report: str | None, log_file: str | None, *, force:
     UsageError, OutputError
     """
     from flinders.core.files import refuse_existing
-    from flinders.fleet.store import is_remote
+    from flinders.fleet.storage import is_remote
 
     asked = [name for name in (out, report, log_file) if name is not None]
     named = [name if is_remote(name) else os.path.realpath(name) for name in asked]
@@ -130,17 +129,17 @@ def _check_outputs(out: str, report: str | None, log_file: str | None, *, force:
 def _write_report(out: str, report: str, *, force: bool) -> None:
     """Write the report of a fleet."""
     from flinders.core.files import write_text
-    from flinders.fleet.overview import overview_of
-    from flinders.fleet.store import Member, fetched
+    from flinders.fleet.aggregate import overview_of
+    from flinders.fleet.storage import StoredFile, fetched
     from flinders.report.fleet import page
 
-    with fetched(Member(out, out, 0)) as table:
+    with fetched(StoredFile(out, out, 0)) as table:
         write_text(page(overview_of([table])), report, force=force)
     say(f"report written to {report}")
 
 
 @contextlib.contextmanager
-def _progress() -> Iterator[Watch | None]:
+def _progress() -> Iterator[ProgressCallback | None]:
     """A bar on stderr with recordings, how many a second, their units, and the time left; only on a terminal."""
     if not sys.stderr.isatty():
         yield None
@@ -148,14 +147,14 @@ def _progress() -> Iterator[Watch | None]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.fields[told]}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.fields[state]}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as shown:
-        task = shown.add_task("", total=None, told="looking at what is there")
+        task = shown.add_task("", total=None, state="looking at what is there")
 
         def update(done: int, total: int, rows: int, units: int | None) -> None:
             elapsed = shown.tasks[0].elapsed or 0.0
             of_units = "" if units is None else f" of {counted(units, 'unit')}"
             rate = f", {rows / elapsed:,.0f} a second" if elapsed else ""
-            shown.update(task, completed=done, total=total, told=f"{counted(rows, 'recording')}{of_units}{rate}")
+            shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{of_units}{rate}")
 
         yield update

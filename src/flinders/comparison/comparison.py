@@ -21,12 +21,13 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
+from flinders.comparison.pairs import Ellipsoids, Pairs
 from flinders.core.units import label
 from flinders.errors import UsageError
-from flinders.fitting.judged import refuse_unlike, rescaled, without_scale
-from flinders.geometry.ellipsoid import Ellipsoid, upper
+from flinders.fitting.judged import refuse_unlike
+from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.quaternions import of_matrix
-from flinders.heading.error_propagation import HeadingError, level_error, level_turn
+from flinders.heading.error_propagation import HeadingError
 from flinders.simulate import fibonacci
 from flinders.summary.pooling import chance_of, chi_square_of
 
@@ -390,29 +391,27 @@ def compare_level(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: fl
 
 
 def _compared(a: Judged, b: Judged, *, dip_deg: float, target_deg: float, is_flat: bool) -> Comparison:
-    """Hold two calibrations against each other, whatever they rest on; `is_flat`: both are ellipses of a level turn."""
+    """Compare two calibrations, whatever they rest on; `is_flat`: both are ellipses of a level turn."""
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    dip, dip_deg = dip_deg, 0.0 if is_flat else dip_deg
-    pair = _Pair.of(a, b)
-    heading, mean = pair.heading_difference(dip_deg)
-    told = list(IN_PLANE if is_flat else range(9))
-    chi_square, freedom = chi_square_of(pair.difference[told], pair.covariance[np.ix_(told, told)])
+    turn_dip_deg = 0.0 if is_flat else dip_deg
+    pair, is_scale_known = _pair(a, b)
+    rms, worst, mean = (float(each[0]) for each in pair.heading_deg(turn_dip_deg))
+    claimed = [float(each[0]) for each in pair.sigmas_deg(turn_dip_deg)]
+    chi_square, freedom = pair.chi_square(IN_PLANE if is_flat else range(9))
     stated = a.covariance is not None or b.covariance is not None
     return Comparison(
-        heading_difference_deg=replace(heading, dip_deg=float(dip)),
+        heading_difference_deg=HeadingError(rms, worst, float(dip_deg)),
         heading_mean_deg=mean,
-        claimed_deg=replace(level_error(pair.middle, pair.covariance, dip_deg=dip_deg), dip_deg=float(dip))
-        if stated
-        else None,
-        direction_difference_deg=math.hypot(heading.rms, mean) if is_flat else pair.direction_difference(),
+        claimed_deg=HeadingError(claimed[0], claimed[1], float(dip_deg)) if stated else None,
+        direction_difference_deg=math.hypot(rms, mean) if is_flat else float(pair.direction_deg(DIRECTIONS)[0]),
         offset_difference=b.calibration.offset - a.calibration.offset,
-        offset_sigma=np.sqrt(np.diag(pair.covariance)[:3]) if stated else None,
-        field_strength=pair.middle.radius,
-        scale_difference=pair.scale_difference,
-        is_scale_known=pair.is_scale_known,
-        chi_square=chi_square if stated else None,
-        freedom=freedom,
+        offset_sigma=np.sqrt(np.diag(pair.covariance[0])[:3]) if stated else None,
+        field_strength=Ellipsoid(pair.moved[0], pair.middle[0]).radius,
+        scale_difference=float(pair.scale[0]),
+        is_scale_known=is_scale_known,
+        chi_square=float(chi_square[0]) if stated else None,
+        freedom=int(freedom[0]),
         target_deg=float(target_deg),
         unit=a.calibration.unit,
     )
@@ -438,98 +437,16 @@ def _rotation_vector(rotation: Floats) -> Floats:
     return np.array(vector) * (angle / sine if sine > 0.0 else 2.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Pair:
-    """Two calibrations brought to one field.
-
-    Attributes
-    ----------
-    ellipsoids : pair of Ellipsoid
-        What the covariances speak of: in the magnetometer's own axes, without rotations.
-    covariance : (9, 9) float
-        The sum of both.
-    scale_difference : float
-    is_scale_known : bool
-    """
-
-    ellipsoids: tuple[Ellipsoid, Ellipsoid]
-    covariance: Floats
-    scale_difference: float
-    is_scale_known: bool
-
-    @classmethod
-    def of(cls, a: Judged, b: Judged) -> Self:
-        """Bring both to the geometric mean of their field strengths where they are known, else of their radii."""
-        refuse_unlike(a, b)
-        first, second = a.ellipsoid, b.ellipsoid
-        known = a.calibration.field_strength_known and b.calibration.field_strength_known
-        fields = (a.calibration.field_strength, b.calibration.field_strength)
-        sizes = fields if known else (first.radius, second.radius)
-        common = math.sqrt(sizes[0]) * math.sqrt(sizes[1])
-        p, q = common / sizes[0], common / sizes[1]
-        ellipsoids = Ellipsoid(first.centre, p * first.shape), Ellipsoid(second.centre, q * second.shape)
-        shape = (ellipsoids[0].shape + ellipsoids[1].shape) / 2.0
-        return cls(
-            ellipsoids,
-            _claimed(a, p, shape, known=known) + _claimed(b, q, shape, known=known),
-            second.radius / first.radius * (q / p if known else 1.0) - 1.0,
-            known,
-        )
-
-    @property
-    def middle(self) -> Ellipsoid:
-        """Halfway between both."""
-        first, second = self.ellipsoids
-        return Ellipsoid((first.centre + second.centre) / 2.0, (first.shape + second.shape) / 2.0)
-
-    @property
-    def difference(self) -> Floats:
-        """(9,) offset and shape of the second less those of the first."""
-        first, second = self.ellipsoids
-        return np.concatenate([second.centre - first.centre, upper(second.shape - first.shape)])
-
-    def corrected(self, directions: Floats) -> tuple[Floats, Floats]:
-        """What the second makes of the readings that the first expects for (3, K) directions, and the other way."""
-        p, q = (ellipsoid.centre[:, np.newaxis] for ellipsoid in self.ellipsoids)
-        first, second = (ellipsoid.shape for ellipsoid in self.ellipsoids)
-        return np.linalg.solve(second, p + first @ directions - q), np.linalg.solve(first, q + second @ directions - p)
-
-    def heading_difference(self, dip_deg: float) -> tuple[HeadingError, float]:
-        """Difference over a level turn with its mean taken off, and the mean in degrees."""
-        heading, directions = level_turn(dip_deg)
-        forth, back = (np.arctan2(-seen[1], seen[0]) - heading for seen in self.corrected(directions))
-        differences, means = zip(*map(_about_mean, (forth, -back)), strict=True)
-        errors = np.rad2deg(differences)
-        rms, worst = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
-        return HeadingError(rms, worst, float(dip_deg)), float(np.rad2deg(np.mean(means)))
-
-    def direction_difference(self) -> float:
-        """Angle between the corrected fields in degrees, rms over the sphere."""
-        angles = [_angles(seen, DIRECTIONS) for seen in self.corrected(DIRECTIONS)]
-        return float(np.rad2deg(np.sqrt(np.mean(np.square(angles)))))
+def _pair(a: Judged, b: Judged) -> tuple[Pairs, bool]:
+    """Both as a pair of one size, without rotations, and whether their field strengths are known."""
+    refuse_unlike(a, b)
+    known = a.calibration.field_strength_known and b.calibration.field_strength_known
+    strengths = np.array([a.calibration.field_strength]), np.array([b.calibration.field_strength])
+    return Pairs.of(_one(a), _one(b), strengths if known else None), known
 
 
-def _about_mean(angles: Floats) -> tuple[Floats, float]:
-    """Angles less their mean on the circle, from −π to π, and that mean; all in rad."""
-    turns = np.exp(1j * angles)
-    mean = float(np.angle(turns.mean()))
-    return np.angle(turns * np.exp(-1j * mean)), mean
-
-
-def _angles(vectors: Floats, directions: Floats) -> Floats:
-    """(K,) angles between (3, K) vectors of any length and unit vectors, in rad."""
-    scaled = vectors / np.abs(vectors).max(axis=0).clip(min=1e-300)
-    across = np.linalg.norm(np.cross(scaled, directions, axis=0), axis=0)
-    angles: Floats = np.arctan2(across, np.sum(scaled * directions, axis=0))
-    return angles
-
-
-def _claimed(one: Judged, factor: float, shape: Floats, *, known: bool) -> Floats:
-    """(9, 9) what a calibration claims, its shape multiplied by `factor`; without the scale unless `known`.
-
-    Both calibrations have it from the same `shape`, so that the scale is out of the sum as well.
-    """
-    if one.covariance is None:
-        return np.zeros((9, 9))
-    covariance = rescaled(one.covariance, factor)
-    return covariance if known else without_scale(covariance, shape, shape)
+def _one(calibration: Judged) -> Ellipsoids:
+    """A calibration as a batch of one; without a covariance it is exact."""
+    ellipsoid = calibration.ellipsoid
+    covariance = np.zeros((9, 9)) if calibration.covariance is None else calibration.covariance
+    return Ellipsoids(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], covariance[np.newaxis])

@@ -1,17 +1,14 @@
-"""The drift of all units as a table: a row for each, in the order of their names, written as they are found."""
+"""Table of the drift of all units: a row for each, in the order of their names, written as they are compared."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import math
-import secrets
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from flinders.core.files import reason
-from flinders.errors import OutputError
-from flinders.fleet.table import needs_arrow
+from flinders.core.files import replacing
+from flinders.fleet.results import needs_arrow
 from flinders.report.fleet_view import UnitDrift
 
 if TYPE_CHECKING:
@@ -25,12 +22,12 @@ def writing(
 ) -> Iterator[Callable[[Sequence[UnitDrift]], None] | None]:
     """Write a Parquet file that appears under its name when the block ends well.
 
-    What it yields takes some units at a time; None where there is no path.
+    Yields a function that takes some units at a time; None if there is no path.
 
     Raises
     ------
     OutputError
-        Where it cannot be written.
+        If it cannot be written.
     """
     if path is None:
         yield None
@@ -38,31 +35,22 @@ def writing(
     arrow = needs_arrow()
     from pyarrow import parquet
 
-    from flinders.core.files import refuse_existing
-
-    refuse_existing(path, force=force)
-    target = Path(path)
-    temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
-    try:
-        with parquet.ParquetWriter(temporary, schema(), write_page_checksum=True) as writer:
-            yield lambda units: writer.write_table(_table(arrow, units))
-        temporary.replace(target)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {reason(error)}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+    with (
+        replacing(path, force=force) as file,
+        parquet.ParquetWriter(cast("TextIO", file).buffer, schema(), write_page_checksum=True) as writer,
+    ):
+        yield lambda units: writer.write_table(_table(arrow, units))
 
 
 def schema() -> Any:  # noqa: ANN401 - pyarrow ships no types
-    """The fields of `UnitDrift` as columns."""
+    """Fields of `UnitDrift` as columns."""
     arrow = needs_arrow()
     kinds = {"str": arrow.string(), "int": arrow.int64(), "float": arrow.float64()}
     return arrow.schema([(field.name, kinds[str(field.type)]) for field in dataclasses.fields(UnitDrift)])
 
 
 def _table(arrow: Any, units: Sequence[UnitDrift]) -> Any:  # noqa: ANN401
-    """Some units, null for what is not known."""
+    """Table of some units, null for NaN."""
     columns = {
         field.name: [_known(getattr(unit, field.name)) for unit in units] for field in dataclasses.fields(UnitDrift)
     }
@@ -70,4 +58,5 @@ def _table(arrow: Any, units: Sequence[UnitDrift]) -> Any:  # noqa: ANN401
 
 
 def _known(value: str | float) -> str | float | None:
+    """A value, None for NaN."""
     return None if isinstance(value, float) and math.isnan(value) else value

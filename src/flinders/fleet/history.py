@@ -1,8 +1,8 @@
-"""Tables of a fleet unit by unit: the calibrations of each, in the order of time, a bounded number of rows at once.
+"""Histories of units: the calibrations of each in the order of time, read a bounded number of rows at a time.
 
-Each table is sorted by unit, as `flinders fleet` writes it, so that several of them are read side by side, and a unit
-is complete once all have gone past its name. A million rows take no more memory than a hundred thousand. A recording
-that stands in several tables counts once, as the last of them has it.
+Tables are sorted by unit, as `flinders fleet` writes them, so that several are read in parallel, and a unit is complete
+once all have passed its name. A million rows take no more memory than a hundred thousand. A recording that is in
+several tables counts once, as in the last of them.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.comparison.pairs import Ellipsoids
 from flinders.core.files import reason
 from flinders.errors import DocumentError
-from flinders.fleet.batches import of_units
-from flinders.fleet.changes import Calibrations
 from flinders.fleet.dates import arranged, is_date
-from flinders.fleet.table import LATER, LISTS, NAMES, needs_arrow, objects
+from flinders.fleet.hardware_batch import named_rows
+from flinders.fleet.results import LATER, LISTS, NAMES, needs_arrow, objects
 
 if TYPE_CHECKING:
     import os
@@ -27,17 +27,38 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fleet.batches import Batches
+    from flinders.fleet.hardware_batch import BatchRule
 
 COLUMNS: Final = (
     "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "radius", "dip_deg", "unit_of_field",
 )  # fmt: skip
 SAME: Final = ("unit", "recording", "start_s", "end_s", "readings", "offset")
-"""What tells whether two rows are of one recording."""
+"""Columns that tell whether two rows are of one recording."""
 TABLE: Final = "table of the row"
-"""A column beside those of the tables: which of them, counted from 0."""
+"""An added column: the number of the table, counted from 0."""
 ROWS: Final = 16_384
-"""Rows that are read at once, of all tables together."""
+"""Rows that are read at a time, of all tables together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffsetSeries:
+    """Offsets of many units over time.
+
+    Attributes
+    ----------
+    first : (U + 1,) int
+        First recording of each unit, in the order of time; and the end of the last.
+    time : (R,) float, s
+        Or the number of each recording if dates are not known.
+    offset : (R, 3) float
+        As a fraction of the field.
+    covariance : (R, 3, 3) float
+    """
+
+    first: NDArray[np.intp]
+    time: Floats
+    offset: Floats
+    covariance: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,29 +68,28 @@ class Histories:
     Attributes
     ----------
     unit : (U,) object
-        Names, sorted; units without any calibration are among them.
+        Sorted names, of units without a calibration too.
     batch : (U,) object
-        Of hardware; empty where it is not known.
+        Hardware batch; empty if it is not known.
     first : (U + 1,) int
-        Where the calibrations of each begin.
+        First calibration of each.
     is_known : (U,) bool
-        Whether anything tells the order of a unit's recordings; where nothing does, they are in that of their names.
+        Whether the order of a unit's recordings is known; if not, they are sorted by name.
     is_dated : (U,) bool
         Whether the dates of all of them are known.
     recording : (R,) object
     date_s : (R,) float, s
-        Since 1970; NaN where no date is known.
-    calibrations : Calibrations
+        Since 1970; NaN if it is not known.
+    calibrations : Ellipsoids
         R of them.
     unit_of_field : (R,) object
     dip_deg : (R,) float
     verdicts : mapping of (str, str) to int
-        Rows of each batch of their units and verdict, those without a calibration too.
+        Rows of each batch and verdict, those without a calibration too.
     left_out : int
-        Rows without a calibration: refused and failed ones, those of no unit among them, and those in another unit than
-        the unit's first.
+        Rows without a calibration, and those in another unit of field than the first of their unit.
     passed_over : int
-        Rows that another table has as well.
+        Rows that a later table has as well.
     """
 
     unit: NDArray[np.object_]
@@ -79,7 +99,7 @@ class Histories:
     is_dated: NDArray[np.bool_]
     recording: NDArray[np.object_]
     date_s: Floats
-    calibrations: Calibrations
+    calibrations: Ellipsoids
     unit_of_field: NDArray[np.object_]
     dip_deg: Floats
     verdicts: Mapping[tuple[str, str], int]
@@ -88,49 +108,57 @@ class Histories:
 
     @property
     def line(self) -> NDArray[np.intp]:
-        """(R,) which unit each calibration is of."""
+        """(R,) index of the unit of each calibration."""
         return np.repeat(np.arange(len(self.unit)), np.diff(self.first))
 
+    @property
+    def offsets(self) -> OffsetSeries:
+        """Offsets as fractions of the field of a unit's first recording; without dates, time counts recordings."""
+        radius = self.calibrations.radius[self.first[self.line]] if len(self.calibrations) else np.empty(0)
+        covariance = self.calibrations.covariance[:, :3, :3] / radius[:, np.newaxis, np.newaxis] ** 2
+        time = np.where(self.is_dated[self.line], self.date_s, np.arange(len(self.line)) - self.first[self.line])
+        return OffsetSeries(self.first, time, self.calibrations.centre / radius[:, np.newaxis], covariance)
+
     @classmethod
-    def of_table(cls, table: Any, batches: Batches | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401
+    def of_table(cls, table: Any, rule: BatchRule | None = None, passed_over: int = 0) -> Histories:  # noqa: ANN401
         """Sort the rows of whole units, each of a recording of its own."""
         from pyarrow import compute
 
-        rows, table = len(table), of_units(table)
+        rows, table = len(table), named_rows(table)
         keys = [("unit", "ascending"), ("start_s", "ascending"), ("recording", "ascending")]
         table = table.take(compute.sort_indices(table, sort_keys=keys)).combine_chunks()
         names, begins, line = np.unique(_texts(table.column("unit")), return_index=True, return_inverse=True)
-        batch = objects(batches.of(table)) if batches else np.full(len(table), "", dtype=object)
+        batch = objects(rule.of(table)) if rule else np.full(len(table), "", dtype=object)
         verdict = _texts(table.column("verdict"))
         usable = table.column("covariance").is_valid().to_numpy() & table.column("offset").is_valid().to_numpy()
-        kept = np.flatnonzero(usable & np.isin(verdict.astype(str), ["good", "limited"]))
-        order = _Order.of(table.take(kept), line[kept], len(names))
-        kept = kept[order.places]
-        field = _texts(table.column("unit_of_field"))[kept]
-        alike = _alike(line[kept], field)
-        kept = kept[alike]
-        inside = table.take(kept)
+        chosen = np.flatnonzero(usable & np.isin(verdict.astype(str), ["good", "limited"]))
+        order = _Order.of(table.take(chosen), line[chosen], len(names))
+        chosen = chosen[order.places]
+        field = _texts(table.column("unit_of_field"))[chosen]
+        alike = _alike(line[chosen], field)
+        chosen = chosen[alike]
+        inside = table.take(chosen)
         offset, matrix, covariance = (_list(inside, name, LISTS[name]) for name in ("offset", "matrix", "covariance"))
         return cls(
             unit=names,
             batch=batch[begins],
-            first=np.searchsorted(line[kept], np.arange(len(names) + 1)),
+            first=np.searchsorted(line[chosen], np.arange(len(names) + 1)),
             is_known=order.is_known,
             is_dated=order.is_dated,
             recording=_texts(inside.column("recording")),
             date_s=order.date_s[alike],
-            calibrations=Calibrations.of_columns(offset, matrix, covariance, _numbers(inside, "radius")),
+            calibrations=Ellipsoids.of_columns(offset, matrix, covariance, _numbers(inside, "radius")),
             unit_of_field=field[alike],
             dip_deg=_numbers(inside, "dip_deg"),
-            verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if batches else {},
-            left_out=rows - len(kept),
+            verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if rule else {},
+            left_out=rows - len(chosen),
             passed_over=passed_over,
         )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Order:
-    """Rows of whole units in the order of recording.
+    """Rows of whole units in the order in which they were recorded.
 
     Attributes
     ----------
@@ -149,7 +177,7 @@ class _Order:
 
     @classmethod
     def of(cls, table: Any, line: NDArray[np.intp], units: int) -> _Order:  # noqa: ANN401
-        """Of rows that are sorted by unit and the times of their clocks; a unit whose times are all dates stays so."""
+        """Order rows that are sorted by unit and clock; a unit whose times are all dates stays as it is."""
         start = _numbers(table, "start_s")
         is_odd = ~is_date(start)
         again = np.flatnonzero((np.diff(line) == 0) & (np.diff(start) == 0.0))
@@ -161,15 +189,15 @@ class _Order:
         recording, tables = table.column("recording"), table.column(TABLE).to_numpy()
         for unit, begin, end in zip(odd.tolist(), begins.tolist(), ends.tolist(), strict=True):
             names = _texts(recording.slice(begin, end - begin)).tolist()
-            found = arranged(names, start[begin:end], tables[begin:end].tolist())
-            places[begin:end] = begin + np.array(found.places)
-            date_s[begin:end] = found.date_s
-            is_known[unit], is_dated[unit] = found.is_known, found.is_dated
+            order = arranged(names, start[begin:end], tables[begin:end].tolist())
+            places[begin:end] = begin + np.array(order.places)
+            date_s[begin:end] = order.date_s
+            is_known[unit], is_dated[unit] = order.is_known, order.is_dated
         return cls(places, date_s, is_known, is_dated)
 
 
 def histories(
-    paths: Sequence[str | os.PathLike[str]], *, batches: Batches | None = None, rows: int = ROWS
+    paths: Sequence[str | os.PathLike[str]], *, rule: BatchRule | None = None, rows: int = ROWS
 ) -> Iterator[Histories]:
     """Read tables of a fleet, whole units at a time.
 
@@ -177,26 +205,26 @@ def histories(
     ----------
     paths : sequence of path
         Parquet files as `flinders fleet` writes them; a unit may be in several.
-    batches : Batches, optional
-        What tells the hardware batch.
+    rule : BatchRule, optional
+        Of the hardware batch.
     rows : int
-        That are read at once, of all of them together.
+        Rows that are read at a time, of all tables together.
 
     Raises
     ------
     DocumentError
         For a file that is no table of a fleet, or is not sorted by unit.
     """
-    columns = (*COLUMNS, batches.column) if batches and batches.column else COLUMNS
+    columns = (*COLUMNS, rule.column) if rule and rule.column else COLUMNS
     for table in _side_by_side(paths, columns, rows=rows):
         whole = _counted_once(table)
-        yield Histories.of_table(whole, batches, len(table) - len(whole))
+        yield Histories.of_table(whole, rule, len(table) - len(whole))
 
 
 def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = ROWS) -> Iterator[Any]:
-    """Tables of Arrow with all rows of some units, in the order of their names, each recording once.
+    """Yield tables of Arrow with all rows of some units, in the order of their names, each recording once.
 
-    A column that is not of a fleet is null where a table has not got it; errors as `histories`.
+    A column that is not of a fleet is null for tables without it; errors as for `histories`.
     """
     for table in _side_by_side(paths, columns, rows=rows):
         yield _counted_once(table)
@@ -205,7 +233,7 @@ def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str],
 def _side_by_side(
     paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = ROWS
 ) -> Iterator[Any]:
-    """Tables of Arrow with all rows of some units, of all paths, in the order of their names."""
+    """Tables with all rows of some units, of all paths, in the order of their names."""
     arrow = needs_arrow()
     wanted = tuple(dict.fromkeys((*columns, *SAME)))
     feeds = [_numbered(number, path, wanted, max(rows // len(paths), 1)) for number, path in enumerate(paths)]
@@ -232,7 +260,7 @@ def _side_by_side(
 
 
 def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str], rows: int) -> Iterator[Any]:
-    """Tables of Arrow with some columns of the table of a fleet with a number, so many rows at once."""
+    """Read some columns of the table with a number, so many rows at a time."""
     arrow = needs_arrow()
     from pyarrow import parquet
     from pyarrow.lib import ArrowException
@@ -253,7 +281,7 @@ def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str],
 
 
 def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401
-    """With columns in one order, those of no fleet as texts, and the number of the table beside them."""
+    """Table with columns in one order, those that are not of a fleet as texts, and the number of the table."""
     there = table.column_names
 
     def cells(name: str) -> Any:  # noqa: ANN401
@@ -266,25 +294,20 @@ def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> A
 
 
 def _counted_once(table: Any) -> Any:  # noqa: ANN401
-    """Rows of whole units without those that a later table has as well.
-
-    Rows with the same unit, recording and start are of one recording. Where the start is no date, they have to agree
-    in the end and the number of readings too; without a name moreover in the offset, since recordings that begin at
-    zero and take a minute look alike. Rows of one table without a calibration say what failed, each for itself.
-    """
+    """Rows of whole units without those that a later table has as well; rows of one table that failed all count."""
     if len(table.group_by(["unit", "recording", "start_s"]).aggregate([])) == len(table):
         return table
     cells = (table.column(name).to_pylist() for name in SAME)
     tables = table.column(TABLE).to_pylist()
-    kept: dict[tuple[Any, ...], list[int]] = {}
+    by_recording: dict[tuple[Any, ...], list[int]] = {}
     for place, row in enumerate(zip(*cells, strict=True)):
-        places = kept.setdefault(_key(*row), [])
-        is_beside = bool(places) and row[-1] is None and tables[places[0]] == tables[place]
-        if not is_beside and places and tables[places[0]] <= tables[place]:
+        places = by_recording.setdefault(_key(*row), [])
+        is_failed_too = bool(places) and row[-1] is None and tables[places[0]] == tables[place]
+        if not is_failed_too and places and tables[places[0]] <= tables[place]:
             places.clear()
-        if is_beside or not places:
+        if is_failed_too or not places:
             places.append(place)
-    return table.take(sorted(place for places in kept.values() for place in places))
+    return table.take(sorted(place for places in by_recording.values() for place in places))
 
 
 def _key(
@@ -295,7 +318,7 @@ def _key(
     readings: int | None,
     offset: Sequence[float] | None,
 ) -> tuple[Any, ...]:
-    """What rows of one recording have in common."""
+    """Key of a recording: its start if that is a date, else also end and readings; without a name the offset too."""
     if start_s is not None and is_date(np.array([start_s]))[0]:
         return unit, recording, start_s
     if recording or offset is None:
@@ -303,14 +326,9 @@ def _key(
     return unit, recording, start_s, end_s, readings, *(f"{value:.6g}" for value in offset)
 
 
-def _refuse_other(path: str | os.PathLike[str], found: Sequence[str], columns: Sequence[str]) -> None:
-    """Refuse what `flinders fleet` did not write.
-
-    Raises
-    ------
-    DocumentError
-    """
-    missing = [name for name in columns if name in NAMES and name not in found and name not in LATER]
+def _refuse_other(path: str | os.PathLike[str], there: Sequence[str], columns: Sequence[str]) -> None:
+    """Refuse a table that `flinders fleet` did not write."""
+    missing = [name for name in columns if name in NAMES and name not in there and name not in LATER]
     if missing:
         raise DocumentError(
             f"{path}: this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
@@ -318,26 +336,22 @@ def _refuse_other(path: str | os.PathLike[str], found: Sequence[str], columns: S
 
 
 def _sorted(path: str | os.PathLike[str], units: list[str | None], last: str) -> str:
-    """Refuse a table that is not sorted by unit, or names none; the last unit of it.
-
-    Raises
-    ------
-    DocumentError
-    """
+    """Last unit; refuse a table that is not sorted by unit, or has a row without one."""
     for unit in units:
         if unit is None or unit < last:
-            found = "a row has no unit" if unit is None else f"{unit!r} comes after {last!r}"
-            raise DocumentError(f"{path}: {found}: sort the table by unit, as `flinders fleet` writes it")
+            fault = "a row has no unit" if unit is None else f"{unit!r} comes after {last!r}"
+            raise DocumentError(f"{path}: {fault}: sort the table by unit, as `flinders fleet` writes it")
         last = unit
     return last
 
 
 def _last(table: Any) -> str:  # noqa: ANN401
+    """Unit of the last row."""
     return str(table.column("unit")[len(table) - 1].as_py())
 
 
 def _split(table: Any, limit: str | None) -> tuple[Any, Any]:  # noqa: ANN401
-    """Rows of units before a name, and the others; all and None where there is no limit."""
+    """Rows of units before a name, and the others; all rows and None without a limit."""
     if limit is None:
         return table, None
     from pyarrow import compute
@@ -356,6 +370,7 @@ def _texts(column: Any) -> NDArray[np.object_]:  # noqa: ANN401
 
 
 def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401
+    """(R,) numbers, NaN for null."""
     return np.array(table.column(name).to_numpy(zero_copy_only=False), dtype=float)
 
 
@@ -366,7 +381,7 @@ def _list(table: Any, name: str, length: int) -> Floats:  # noqa: ANN401
 
 
 def _alike(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.bool_]:
-    """(n,) whether rows are in the unit of the field that the first row of their unit is in."""
+    """(n,) whether rows are in the same unit of field as the first row of their unit."""
     if not len(line):
         return np.zeros(0, dtype=bool)
     first = np.searchsorted(line, line)

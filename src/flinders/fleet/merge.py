@@ -1,12 +1,12 @@
-"""Sorted files of rows put together to one Parquet file, a row group at a time.
+"""Merge sorted files of rows into one Parquet file, a row group at a time.
 
-Partitions are sorted each, and nearly always follow one another. Of each file the first key is read, then files are
-opened one by one as their turn comes: while its next key is the least of all, a file gives rows. A row group takes
-consecutive rows of a few files, so that memory is that of a row group, for any number of rows.
+Each partition is sorted, and nearly always they follow one another. The first key of each file is read; then files are
+opened one by one, and each gives rows while its next key is the least. A row group takes consecutive rows of a few
+files, so that memory is that of a row group, for any number of rows.
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.fleet.table import Row, Rows
+>>> from flinders.fleet.results import Row, Rows
 >>> folder = Path(tempfile.mkdtemp())
 >>> for name, units in (("a", ["A1", "A3"]), ("b", ["A2", "A4"])):
 ...     _ = (folder / name).write_bytes(Rows.of([Row(unit=unit) for unit in units]).to_bytes())
@@ -17,58 +17,44 @@ consecutive rows of a few files, so that memory is that of a row group, for any 
 
 from __future__ import annotations
 
-import contextlib
 import heapq
-import os
-import secrets
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TextIO, TypeAlias, cast
 
 import numpy as np
 
-from flinders.core.files import reason
-from flinders.errors import OutputError
-from flinders.fleet.table import GROUP, KEY, TEXTS, needs_arrow, schema
+from flinders.core.files import replacing
+from flinders.fleet.results import GROUP, KEY, TEXTS, needs_arrow, schema
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
 LEVEL: Final = 3
-"""Of compression: the settings of the writer are fixed, so that the same rows are the same bytes."""
+"""Level of compression; settings of the writer are fixed, so that the same rows are the same bytes."""
 
 Key: TypeAlias = tuple[tuple[bool, Any], ...]
-"""What rows are sorted by: whether a cell of `KEY` is missing, which comes last, and the cell."""
+"""Sort key of a row: for each cell of `KEY` whether it is missing, which comes last, and the cell."""
 
 
 def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
-    """Put files of rows together, in the order of `KEY`, into one of Parquet that appears when it is complete.
+    """Merge files of rows, in the order of `KEY`, into a Parquet file that appears when it is complete.
 
     Parameters
     ----------
     parts : sequence of Path
-        Arrow files, the rows of each in the order of `KEY`. Of equal rows those of the first file come first.
+        Arrow files, each sorted by `KEY`. Of equal rows those of the first file come first.
     out : str or path
 
     Raises
     ------
     OutputError
-        Where it cannot be written.
+        If it cannot be written.
     """
     needs_arrow()
-    target = Path(os.path.realpath(out))
-    temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            _write(_groups(parts), file)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {reason(error)}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+    with replacing(out, force=True) as file:
+        _write(_groups(parts), cast("TextIO", file).buffer)
 
 
 def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
@@ -89,17 +75,7 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """An open file.
-
-    Attributes
-    ----------
-    place : int
-        Which it is.
-    table : pyarrow.Table
-        Its rows, mapped and not read.
-    keys : tuple of pyarrow.Array
-        Its columns of `KEY`.
-    """
+    """An open file: its number, its rows (mapped, not read) and their columns of `KEY`."""
 
     place: int
     table: Any
@@ -116,26 +92,26 @@ class _Part:
         return int(self.table.num_rows)
 
     def key(self, row: int) -> Key:
-        """What a row is sorted by."""
+        """Sort key of a row."""
         cells = (column[row].as_py() for column in self.keys)
         return tuple((cell is None, cell) for cell in cells)
 
     def before(self, row: int, bound: tuple[Key, int] | None) -> int:
-        """First row from `row` on that does not come before the key of another file, or the number of rows."""
+        """First row from `row` on that sorts after the key of another file, or the number of rows."""
         if bound is None or (self.key(len(self) - 1), self.place) < bound:
             return len(self)
-        near, far = row, row + 1
-        while far < len(self) and (self.key(far), self.place) < bound:  # steps grow, for files that alternate
-            near, far = far, far + 2 * (far - near)
-        far = min(far, len(self) - 1)
-        while far - near > 1:
-            middle = (near + far) // 2
-            near, far = (middle, far) if (self.key(middle), self.place) < bound else (near, middle)
-        return far
+        low, high = row, row + 1
+        while high < len(self) and (self.key(high), self.place) < bound:  # steps grow, for files that alternate
+            low, high = high, high + 2 * (high - low)
+        high = min(high, len(self) - 1)
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if (self.key(middle), self.place) < bound else (low, middle)
+        return high
 
 
 def _runs(parts: Sequence[Path]) -> Iterator[tuple[_Part, int, int]]:
-    """Files with the first of the rows that come next and the end of these."""
+    """Files with first and last of the rows that come next."""
     heads = []
     for place, path in enumerate(parts):
         part = _Part.of(path, place)
@@ -155,7 +131,7 @@ def _runs(parts: Sequence[Path]) -> Iterator[tuple[_Part, int, int]]:
 
 
 def _groups(parts: Sequence[Path]) -> Iterator[Any]:
-    """Tables of as many rows as a row group has, in order."""
+    """Tables of the rows of one row group each, in order."""
     runs: list[tuple[_Part, int, int]] = []
     room = GROUP
     for part, begin, end in _runs(parts):
@@ -165,14 +141,14 @@ def _groups(parts: Sequence[Path]) -> Iterator[Any]:
             runs.append((part, start, start + taken))
             start, room = start + taken, room - taken
             if not room:
-                group, runs, room = _table(runs), [], GROUP  # the files are let go before the group is written
+                group, runs, room = _table(runs), [], GROUP  # closes files before the group is written
                 yield group
     if runs:
         yield _table(runs)
 
 
 def _table(runs: Sequence[tuple[_Part, int, int]]) -> Any:  # noqa: ANN401
-    """The rows of runs, one after the other; those of one file follow each other in it, run by run."""
+    """Rows of runs, one after the other; the runs of one file are adjacent in it."""
     arrow = needs_arrow()
     first: dict[int, int] = {}
     last: dict[int, tuple[_Part, int]] = {}

@@ -1,17 +1,18 @@
-r"""What there is to do: recordings cut into partitions, each of which is worked on alone and written as one file.
+r"""Plan of a run: recordings split into partitions, each of which is calibrated by itself and written as one file.
 
-A partition is some log files, some files of rows, or a range of the row groups of one; it depends on what is there and
-on nothing else, so that a job which is resumed, or run with more workers, does the same partitions. A unit that has
-rows in several of them gets a partition that reads just those and takes just its rows.
+A partition is some log files, some files of rows, or a range of row groups of one. It depends on the input alone, so
+that a run which is resumed, or uses more workers, has the same partitions. A unit with rows in several of them gets
+a partition of its own, which takes its rows alone.
 
 >>> import tempfile
 >>> from pathlib import Path
+>>> from flinders.fleet.options import Options
 >>> folder = Path(tempfile.mkdtemp())
 >>> for name in ("A17/monday.csv", "A17/friday.csv", "B02/monday.csv", "B02/notes.md"):
 ...     (folder / name).parent.mkdir(exist_ok=True)
 ...     _ = (folder / name).write_text("x,y,z\n")
->>> plan = plan_of(str(folder), Asked())
->>> len(plan.partitions), [key_of(piece.member.name) for piece in plan.partitions[0].pieces][:2], plan.left_out
+>>> plan = plan_of(str(folder), Options())
+>>> len(plan.partitions), [key_of(part.file.name) for part in plan.partitions[0].slices][:2], plan.left_out
 (3, [('A17', 'friday.csv')], {'.md': 1})
 """
 
@@ -20,7 +21,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
@@ -28,97 +29,101 @@ from itertools import chain, islice, pairwise
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Final, TypeVar
 
+import numpy as np
+
 from flinders.errors import FlindersError, UnreadableInput, UsageError, counted
-from flinders.fleet.store import MAGIC, Member, listed
-from flinders.fleet.table import SIGN, VERSION
-from flinders.fleet.tables import (
+from flinders.fleet.dataset import (
     BATCH_COLUMNS,
     TABLES,
-    Asked,
-    Keys,
+    KeyColumns,
     extents_of,
     in_path,
     opened,
     refuse_empty,
     units_of,
 )
+from flinders.fleet.results import SIGN, VERSION
+from flinders.fleet.storage import MAGIC, StoredFile, listed
 from flinders.readers import READERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-Asker = TypeVar("Asker")
+    from flinders.fleet.dataset import TableFile
+    from flinders.fleet.options import Options
+
+Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 READABLE: Final = (*{suffix for reader in READERS for suffix in reader.suffixes}, *TABLES)
-"""Endings of files that are taken from a folder; a pattern takes what it names."""
+"""Suffixes of files that are read from a folder; a pattern reads whatever it matches."""
 LARGEST: Final = 1_000_000
-"""Rows that a partition holds in memory, 64 MB with times and what becomes of them."""
+"""Rows that a partition holds in memory: 64 MB with times and intermediate results."""
 SMALLEST: Final = 400_000
-"""Rows below which small files are put together into one partition: each costs a few milliseconds of its own."""
-MOST_PIECES: Final = 64
+"""Rows below which small files share a partition, which costs a few milliseconds."""
+MOST_SLICES: Final = 64
 """Files in a partition."""
 LEAST_PARTITIONS: Final = 64
-"""Fewer of them, and workers would wait for each other: a small job has small partitions."""
+"""Partitions of a small job, whose workers would otherwise wait for each other."""
 SHORT: Final = 100_000
-"""Rows that take a worker a tenth of a second: a job of few partitions is not cut into smaller ones,"""
+"""Rows that take a worker a tenth of a second: smaller partitions are not made,"""
 FEW_PARTITIONS: Final = 16
-"""unless there are fewer than that."""
+"""unless there would be fewer than this."""
 LOG_BYTES: Final = 1 << 24
 """Bytes of log files in a partition."""
 LOOKS: Final = 32
-"""Files that are looked at at a time: most of it is waiting for a store."""
+"""Files that are opened at a time: most of it is waiting for a store."""
 BATCHES: Final = tuple([column] for column in BATCH_COLUMNS)
-"""What folders are called that say the batch of hardware."""
+"""Names of folders with the hardware batch."""
 TABLES_OF_FLEETS: Final = "tables of fleets"
-"""What tables that a run wrote are counted as: an output may lie among the recordings."""
+"""Kind of the tables that a run wrote: an output may lie among the recordings."""
 AHEAD: Final = 8 * LOOKS
-"""Files whose turn comes next: what is held of those that were looked at is bounded, for any number of files."""
+"""Files that are submitted at a time: memory is bounded for any number of files."""
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class FileSlice:
     """A log file, or some row groups of a file of rows.
 
     Attributes
     ----------
-    member : Member
+    file : StoredFile
     groups : tuple of int
-        None of them for a log.
+        None for a log.
     rows : int
         Of the groups.
     is_table : bool
-        A table that could not be taken for one, among others that could: what its units are is not known.
-    is_refused : bool
-        A file that could not be opened as a table, and of whose row groups nothing is known.
+        A table that could not be opened as one, among others that could: its units are not known.
+    is_unopened : bool
+        A file that could not be opened as a table, so that its row groups are not known.
     """
 
-    member: Member
+    file: StoredFile
     groups: tuple[int, ...] = ()
     rows: int = 0
     is_table: bool = False
-    is_refused: bool = False
+    is_unopened: bool = False
 
     @property
     def weight(self) -> int:
-        """What it is to read, in bytes, for the progress bar."""
-        return self.rows * 32 if self.groups else self.member.size
+        """Bytes to read, for the progress bar."""
+        return self.rows * 32 if self.groups else self.file.size
 
 
 @dataclass(frozen=True, slots=True)
 class Partition:
-    """What is worked on at a time.
+    """Unit of work: what a worker calibrates at a time.
 
     Attributes
     ----------
-    pieces : tuple of Piece
+    slices : tuple of FileSlice
     only : tuple of str, optional
         Units that are taken; None for all but `without`.
     without : tuple of str
         Units that another partition takes.
     """
 
-    pieces: tuple[Piece, ...]
+    slices: tuple[FileSlice, ...]
     only: tuple[str, ...] | None = None
     without: tuple[str, ...] = ()
     _named: frozenset[str] = field(init=False, repr=False, compare=False)
@@ -128,38 +133,38 @@ class Partition:
 
     @property
     def rows(self) -> int:
-        """Rows of all its pieces."""
-        return sum(piece.rows for piece in self.pieces)
+        """Rows of all slices."""
+        return sum(part.rows for part in self.slices)
 
     @property
     def weight(self) -> int:
-        """What it is to read, for the progress bar."""
-        return sum(piece.weight for piece in self.pieces) + 1
+        """Bytes to read, for the progress bar."""
+        return sum(part.weight for part in self.slices) + 1
 
     def takes(self, unit: str) -> bool:
-        """Whether the readings of a unit are taken."""
+        """Whether readings of a unit are taken."""
         return (unit in self._named) != (self.only is None)
 
     def split(self) -> list[Partition]:
-        """A partition for each piece, to find the one that kills its worker; none where they belong together."""
-        if self.only is not None or len(self.pieces) == 1:
+        """A partition for each slice, to find the one that kills its worker; none if they belong together."""
+        if self.only is not None or len(self.slices) == 1:
             return []
-        return [replace(self, pieces=(piece,)) for piece in self.pieces]
+        return [replace(self, slices=(part,)) for part in self.slices]
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All that is to be done.
+    """All partitions of a run.
 
     Attributes
     ----------
     partitions : tuple of Partition
     files : int
-        Those that are read.
+        Files that are read.
     left_out : dict
-        How many files of other kinds there are, by their endings; and what is no file, and tables of fleets.
+        Files of other kinds by their suffix, entries that are no files, and tables of fleets.
     fingerprint : str
-        Of files, options and release: parts of a run with another one do not belong to this.
+        Hash of files, options and release: partitions with another one belong to another run.
     """
 
     partitions: tuple[Partition, ...]
@@ -169,125 +174,107 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True)
-class _Surveyed:
-    """A piece of a file of rows with the units between which its own lie."""
+class _TableSlice:
+    """A slice of a file of rows with its first and last unit."""
 
-    piece: Piece
+    part: FileSlice
     least: str
     greatest: str
-    keys: Keys
+    keys: KeyColumns
 
 
-def plan_of(where: str, asked: Asked) -> Plan:
-    """Look at what is there, and cut it into partitions.
+def plan_of(where: str, options: Options) -> Plan:
+    """List the input, and split it into partitions.
 
     Raises
     ------
     UnreadableInput
-        Where there is nothing that can be read.
+        If there is nothing that can be read.
     UsageError
-        Where no file has the columns that were asked for.
+        If no file has the columns that the options name.
     """
-    members = listed(where)
-    taken = [member for member in members if not member.kind and (MAGIC.search(where) or _is_readable(member.name))]
-    left_out = Counter(_ending(member) for member in set(members) - set(taken))
+    files = listed(where)
+    taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]
+    left_out = Counter(_kind(file) for file in set(files) - set(taken))
     if not taken:
-        raise UnreadableInput(
-            f"{where}: none of {len(members)} files is a recording: they end in {', '.join(left_out)}"
-        )
-    tables, logs, own = _sorted_out(taken, asked)
+        raise UnreadableInput(f"{where}: none of {len(files)} files is a recording: they end in {', '.join(left_out)}")
+    tables, logs, own = _sorted_out(taken, options)
     if own:
         left_out[TABLES_OF_FLEETS] = len(own)
-        taken = [member for member in taken if member not in own]
+        taken = [file for file in taken if file not in own]
     if not taken:
         raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'table')} that `flinders fleet` wrote")
-    _refuse_batch(where, tables, logs, asked)
+    _refuse_batch(where, tables, logs, options)
     by_recording = defaultdict(list)
     for table in tables:
         by_recording[table.keys.recording_value].append(table)
-    alike = [_tables(tables, asked) for _, tables in sorted(by_recording.items())]
+    alike = [_tables(tables, options) for _, tables in sorted(by_recording.items())]
     partitions = (*chain.from_iterable(alike), *_logs(logs))
-    return Plan(partitions, len(taken), dict(sorted(left_out.items())), _fingerprint(taken, asked))
+    return Plan(partitions, len(taken), dict(sorted(left_out.items())), _fingerprint(taken, options))
 
 
-def _sorted_out(members: Sequence[Member], asked: Asked) -> tuple[list[_Surveyed], list[Piece], set[Member]]:
-    """Files of rows; logs, among these also what cannot be opened, which its row will say; and tables of fleets.
-
-    Raises
-    ------
-    UsageError
-        Where no file has the columns that were asked for.
-    """
-    tables: list[_Surveyed] = []
-    logs: list[Piece] = []
-    own: set[Member] = set()
-    refused: dict[Member, FlindersError] = {}
-    for member, found in zip(members, _at_once(lambda member: _looked_at(member, asked), members), strict=True):
-        if found is None:
-            own.add(member)
-        elif isinstance(found, FlindersError):
-            named = [] if isinstance(found, UsageError) else _named(member, asked)
+def _sorted_out(
+    files: Sequence[StoredFile], options: Options
+) -> tuple[list[_TableSlice], list[FileSlice], set[StoredFile]]:
+    """Slices of tables; logs, and files that cannot be opened, which get a row; tables of fleets."""
+    tables: list[_TableSlice] = []
+    logs: list[FileSlice] = []
+    own: set[StoredFile] = set()
+    errors: dict[StoredFile, FlindersError] = {}
+    for file, opened_as in zip(files, _in_threads(lambda file: _survey(file, options), files), strict=True):
+        if opened_as is None:
+            own.add(file)
+        elif isinstance(opened_as, FlindersError):
+            named = [] if isinstance(opened_as, UsageError) else _by_path(file, options)
             tables += named
-            refused |= {} if named else {member: found}
-        elif found:
-            tables += found
+            errors |= {} if named else {file: opened_as}
+        elif opened_as:
+            tables += opened_as
         else:
-            logs.append(Piece(member))
-    columns = next((error for error in refused.values() if isinstance(error, UsageError)), None)
-    if columns is not None and not tables:
-        raise columns
+            logs.append(FileSlice(file))
+    wrong_columns = next((error for error in errors.values() if isinstance(error, UsageError)), None)
+    if wrong_columns is not None and not tables:
+        raise wrong_columns
     is_table = bool(tables)
-    logs += [Piece(member, is_table=is_table, is_refused=True) for member in refused]  # why, the worker will say
-    return tables, sorted(logs, key=lambda piece: piece.member), own
+    logs += [FileSlice(file, is_table=is_table, is_unopened=True) for file in errors]  # the worker says why
+    return tables, sorted(logs, key=lambda part: part.file), own
 
 
-def _refuse_batch(where: str, tables: Sequence[_Surveyed], logs: Sequence[Piece], asked: Asked) -> None:
-    """Refuse a batch of hardware that was asked for, and that nothing says.
-
-    Raises
-    ------
-    UsageError
-    """
-    pieces = [*(table.piece for table in tables), *logs]
-    if asked.batch_column is None or any(table.keys.batch for table in tables):
+def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[FileSlice], options: Options) -> None:
+    """Refuse an option for the hardware batch that matches no column and no folder."""
+    slices = [*(table.part for table in tables), *logs]
+    if options.batch_column is None or any(table.keys.batch for table in tables):
         return
-    if not any(piece.is_refused or asked.batch_column in in_path(piece.member.name) for piece in pieces):
+    if not any(part.is_unopened or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
-            f"{where}: no file has a column {asked.batch_column} or lies in a folder "
-            f"{asked.batch_column}=...: name another with --batch-column, or leave that out"
+            f"{where}: no file has a column {options.batch_column} or lies in a folder "
+            f"{options.batch_column}=...: name another with --batch-column, or leave that out"
         )
 
 
-def _named(member: Member, asked: Asked) -> list[_Surveyed]:
-    """A table that cannot be opened as one piece of the unit that its path says; nothing where that says none."""
-    keys = Keys.of_path(member.name, asked)
-    return (
-        []
-        if keys is None
-        else [_Surveyed(Piece(member, (0,), is_refused=True), keys.unit_value, keys.unit_value, keys)]
-    )
+def _by_path(file: StoredFile, options: Options) -> list[_TableSlice]:
+    """A table that cannot be opened as one slice of the unit in its path; none if the path names no unit."""
+    keys = KeyColumns.of_path(file.name, options)
+    if keys is None:
+        return []
+    return [_TableSlice(FileSlice(file, (0,), is_unopened=True), keys.unit_value, keys.unit_value, keys)]
 
 
-def _ending(member: Member) -> str:
-    """What kind of file is left out."""
-    return member.kind or PurePosixPath(member.name).suffix or "none"
+def _kind(file: StoredFile) -> str:
+    """Kind of a file that is left out."""
+    return file.kind or PurePosixPath(file.name).suffix or "none"
 
 
-def _at_once(look: Callable[[Asker], Answer], asked: Iterable[Asker]) -> Iterator[Answer]:
-    """Answers in the order of what is asked, some of them being waited for at the same time.
+def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> Iterator[Answer]:
+    """Results in the order of the items, a bounded number of them computed ahead.
 
-    >>> list(_at_once(abs, [-1, 2, -3]))
+    >>> list(_in_threads(abs, [-1, 2, -3]))
     [1, 2, 3]
     """
-    waiting = iter(asked)
-    pool = ThreadPoolExecutor(LOOKS)
-    try:
-        held = deque(pool.submit(look, each) for each in islice(waiting, AHEAD))
-        while held:
-            yield held.popleft().result()
-            held.extend(pool.submit(look, each) for each in islice(waiting, 1))
-    finally:
-        pool.shutdown(cancel_futures=True)
+    waiting = iter(items)
+    with ThreadPoolExecutor(LOOKS) as pool:
+        while some := list(islice(waiting, AHEAD)):
+            yield from pool.map(function, some)
 
 
 def key_of(name: str) -> tuple[str, str]:
@@ -308,144 +295,143 @@ def key_of(name: str) -> tuple[str, str]:
 
 
 def _is_readable(name: str) -> bool:
-    """Whether it is taken: by its ending, or a folder that cannot be listed, which a row shall say."""
+    """Whether a file is read: by its suffix, or as a folder that cannot be listed, which gets a row."""
     return name.lower().endswith((*READABLE, "/"))
 
 
-def _looked_at(member: Member, asked: Asked) -> list[_Surveyed] | FlindersError | None:
-    """The pieces of a file of rows, none for a log; the error where it cannot be opened, or a column is not there."""
+def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FlindersError | None:
+    """Slices of a file of rows, none for a log; None for a table of a fleet; the error if it cannot be opened."""
+    if not file.name.lower().endswith(TABLES):
+        return []
     try:
-        return _surveyed(member, asked)
+        with opened(file, options) as table:
+            if SIGN in (table.schema.metadata or {}):
+                return None
+            keys = KeyColumns.of_schema(file.name, table.schema, options)
+            if keys is None:
+                return []
+            refuse_empty(table)
+            return list(_slices(file, table, keys))
     except FlindersError as error:
         return error
 
 
-def _surveyed(member: Member, asked: Asked) -> list[_Surveyed] | None:
-    """The pieces of a file of rows; none for a log, and None for a table of a fleet.
+def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:
+    """Slices of a file of rows, each with its first and last unit."""
+    extents = extents_of(table, keys)
+    for groups in _ranges(table.groups):
+        part = FileSlice(file, groups, sum(table.groups[group] for group in groups))
+        ends = [end for group in groups if (end := extents[group]) is not None]
+        if len(ends) < len(groups):
+            units = units_of(table, keys, groups)
+            ends = [(min(units, default=""), max(units, default=""))]
+        yield _TableSlice(part, min(ends)[0], max(greatest for _, greatest in ends), keys)
 
-    Raises
-    ------
-    FlindersError
-        Where it cannot be opened, or a column is not there.
+
+def _runs_that_fit(items: Iterable[Item], fits: Callable[[list[Item], Item], bool]) -> Iterator[list[Item]]:
+    """Split items into runs: a new one begins with an item that does not fit the run before it.
+
+    >>> list(_runs_that_fit([1, 2, 3, 9, 1], lambda run, item: sum(run) + item <= 5))
+    [[1, 2], [3], [9], [1]]
     """
-    if not member.name.lower().endswith(TABLES):
-        return []
-    found = []
-    with opened(member, asked) as file:
-        if SIGN in (file.schema.metadata or {}):
-            return None
-        keys = Keys.of_schema(member.name, file.schema, asked)
-        if keys is None:
-            return []
-        refuse_empty(file)
-        extents = extents_of(file, keys)
-        for groups in _ranges(file.groups):
-            piece = Piece(member, groups, sum(file.groups[group] for group in groups))
-            ends = [extents[group] for group in groups]
-            known = [end for end in ends if end is not None]
-            if len(known) < len(ends):
-                units = units_of(file, keys, groups)
-                known = [(min(units, default=""), max(units, default=""))]
-            found.append(_Surveyed(piece, min(known)[0], max(greatest for _, greatest in known), keys))
-    return found
+    run: list[Item] = []
+    for item in items:
+        if run and not fits(run, item):
+            yield run
+            run = []
+        run.append(item)
+    if run:
+        yield run
 
 
 def _ranges(rows: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Cut row groups into ranges of up to `LARGEST` rows.
+    """Split row groups into ranges of up to `LARGEST` rows.
 
     >>> list(_ranges([600_000, 300_000, 300_000, 2_000_000, 5]))
     [(0, 1), (2,), (3,), (4,)]
     """
-    held: list[int] = []
-    for group, count in enumerate(rows):
-        if held and sum(rows[each] for each in held) + count > LARGEST:
-            yield tuple(held)
-            held = []
-        held.append(group)
-    if held:
-        yield tuple(held)
+    above = np.cumsum([0, *rows])
+    runs = _runs_that_fit(range(len(rows)), lambda run, group: above[group + 1] - above[run[0]] <= LARGEST)
+    yield from map(tuple, runs)
 
 
-def _tables(tables: Sequence[_Surveyed], asked: Asked) -> Iterator[Partition]:
-    """Partitions of files of rows: first what lies in one piece, then the units that lie in several."""
-    across = _across(tables, asked)
+def _tables(tables: Sequence[_TableSlice], options: Options) -> Iterator[Partition]:
+    """Partitions of files of rows: first units that lie in one slice, then units that lie in several."""
+    across = _across(tables, options)
     shared = defaultdict(list)
     for unit, places in across.items():
         for place in places:
             shared[place].append(unit)
-    alone = [
-        (table.piece, tuple(sorted(shared[place])))
-        for place, table in enumerate(tables)
-        if table.keys.unit or not shared[place]
-    ]
-    shares = iter(alone)
-    for pieces in _packed([piece for piece, _ in alone]):
-        without = {unit for _, units in islice(shares, len(pieces)) for unit in units}
-        yield Partition(tuple(pieces), without=tuple(sorted(without)))
+    alone = {table.part: shared[place] for place, table in enumerate(tables) if table.keys.unit or not shared[place]}
+    for slices in _packed(list(alone)):
+        without = {unit for part in slices for unit in alone[part]}
+        yield Partition(tuple(slices), without=tuple(sorted(without)))
     together = defaultdict(list)
     for unit, places in sorted(across.items()):
         together[places].append(unit)
-    yield from _gathered(together, tables)
+    yield from _joined(together, tables)
 
 
-def _packed(pieces: Sequence[Piece]) -> Iterator[list[Piece]]:
-    """Put small pieces together, in order.
+def _packed(slices: Sequence[FileSlice]) -> Iterator[list[FileSlice]]:
+    """Pack small slices together, in order.
 
-    >>> files = [Piece(Member("part.parquet", "part.parquet", 0), (0,), rows) for rows in [20_000] * 200]
+    >>> files = [FileSlice(StoredFile(str(part), "", 0), (0,), 20_000) for part in range(200)]
     >>> [len([*_packed(files[:count])]) for count in (3, 32, 100, 200)]
     [3, 16, 20, 40]
     """
-    held: list[Piece] = []
-    every = sum(piece.rows for piece in pieces)
-    enough = min(SMALLEST, max(every // LEAST_PARTITIONS, min(SHORT, every // FEW_PARTITIONS)))
-    for piece in pieces:
-        rows = sum(each.rows for each in held)
-        if held and (len(held) >= MOST_PIECES or rows >= enough or rows + piece.rows > LARGEST):
-            yield held
-            held = []
-        held.append(piece)
-    if held:
-        yield held
+    total = sum(part.rows for part in slices)
+    enough = min(SMALLEST, max(total // LEAST_PARTITIONS, min(SHORT, total // FEW_PARTITIONS)))
+
+    def fits(run: list[FileSlice], part: FileSlice) -> bool:
+        rows = sum(each.rows for each in run)
+        return len(run) < MOST_SLICES and rows < enough and rows + part.rows <= LARGEST
+
+    return _runs_that_fit(slices, fits)
 
 
-def _gathered(together: dict[tuple[int, ...], list[str]], tables: Sequence[_Surveyed]) -> Iterator[Partition]:
-    """Partitions of units that lie in several pieces: each as many units as are likely to fit into memory."""
-    held: list[str] = []
+def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableSlice]) -> Iterator[Partition]:
+    """Partitions of units that lie in several slices: each as many units as are likely to fit into memory."""
+    units: list[str] = []
     places: set[int] = set()
-    for own, units in together.items():
-        rows = sum(tables[place].piece.rows for place in own)
-        stacks = -(-rows // LARGEST) if len(units) > 1 else 1
-        for stack in range(stacks):
-            some = units[stack::stacks]
-            if held and sum(tables[place].piece.rows for place in places | set(own)) > SMALLEST:
-                yield Partition(tuple(tables[place].piece for place in sorted(places)), only=tuple(sorted(held)))
-                held, places = [], set()
-            held += some
+
+    def rows(of: Iterable[int]) -> int:
+        return sum(tables[place].part.rows for place in of)
+
+    def partition() -> Partition:
+        return Partition(tuple(tables[place].part for place in sorted(places)), only=tuple(sorted(units)))
+
+    for own, every in together.items():
+        shares = -(-rows(own) // LARGEST) if len(every) > 1 else 1
+        for share in range(shares):
+            if units and rows(places | set(own)) > SMALLEST:
+                yield partition()
+                units, places = [], set()
+            units += every[share::shares]
             places |= set(own)
-    if held:
-        yield Partition(tuple(tables[place].piece for place in sorted(places)), only=tuple(sorted(held)))
+    if units:
+        yield partition()
 
 
-def _across(tables: Sequence[_Surveyed], asked: Asked) -> dict[str, tuple[int, ...]]:
-    """Units that have rows in several pieces, and in which."""
-    found: dict[str, tuple[int, ...]] = {}
+def _across(tables: Sequence[_TableSlice], options: Options) -> dict[str, tuple[int, ...]]:
+    """Units with rows in several slices, and in which."""
+    across: dict[str, tuple[int, ...]] = {}
     for cluster in _overlapping(tables):
-        row = [tables[place] for place in cluster]
-        follow = all(one.greatest <= two.least for one, two in pairwise(row))
-        if follow:  # only the last of one can be the first of the next
-            held = {place: {tables[place].least, tables[place].greatest} for place in cluster}
+        some = [tables[place] for place in cluster]
+        follow = all(one.greatest <= two.least for one, two in pairwise(some))
+        if follow:  # only the last unit of one can be the first of the next
+            units = [{table.least, table.greatest} for table in some]
         else:
-            held = dict(zip(cluster, _at_once(lambda table: _units(table, asked), row), strict=True))
+            units = list(_in_threads(lambda table: _units(table, options), some))
         places = defaultdict(list)
-        for place in sorted(cluster):
-            for unit in held[place]:
+        for place, own in sorted(zip(cluster, units, strict=True), key=lambda each: each[0]):
+            for unit in own:
                 places[unit].append(place)
-        found |= {unit: tuple(each) for unit, each in places.items() if len(each) > 1}
-    return found
+        across |= {unit: tuple(each) for unit, each in places.items() if len(each) > 1}
+    return across
 
 
-def _overlapping(tables: Sequence[_Surveyed]) -> Iterator[list[int]]:
-    """Pieces whose ranges of units have something in common, from the least unit on."""
+def _overlapping(tables: Sequence[_TableSlice]) -> Iterator[list[int]]:
+    """Slices whose ranges of units overlap, from the least unit on."""
     cluster: list[int] = []
     greatest = ""
     for place in sorted(range(len(tables)), key=lambda place: (tables[place].least, tables[place].greatest)):
@@ -457,29 +443,27 @@ def _overlapping(tables: Sequence[_Surveyed]) -> Iterator[list[int]]:
     yield from [cluster] if cluster else []
 
 
-def _units(table: _Surveyed, asked: Asked) -> set[str]:
-    with opened(table.piece.member, asked) as file:
-        return units_of(file, table.keys, table.piece.groups)
+def _units(table: _TableSlice, options: Options) -> set[str]:
+    """Units of a slice."""
+    with opened(table.part.file, options) as file:
+        return units_of(file, table.keys, table.part.groups)
 
 
-def _logs(pieces: Sequence[Piece]) -> Iterator[Partition]:
+def _logs(slices: Sequence[FileSlice]) -> Iterator[Partition]:
     """Partitions of log files, in order."""
-    held: list[Piece] = []
-    most = min(MOST_PIECES, max(len(pieces) // LEAST_PARTITIONS, 1))
-    for piece in pieces:
-        if held and (len(held) >= most or sum(each.weight for each in held) + piece.weight > LOG_BYTES):
-            yield Partition(tuple(held))
-            held = []
-        held.append(piece)
-    if held:
-        yield Partition(tuple(held))
+    most = min(MOST_SLICES, max(len(slices) // LEAST_PARTITIONS, 1))
+
+    def fits(run: list[FileSlice], part: FileSlice) -> bool:
+        return len(run) < most and sum(each.weight for each in run) + part.weight <= LOG_BYTES
+
+    return (Partition(tuple(run)) for run in _runs_that_fit(slices, fits))
 
 
-def _fingerprint(members: Sequence[Member], asked: Asked) -> str:
-    """A hash of all that a result follows from."""
-    told = {
-        "members": [dataclasses.astuple(member) for member in members],
-        "asked": dataclasses.asdict(asked),
+def _fingerprint(files: Sequence[StoredFile], options: Options) -> str:
+    """Hash of everything that a result depends on."""
+    inputs = {
+        "members": [dataclasses.astuple(file) for file in files],
+        "asked": dataclasses.asdict(options),
         "versions": (version("flinders"), VERSION),
     }
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""A table of a fleet in the numbers that its report shows, gone through a bounded number of rows at once."""
+"""Aggregates of a table of a fleet, which its report shows, over a bounded number of rows at a time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.fleet.batches import MOST, Batches, batches_of, of_units, texts
+from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule, named_rows, texts
 from flinders.fleet.history import whole_units
 from flinders.report.fleet_view import Histogram, Overview, Unit
 
@@ -25,24 +25,24 @@ COLUMNS: Final = (
 )  # fmt: skip
 LISTED: Final = 50
 RANKS: Final = ("heading error", "offset", "noise")
-"""What the worst units are listed by."""
+"""Quantities by which the worst units are listed."""
 
 
 def overview_of(
     paths: Sequence[str | os.PathLike[str]], *, batch: str | None = None, target_deg: float = 1.0, listed: int = LISTED
 ) -> Overview:
-    """Sum a fleet up.
+    """Aggregate a fleet.
 
     Parameters
     ----------
     paths : sequence of path
         Tables of `flinders fleet`, sorted by unit.
     batch : str, optional
-        What tells the hardware batch of a unit, as `flinders.fleet.batches.batches_of`.
+        Hardware batch of a unit, as for `flinders.fleet.hardware_batch.batch_rule`.
     target_deg : float
         The worst heading error that is good enough.
     listed : int
-        Of the worst units, by each of `RANKS`.
+        Units that are listed by each of `RANKS`.
 
     Raises
     ------
@@ -51,9 +51,9 @@ def overview_of(
     UsageError
         For a batch that no unit has.
     """
-    batches = batches_of(paths, batch)
-    tally = _Tally(batches, listed)
-    for table in whole_units(paths, (*COLUMNS, batches.column) if batches.column else COLUMNS):
+    rule = batch_rule(paths, batch)
+    tally = _Tally(rule, listed)
+    for table in whole_units(paths, (*COLUMNS, rule.column) if rule.column else COLUMNS):
         tally.add(table)
     return Overview(
         tables=tuple(Path(path).name for path in paths),
@@ -67,8 +67,8 @@ def overview_of(
         findings=dict(tally.findings.most_common()),
         codes={code: (count, *tally.examples[code]) for code, count in tally.codes.most_common()},
         methods=dict(tally.methods.most_common()),
-        batches=tally.told_batches(),
-        batch_of=batches.words,
+        batches=tally.useful_batches(),
+        batch_of=rule.words,
         worst={rank: tuple(unit for _, unit in tally.worst[rank]) for rank in RANKS},
         target_deg=target_deg,
     )
@@ -78,7 +78,7 @@ def overview_of(
 class _Tally:
     """Counts of the rows seen so far."""
 
-    told_by: Batches
+    rule: BatchRule
     listed: int
     rows: int = 0
     units: int = 0
@@ -95,30 +95,33 @@ class _Tally:
     worst: dict[str, list[tuple[float, Unit]]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
 
     def add(self, table: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
-        """Take in the rows of some units."""
+        """Add the rows of some units."""
         units = texts(table.column("unit"))
         verdicts = texts(table.column("verdict"))
         self.rows += len(units)
-        named = of_units(table)
+        named = named_rows(table)
         self.units += len(named.column("unit").unique())
         self.verdicts.update(verdicts)
         self.methods.update(method for method in texts(table.column("method")) if method)
         self.findings.update(table.column("findings").combine_chunks().flatten().to_pylist())
         self._add_codes(table, units)
-        self._add_batches(self.told_by.of(named), texts(named.column("verdict")))
+        self._add_batches(self.rule.of(named), texts(named.column("verdict")))
         self._add_numbers(table)
 
-    def told_batches(self) -> dict[str, dict[str, int]]:
-        """Rows of each verdict by batch; none where there are too many batches, or a guess tells nothing."""
-        is_told = self.told_by.are_told(self.batches, self.rows)
-        return {name: dict(self.batches[name]) for name in sorted(self.batches)} if is_told else {}
+    def useful_batches(self) -> dict[str, dict[str, int]]:
+        """Rows of each verdict by batch; none if there are too many batches, or a guess finds none."""
+        if not self.rule.are_useful(self.batches, self.rows):
+            return {}
+        return {name: dict(self.batches[name]) for name in sorted(self.batches)}
 
     def _add_batches(self, batches: Sequence[str], verdicts: Sequence[str]) -> None:
+        """Add verdicts by batch."""
         for (batch, verdict), count in Counter(zip(batches, verdicts, strict=True)).items():
             if batch in self.batches or len(self.batches) <= MOST:
                 self.batches[batch][verdict] += count
 
     def _add_codes(self, table: Any, units: Sequence[str]) -> None:  # noqa: ANN401
+        """Add error codes, with the first message of each."""
         codes, messages = texts(table.column("code")), table.column("message")
         self.codes.update(code for code in codes if code)
         for place, code in enumerate(codes):
@@ -126,6 +129,7 @@ class _Tally:
                 self.examples[code] = (units[place], messages[place].as_py() or "")
 
     def _add_numbers(self, table: Any) -> None:  # noqa: ANN401
+        """Add numbers to the histograms and to the worst units."""
         worst_deg, noise, radius = (_numbers(table, name) for name in ("worst_deg", "noise", "radius"))
         offset = np.full(len(radius), np.nan)
         column = table.column("offset").combine_chunks()
@@ -146,19 +150,19 @@ class _Tally:
             self._rank(table, rank, numbers, shares)
 
     def _rank(self, table: Any, rank: str, numbers: Floats, shares: dict[str, Floats]) -> None:  # noqa: ANN401
-        """Keep the rows with the largest numbers; of equal ones those that come first."""
+        """Add the rows with the largest numbers; of equal ones the first."""
         places = np.flatnonzero(np.isfinite(numbers))
         places = places[np.argsort(-numbers[places], kind="stable")[: self.listed]]
-        kept = self.worst[rank]
-        found = [(float(numbers[place]), place) for place in places.tolist()]
-        if len(kept) >= self.listed:
-            found = [pair for pair in found if pair[0] > kept[-1][0]]
-        added = [(number, _unit(table, place, shares)) for number, place in found]
-        self.worst[rank] = sorted([*kept, *added], key=lambda pair: -pair[0])[: self.listed]
+        worst = self.worst[rank]
+        largest = [(float(numbers[place]), place) for place in places.tolist()]
+        if len(worst) >= self.listed:
+            largest = [pair for pair in largest if pair[0] > worst[-1][0]]
+        added = [(number, _unit(table, place, shares)) for number, place in largest]
+        self.worst[rank] = sorted([*worst, *added], key=lambda pair: -pair[0])[: self.listed]
 
 
 def _unit(table: Any, place: int, shares: dict[str, Floats]) -> Unit:  # noqa: ANN401
-    """One row, as it is listed."""
+    """A row of the list of worst units."""
     row = table.slice(place, 1).to_pylist()[0]
     texts = {name: row[name] or "" for name in ("unit", "recording", "verdict", "code", "message", "unit_of_field")}
     return Unit(
@@ -172,4 +176,5 @@ def _unit(table: Any, place: int, shares: dict[str, Floats]) -> Unit:  # noqa: A
 
 
 def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401
+    """Column of numbers, NaN for null."""
     return np.array(table.column(name).to_numpy(zero_copy_only=False), dtype=float)

@@ -1,4 +1,4 @@
-"""The table of a fleet: a row for each recording of each unit, with its calibration or the reason why there is none.
+"""Results of a fleet: a row for each recording of each unit, with its calibration or the reason why there is none.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -13,7 +13,7 @@
 >>> back.code.tolist(), bool(np.array_equal(back.covariance, rows.covariance, equal_nan=True))
 (['', 'unreadable'], True)
 
-What is not known is NaN here and null in Arrow and Parquet.
+Unknown values are NaN here and null in Arrow and Parquet.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
@@ -45,47 +45,48 @@ NUMBERS: Final = ("start_s", "end_s", "worst_deg", "rms_deg", "dip_deg", "noise"
 LISTS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 """Columns of so many numbers, which are missing together."""
 UPPER: Final = np.triu_indices(9)
-"""Where the 45 numbers of a covariance stand in its nine rows."""
+"""Indices of the 45 numbers of a covariance in its nine rows."""
 KEY: Final = ("unit", "recording", "start_s")
-"""What the table is sorted by."""
+"""Columns by which the table is sorted."""
 VERSION: Final = "2"
-"""Of the columns, in the metadata of a file; of the first, `batch` is missing."""
+"""Version of the columns, in the metadata of a file; the first had no `batch`."""
 SIGN: Final = b"flinders.fleet"
-"""What that metadata is called: how a table of a fleet is known."""
+"""Key of that metadata, by which a table of a fleet is recognised."""
 LATER: Final = {"batch": ""}
-"""Columns that tables of earlier releases have not got, and what stands for them."""
+"""Columns that tables of earlier releases lack, and their values."""
 GROUP: Final = 65_536
-"""Rows in a row group of a file."""
+"""Rows in a row group of the table."""
 LONGEST: Final = 500
-"""Characters of a message that are kept."""
+"""Characters of a message, at most."""
 
 
 def _missing(length: int) -> tuple[float, ...]:
+    """Unknown numbers."""
     return (math.nan,) * length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What came of one recording of one unit.
+    """Result of one recording of one unit.
 
     Attributes
     ----------
     unit : str
-        Which sensor or vehicle.
+        Name of the sensor or vehicle.
     recording : str
-        Which of its recordings; empty where it has one that has no name.
+        Name of the recording; empty if the unit has one recording without a name.
     start_s, end_s : float, s
-        The earliest and the latest time of its readings, since 1970 where it has such times; NaN without.
+        Earliest and latest time of its readings, since 1970 if it has dates; NaN without times.
     readings, used : int
-        Those there are, and those that the fit used.
+        All of them, and those that the fit used.
     verdict : str
-        ``good``, ``limited``, ``refused``, or ``failed`` where it could not be read or calculated at all.
+        ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all.
     code, message : str
         Of the error of a refused or failed one, else empty.
     method : str
-        What was run in the end.
+        Method of the final fit.
     worst_deg, rms_deg : float
-        Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
+        Heading error of a level vehicle, 1 σ, at a dip of `dip_deg`.
     dip_deg : float
     offset : 3 float, in `unit_of_field`
     matrix : 9 float
@@ -93,15 +94,15 @@ class Row:
     covariance : 45 float
         Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.covariance`: its upper triangle, row by row.
     noise, radius : float, in `unit_of_field`
-        Of the readings about the ellipsoid; strength of the corrected field.
+        Noise of the readings about the ellipsoid; strength of the corrected field.
     coverage : float
-        Share of the sphere that was seen.
+        Fraction of the sphere that was covered.
     findings : tuple of str
-        Their codes, the gravest first.
+        Codes, by severity.
     unit_of_field : str
         ``uT`` or ``counts``.
     batch : str
-        Of hardware, which the unit is of; empty where nothing tells.
+        Hardware batch of the unit; empty if it is not known.
     """
 
     unit: str
@@ -138,7 +139,7 @@ class Row:
         end_s: float = math.nan,
         readings: int = 0,
     ) -> Self:
-        """What is known of a fit; one that is refused gives no calibration.
+        """Row of a fit; one that is refused gives no calibration.
 
         Parameters
         ----------
@@ -146,9 +147,9 @@ class Row:
         unit, recording, start_s, end_s, readings
             As the attributes.
         """
-        given = fit.verdict != "refused"
+        is_given = fit.verdict != "refused"
         error = fit.heading_error_deg
-        gravest = fit.findings[0] if fit.findings and not given else None
+        worst = fit.findings[0] if fit.findings and not is_given else None
         return cls(
             unit=unit,
             recording=recording,
@@ -157,17 +158,17 @@ class Row:
             readings=readings,
             used=int(fit.samples),
             verdict=fit.verdict,
-            code="" if given else "refused",
-            message="" if gravest is None else gravest.advice[:LONGEST],
+            code="" if is_given else "refused",
+            message="" if worst is None else worst.advice[:LONGEST],
             method=fit.method,
             worst_deg=float(error.worst),
             rms_deg=float(error.rms),
             dip_deg=float(error.dip_deg),
-            offset=tuple(fit.calibration.offset.tolist()) if given else _missing(3),
-            matrix=tuple(fit.calibration.matrix.ravel().tolist()) if given else _missing(9),
-            covariance=tuple(fit.covariance[UPPER].tolist()) if given else _missing(45),
+            offset=tuple(fit.calibration.offset.tolist()) if is_given else _missing(3),
+            matrix=tuple(fit.calibration.matrix.ravel().tolist()) if is_given else _missing(9),
+            covariance=tuple(fit.covariance[UPPER].tolist()) if is_given else _missing(45),
             noise=float(fit.noise),
-            radius=float(fit.calibration.field_strength) if given else math.nan,
+            radius=float(fit.calibration.field_strength) if is_given else math.nan,
             coverage=float(fit.coverage.fraction),
             findings=tuple(finding.code for finding in fit.findings),
             unit_of_field=fit.calibration.unit,
@@ -185,7 +186,7 @@ class Row:
         readings: int = 0,
         unit_of_field: str = "",
     ) -> Self:
-        """What an error says: a fit that was refused, readings without one, or a file that could not be read.
+        """Row of an error: a fit that was refused, readings without one, or a file that could not be read.
 
         >>> from flinders.errors import TooFewSamples
         >>> row = Row.of_error(TooFewSamples(found=5, needed=10, method="likelihood"), "A17", readings=5)
@@ -206,7 +207,7 @@ class Row:
             readings=readings,
             verdict="refused" if isinstance(error, FlindersError) and error.exit_code == 4 else "failed",
             code=code,
-            message=" ".join(message.split())[:LONGEST],
+            message=one_line(message),
             unit_of_field=unit_of_field,
         )
 
@@ -240,12 +241,12 @@ class Rows:
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> Self:
-        """Lay rows out in columns."""
+        """Make columns of rows."""
         return cls(**{name: _column(name, [getattr(row, name) for row in rows]) for name in NAMES})
 
     @classmethod
     def joined(cls, parts: Iterable[Rows]) -> Self:
-        """Put tables below each other."""
+        """Concatenate tables."""
         tables = list(parts)
         if not tables:
             return cls.of(())
@@ -255,23 +256,23 @@ class Rows:
         return len(self.unit)
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{count:,} {verdict}" for verdict, count in self.verdicts().items())
-        return f"Rows({told or 'empty'})"
+        counts = ", ".join(f"{count:,} {verdict}" for verdict, count in self.verdicts().items())
+        return f"Rows({counts or 'empty'})"
 
     def __getitem__(self, rows: slice | NDArray[Any] | Sequence[int]) -> Self:
         """Take some rows."""
         return type(self)(**{name: getattr(self, name)[rows] for name in NAMES})
 
     def row(self, place: int) -> Row:
-        """One of them."""
+        """One row."""
         return Row(**{name: _cell(getattr(self, name)[place]) for name in NAMES})
 
     def verdicts(self) -> dict[str, int]:
-        """How many there are of each verdict, the best first; none of those that there are none of."""
+        """Number of rows of each verdict that occurs, the best first."""
         return {name: count for name in VERDICTS if (count := int(np.count_nonzero(self.verdict == name)))}
 
     def sorted(self) -> Self:
-        """In the order of `KEY`, those without a time last."""
+        """Sorted by `KEY`, rows without a time last."""
         start = np.where(np.isnan(self.start_s), np.inf, self.start_s).tolist()
         keys = list(zip(self.unit.tolist(), self.recording.tolist(), start, strict=True))
         return self[np.array(sorted(range(len(keys)), key=keys.__getitem__), dtype=np.intp)]
@@ -282,7 +283,7 @@ class Rows:
         Raises
         ------
         MissingExtra
-            Where pyarrow is not installed.
+            If pyarrow is not installed.
         """
         arrow = needs_arrow()
         arrays = [_array(arrow, name, getattr(self, name)) for name in NAMES]
@@ -295,7 +296,7 @@ class Rows:
         Raises
         ------
         DocumentError
-            Where columns are missing.
+            If columns are missing.
         """
         missing = [name for name in NAMES if name not in table.column_names and name not in LATER]
         if missing:
@@ -303,9 +304,9 @@ class Rows:
                 f"this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
             )
         there = set(table.column_names)
-        found = {name: _from_arrow(name, table.column(name)) for name in NAMES if name in there}
+        known = {name: _from_arrow(name, table.column(name)) for name in NAMES if name in there}
         later: dict[str, Any] = {name: objects([LATER[name]] * len(table)) for name in NAMES if name not in there}
-        return cls(**found, **later)
+        return cls(**known, **later)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
@@ -314,7 +315,7 @@ class Rows:
         Raises
         ------
         DocumentError
-            For what is none.
+            If it is none.
         """
         needs_arrow()
         from pyarrow import parquet
@@ -327,7 +328,7 @@ class Rows:
         return cls.from_arrow(table)
 
     def to_bytes(self) -> bytes:
-        """As an Arrow file: what a worker hands back."""
+        """As an Arrow file, which a worker returns."""
         arrow = needs_arrow()
         table = self.to_arrow()
         sink = arrow.BufferOutputStream()
@@ -348,12 +349,12 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 
 
 def needs_arrow() -> Any:  # noqa: ANN401
-    """Import pyarrow, which the table of a fleet is written with.
+    """Import pyarrow, which writes the table of a fleet.
 
     Raises
     ------
     MissingExtra
-        Where it is not installed.
+        If it is not installed.
     """
     try:
         import pyarrow
@@ -377,7 +378,7 @@ def schema() -> Any:  # noqa: ANN401
 
 
 def _column(name: str, cells: Sequence[Any]) -> NDArray[Any]:
-    """One column of rows."""
+    """Column of the cells of rows."""
     if name in LISTS:
         return np.array(cells, dtype=float).reshape(len(cells), LISTS[name])
     if name in NUMBERS:
@@ -395,14 +396,20 @@ def objects(cells: Sequence[Any]) -> NDArray[np.object_]:
     return column
 
 
+def one_line(message: str) -> str:
+    """A message as it stands in the table."""
+    return " ".join(message.split())[:LONGEST]
+
+
 def _cell(cell: Any) -> Any:  # noqa: ANN401
+    """Cell of a column as a value of Python."""
     if isinstance(cell, np.ndarray):
         return tuple(cell.tolist())
     return cell.item() if isinstance(cell, np.generic) else cell
 
 
 def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
-    """One column as Arrow, null for what is not known."""
+    """Column as Arrow, null for NaN."""
     if name in NUMBERS:
         return arrow.array(column, mask=np.isnan(column))
     if name in LISTS:
@@ -420,7 +427,7 @@ def _array(arrow: Any, name: str, column: NDArray[Any]) -> Any:  # noqa: ANN401
 
 
 def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
-    """One column from Arrow, NaN for null."""
+    """Column from Arrow, NaN for null."""
     column = column.combine_chunks()
     if name in LISTS:
         return _list(column, LISTS[name])
@@ -434,23 +441,7 @@ def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
 
 def _list(column: Any, length: int) -> Floats:  # noqa: ANN401
     """(R, length) from a column of lists."""
-    found = np.full((len(column), length), np.nan)
+    numbers = np.full((len(column), length), np.nan)
     known = np.asarray(column.is_valid())
-    found[known] = np.asarray(column.drop_null().flatten(), dtype=float).reshape(-1, length)
-    return found
-
-
-def told(rows: ArrayLike) -> str:
-    """Median, 95th percentile and largest of numbers, for a line; what is not known is left out.
-
-    >>> told([0.1, 0.2, 0.9, np.nan])
-    'median 0.20, 95 % below 0.83, largest 0.90'
-    """
-    from flinders.errors import figures
-
-    known = np.asarray(rows, dtype=float)
-    known = known[np.isfinite(known)]
-    if not len(known):
-        return "none"
-    middle, most, largest = (figures(float(value)) for value in np.percentile(known, [50, 95, 100]))
-    return f"median {middle}, 95 % below {most}, largest {largest}"
+    numbers[known] = np.asarray(column.drop_null().flatten(), dtype=float).reshape(-1, length)
+    return numbers

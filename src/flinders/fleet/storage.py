@@ -4,7 +4,7 @@ r"""Where recordings lie: files of this machine, or objects of ``s3://``, ``gs:/
 >>> from pathlib import Path
 >>> folder = Path(tempfile.mkdtemp())
 >>> _ = (folder / "A17").mkdir(), (folder / "A17" / "monday.csv").write_text("x,y,z\n")
->>> [(member.name, member.size) for member in listed(str(folder))]
+>>> [(file.name, file.size) for file in listed(str(folder))]
 [('A17/monday.csv', 6)]
 """
 
@@ -14,6 +14,7 @@ import contextlib
 import fnmatch
 import functools
 import glob
+import io
 import os
 import re
 import stat
@@ -32,35 +33,35 @@ if TYPE_CHECKING:
 
 MAGIC: Final = re.compile(r"[*?\[]")
 REMOTE: Final = re.compile(r"(s3|s3a|gs|az|abfs|abfss|memory|https?|file)://")
-"""What obstore is asked for; ``file://`` too, so that the way through it can be tried without a cloud."""
+"""URLs that obstore opens; ``file://`` too, so that it can be tested without a cloud."""
 CHUNK: Final = 1 << 22
 WHOLE: Final = 1 << 18
 """Bytes of an object that is read whole: as many take no longer than another request."""
 BUCKET: Final = re.compile(r"(?:s3a?|gs|az|abfss?)://[^/]*")
-"""What of a URL says whose store it is; after it comes the path of an object, as it is called there."""
+"""The store in a URL; the path of an object follows."""
 PARTS: Final = (".parquet.parts", ".pq.parts")
-"""How the folder ends in which a run keeps what it has done."""
+"""Suffixes of the folder of a checkpoint."""
 KINDS: Final = {stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket", stat.S_IFCHR: "device", stat.S_IFBLK: "device"}
-"""What may lie in a folder and is no file."""
+"""Entries of a folder that are no files."""
 NAMED_BY: Final = ("AWS_", "AZURE_", "GOOGLE_")
-"""How variables begin that say where a store is and who asks."""
+"""Prefixes of environment variables with address and credentials of a store."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Member:
-    """One file or object.
+class StoredFile:
+    """A file or object.
 
     Attributes
     ----------
     name : str
-        Below what was given, with slashes.
+        Path below the folder that was given, with slashes.
     where : str
         Its path or URL.
     size : int, bytes
     stamp : str
         Changes when it does.
     kind : str
-        What it is where it is no file, such as ``pipe``: never to be opened, since that may wait for ever.
+        If it is no file, what it is, such as ``pipe``: it is never opened, since that may block.
     """
 
     name: str
@@ -71,7 +72,7 @@ class Member:
 
 
 def is_remote(where: str) -> bool:
-    """Whether obstore is asked for it.
+    """Whether a path is a URL that obstore opens.
 
     >>> is_remote("s3://fleet/2026/"), is_remote("logs/")
     (True, False)
@@ -79,30 +80,31 @@ def is_remote(where: str) -> bool:
     return REMOTE.match(where) is not None
 
 
-def listed(where: str) -> list[Member]:
-    """The files that a folder, a pattern, a file or a URL names, by name.
+def listed(where: str) -> list[StoredFile]:
+    """List the files of a folder, a pattern, a file or a URL, sorted by name.
 
-    Hidden ones and ``_SUCCESS`` are left out, and so is the folder in which a run keeps what it has done.
+    Hidden ones, ``_SUCCESS`` and folders of checkpoints are left out.
 
     Raises
     ------
     UnreadableInput
-        Where there is nothing, or it cannot be listed.
+        If there is nothing, or it cannot be listed.
     MissingExtra
-        For a URL, where obstore is not installed.
+        For a URL, if obstore is not installed.
     """
-    members = sorted(_objects(where) if is_remote(where) else _files(where))
-    if not members:
+    files = sorted(_objects(where) if is_remote(where) else _files(where))
+    if not files:
         raise UnreadableInput(f"{where}: no files: give a folder, a pattern in quotes such as 'logs/*.bin', or a URL")
-    return members
+    return files
 
 
 def _is_hidden(name: str) -> bool:
+    """Whether a file is hidden, or of a checkpoint."""
     return any(part.startswith((".", "_")) or part.endswith(PARTS) for part in PurePosixPath(name).parts)
 
 
-def _files(where: str) -> Iterator[Member]:
-    """Files of this machine."""
+def _files(where: str) -> Iterator[StoredFile]:
+    """List files of this machine."""
     root = Path(where)
     try:
         if root.is_file():
@@ -121,14 +123,8 @@ def _files(where: str) -> Iterator[Member]:
         raise UnreadableInput(f"{where}: cannot be listed: {reason(error)}") from None
 
 
-def _below(root: Path) -> Iterator[Member]:
-    """Files in a folder and those below; of what may not be looked at, or is not there, its name, for a row of its own.
-
-    Raises
-    ------
-    OSError
-        Where the folder itself may not be listed.
-    """
+def _below(root: Path) -> Iterator[StoredFile]:
+    """List files in a folder and below; folders that may not be listed too, for a row of their own."""
     closed: list[str] = []
     os.scandir(root).close()
     for folder, folders, names in os.walk(root, followlinks=True, onerror=lambda error: closed.append(error.filename)):
@@ -136,18 +132,18 @@ def _below(root: Path) -> Iterator[Member]:
         folders[:] = sorted(name for name in folders if not _is_hidden(name) and not _leads_up(here, name))
         for path in (here / name for name in names if not _is_hidden(name)):
             yield _file(path, path.relative_to(root).as_posix())
-    yield from (Member(f"{Path(name).relative_to(root).as_posix()}/", name, 0) for name in closed)
+    yield from (StoredFile(f"{Path(name).relative_to(root).as_posix()}/", name, 0) for name in closed)
 
 
 def _leads_up(folder: Path, name: str) -> bool:
-    """Whether an entry of a folder is a link to it or to one above: who follows it comes here again and again."""
+    """Whether an entry of a folder is a link to it or to one above, which would be followed without end."""
     link = folder / name
     is_link = os.path.islink(link)  # noqa: PTH114 - False where it may not be looked at
     return is_link and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(link))
 
 
 def _fixed(parts: tuple[str, ...]) -> list[str]:
-    """The parts of a pattern before the first with a star.
+    """Parts of a pattern before the first wildcard.
 
     >>> _fixed(("logs", "2026-*", "a.bin"))
     ['logs']
@@ -156,23 +152,19 @@ def _fixed(parts: tuple[str, ...]) -> list[str]:
     return list(parts[:magic])
 
 
-def _file(path: Path, name: str) -> Member:
-    """What lies there; of a link to nothing, and of what may not be looked at, no more than the name."""
+def _file(path: Path, name: str) -> StoredFile:
+    """Describe a file; of a dangling link, and of what may not be read, the name alone."""
     try:
         status = path.stat()
     except OSError:
-        return Member(name, str(path), 0)
-    return Member(name, str(path), status.st_size, str(status.st_mtime_ns), KINDS.get(stat.S_IFMT(status.st_mode), ""))
+        return StoredFile(name, str(path), 0)
+    return StoredFile(
+        name, str(path), status.st_size, str(status.st_mtime_ns), KINDS.get(stat.S_IFMT(status.st_mode), "")
+    )
 
 
 def obstore() -> Any:  # noqa: ANN401 - the module
-    """Import obstore.
-
-    Raises
-    ------
-    MissingExtra
-        Where it is not installed.
-    """
+    """Import obstore; raises MissingExtra if it is not installed."""
     try:
         import obstore
         import obstore.store
@@ -182,7 +174,7 @@ def obstore() -> Any:  # noqa: ANN401 - the module
 
 
 def _split(where: str) -> tuple[str, str]:
-    """The store of a URL, and the path in it.
+    """Split a URL into the store and the path in it.
 
     >>> _split("gs://fleet/2026/A17.csv"), _split("memory://logs/A17.csv")
     (('gs://fleet', '2026/A17.csv'), ('memory://logs', 'A17.csv'))
@@ -193,38 +185,33 @@ def _split(where: str) -> tuple[str, str]:
 
 
 def _store(where: str) -> Any:  # noqa: ANN401 - a store of obstore
-    """The store of a URL: one for all that ask alike, since a new one takes 10 ms and a connection of its own."""
+    """Open the store of a URL: once for each environment, since it takes 10 ms and a connection."""
     return _made(where, tuple((name, os.environ[name]) for name in sorted(os.environ) if name.startswith(NAMED_BY)))
 
 
 @functools.lru_cache(maxsize=64)
 def _made(where: str, _: tuple[tuple[str, str], ...]) -> Any:  # noqa: ANN401
+    """Open the store of a URL in an environment."""
     return obstore().store.from_url(where)
 
 
-def _objects(where: str) -> Iterator[Member]:
-    """Objects of a store."""
+def _objects(where: str) -> Iterator[StoredFile]:
+    """List objects of a store."""
     is_folder = not MAGIC.search(where) and (where.endswith("/") or not PurePosixPath(_split(where)[1]).suffix)
     fixed = where.rstrip("/") if is_folder else MAGIC.split(where)[0].rpartition("/")[0]
     pattern = where[len(fixed) :].lstrip("/")
-    with _told(where):
+    with _store_errors(where):
         store, folder = _split(fixed) if BUCKET.match(fixed) else (fixed, "")
         for batch in _store(store).list(folder or None):
-            for held in batch:
-                name = str(held["path"])[len(folder) :].lstrip("/")
+            for entry in batch:
+                name = str(entry["path"])[len(folder) :].lstrip("/")
                 if not _is_hidden(name) and (not pattern or fnmatch.fnmatchcase(name, pattern)):
-                    yield Member(name, f"{fixed}/{name}", int(held["size"]), str(held["e_tag"]))
+                    yield StoredFile(name, f"{fixed}/{name}", int(entry["size"]), str(entry["e_tag"]))
 
 
 @contextlib.contextmanager
-def _told(where: str, refused: type[FlindersError] = UnreadableInput) -> Iterator[None]:
-    """Turn whatever a store says into one line.
-
-    Raises
-    ------
-    FlindersError
-        Of the type `refused`.
-    """
+def _store_errors(where: str, refused: type[FlindersError] = UnreadableInput) -> Iterator[None]:
+    """Turn errors of a store into one line, raised as an error of type `refused`."""
     module = obstore()
     try:
         yield
@@ -234,47 +221,38 @@ def _told(where: str, refused: type[FlindersError] = UnreadableInput) -> Iterato
 
 
 @contextlib.contextmanager
-def opened(member: Member) -> Iterator[Any]:
-    """Open a member for reading here and there, such as the footer and some row groups.
+def opened(file: StoredFile) -> Iterator[Any]:
+    """Open a file for random access, such as to its footer and some row groups.
 
     Raises
     ------
     UnreadableInput
-        Where it is gone, or may not be read.
+        If it is gone, or may not be read.
     """
-    if not is_remote(member.where):
-        yield member.where
+    if not is_remote(file.where):
+        yield file.where
         return
-    with _told(member.where):
-        store, path = _split(member.where)
-        yield _Seekable(_store(store), path, member.size)
+    with _store_errors(file.where):
+        store, path = _split(file.where)
+        yield _Object(_store(store), path, file.size)
 
 
-class _Seekable:
-    """An object as pyarrow wants a file to be: each read is a request, but that of a small object is its only one.
-
-    Parameters
-    ----------
-    store : store of obstore
-    path : str
-    size : int, bytes
-    """
+class _Object(io.RawIOBase):
+    """An object as a file of random access: each read is a request, but a small object is read whole by the first."""
 
     def __init__(self, store: Any, path: str, size: int) -> None:  # noqa: ANN401
         self._store, self._path, self._size = store, path, size
         self._at = self._first = 0
-        self._held = b""
-        self.closed = False
+        self._content = b""
 
-    def read(self, size: int = -1) -> bytes:
-        begin, end = self._at, self._size if size < 0 else min(self._at + size, self._size)
-        if begin >= end:
-            return b""
-        if begin < self._first or end > self._first + len(self._held):
+    def readinto(self, buffer: Any) -> int:  # noqa: ANN401 - any writable buffer
+        begin, end = self._at, min(self._at + len(buffer), self._size)
+        if begin < end and not self._first <= begin < end <= self._first + len(self._content):
             self._first, last = (0, self._size) if self._size <= WHOLE else (begin, end)
-            self._held = bytes(obstore().get_range(self._store, self._path, start=self._first, end=last))
-        self._at = end
-        return self._held[begin - self._first : end - self._first]
+            self._content = bytes(obstore().get_range(self._store, self._path, start=self._first, end=last))
+        self._at = max(begin, end)
+        buffer[: self._at - begin] = self._content[begin - self._first : self._at - self._first]
+        return self._at - begin
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
@@ -289,58 +267,49 @@ class _Seekable:
     def readable(self) -> bool:
         return True
 
-    def writable(self) -> bool:
-        return False
-
-    def flush(self) -> None:
-        """Nothing is written."""
-
-    def close(self) -> None:
-        self._held, self.closed = b"", True
-
 
 @contextlib.contextmanager
-def fetched(member: Member) -> Iterator[Path]:
-    """A member as a file of this machine; a copy of an object goes afterwards.
+def fetched(file: StoredFile) -> Iterator[Path]:
+    """Copy an object to a file of this machine, which is removed afterwards; a local file is given as it is.
 
     Raises
     ------
     UnreadableInput
-        Where it cannot be read.
+        If it cannot be read.
     OutputError
-        Where there is no room for a copy.
+        If there is no room for the copy.
     """
-    if not is_remote(member.where):
-        if member.name.endswith("/"):
-            raise UnreadableInput(f"{member.name} cannot be listed: ask for permission to read the folder")
-        yield Path(member.where)
+    if not is_remote(file.where):
+        if file.name.endswith("/"):
+            raise UnreadableInput(f"{file.name} cannot be listed: ask for permission to read the folder")
+        yield Path(file.where)
         return
-    store, path = _split(member.where)
+    store, path = _split(file.where)
     with tempfile.TemporaryDirectory(prefix="flinders-") as place:
         copy = Path(place) / PurePosixPath(path).name
-        with _told(member.where), copy.open("wb", buffering=0) as file:
+        with _store_errors(file.where), copy.open("wb", buffering=0) as written:
             for chunk in _store(store).get(path).stream(min_chunk_size=CHUNK):
                 try:
-                    write_all(file, bytes(chunk))
+                    write_all(written, bytes(chunk))
                 except OSError as error:
-                    raise OutputError(f"{member.where}: cannot be copied to {place}: {reason(error)}") from None
+                    raise OutputError(f"{file.where}: cannot be copied to {place}: {reason(error)}") from None
         yield copy
 
 
 def refuse_object(where: str, *, force: bool = False) -> None:
-    """Find out before a long run whether an object could be written at its end, as far as asking tells.
+    """Refuse, before a long run, an object that could not be written at its end.
 
     Raises
     ------
     OutputExists
-        Where there is one already, unless `force`.
+        If there is one already, unless `force`.
     OutputError
-        Where the URL names none, or the store does not answer.
+        If the URL names none, or the store does not answer.
     """
     store, path = _split(where)
     if not path or where.endswith("/"):
         raise OutputError(f"{where}: it is a folder: give the name of an object in it, such as calibrations.parquet")
-    with _told(where, OutputError):
+    with _store_errors(where, OutputError):
         try:
             obstore().head(_store(store), path)
         except FileNotFoundError:
@@ -350,13 +319,13 @@ def refuse_object(where: str, *, force: bool = False) -> None:
 
 
 def put(path: Path, where: str) -> None:
-    """Write a file of this machine as an object, which is there when all of it is.
+    """Copy a file of this machine to an object, which appears when it is complete.
 
     Raises
     ------
     OutputError
-        Where the store does not take it.
+        If the store refuses it.
     """
     store, name = _split(where)
-    with _told(where, OutputError):
+    with _store_errors(where, OutputError):
         obstore().put(_store(store), name, path)

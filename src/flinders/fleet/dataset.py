@@ -1,4 +1,4 @@
-r"""Parquet and Arrow files whose rows are readings of many units: how they are opened, and which rows are whose.
+r"""Datasets of Parquet and Arrow files whose rows are readings of many units: files, row groups, columns of keys.
 
 >>> import tempfile
 >>> import pyarrow
@@ -6,9 +6,9 @@ r"""Parquet and Arrow files whose rows are readings of many units: how they are 
 >>> columns = {"unit": ["A17", "A17", "B02"], "x_uT": [1.0, 2.0, 3.0], "y_uT": [4.0, 5.0, 6.0], "z_uT": [7.0, 8.0, 9.0]}
 >>> path = tempfile.mkdtemp() + "/fleet.parquet"
 >>> parquet.write_table(pyarrow.table(columns), path)
->>> with opened(store.Member("fleet.parquet", path, 0), Asked()) as file:
-...     table = KeyedTable.of(file, Asked())
-...     [(runs, values)] = table.batches((0,), names := Names())
+>>> with opened(storage.StoredFile("fleet.parquet", path, 0), Options()) as file:
+...     table = KeyedTable.of(file, Options())
+...     [(runs, values)] = table.batches((0,), names := Interner())
 ...     file.groups, extents_of(file, table.keys), [names.pair(each) for each in runs.numbers.tolist()], runs.lengths
 ((3,), [('A17', 'B02')], [('A17', ''), ('B02', '')], array([2, 1]))
 """
@@ -27,8 +27,9 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.errors import FlindersError, UnreadableInput, UsageError
-from flinders.fleet import store
-from flinders.fleet.table import needs_arrow
+from flinders.fleet import storage
+from flinders.fleet.options import Options  # noqa: TC001 - examples use it
+from flinders.fleet.results import needs_arrow
 from flinders.readers import Choice
 from flinders.readers._extras import reading
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.fleet.store import Member
+    from flinders.fleet.storage import StoredFile
     from flinders.readers import TableRecording
 
 Pair: TypeAlias = tuple[str, str]
@@ -55,58 +56,27 @@ TABLES: Final = PARQUET + ARROW
 UNIT_COLUMNS: Final = (
     "unit", "unit_id", "device", "device_id", "serial", "serial_number", "vehicle", "vehicle_id", "sensor_id",
 )  # fmt: skip
-"""What a column is called that says which unit a row is of, where nobody says."""
+"""Names of a column of units, unless an option names it."""
 RECORDING_COLUMNS: Final = ("recording", "recording_id", "session", "session_id", "log", "log_id", "date")
-"""The same for which recording of it."""
+"""Names of a column of recordings."""
 BATCH_COLUMNS: Final = ("batch", "hw_batch", "lot", "hardware_batch", "hardware", "revision")
-"""The same for the batch of hardware that the unit is of."""
+"""Names of a column of hardware batches."""
 NO_VALUE: Final = "__HIVE_DEFAULT_PARTITION__"
-"""What stands for null in a path such as ``unit=__HIVE_DEFAULT_PARTITION__/part-0.parquet``."""
+"""Null in a path such as ``unit=__HIVE_DEFAULT_PARTITION__/part-0.parquet``."""
 HALF: Final = 32
-"""Bits of the number of a recording, below those of its unit."""
+"""Bits of the number of a recording in a pair, below those of the number of its unit."""
 BUFFER: Final = 1 << 20
 """Bytes of a column that are read at a time: a row group may hold any number of rows."""
 BATCH: Final = 131_072
 """Rows that are converted at a time."""
-LOOKED_AT: Final = 1_024
-"""Rows that columns are recognised by."""
-HAVE_A_SAY: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
-"""Kinds of columns that a fit without aids looks at; others are not read."""
+PREVIEW: Final = 1_024
+"""Rows from which columns are recognised."""
+USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
+"""Kinds of columns that a fit without aiding sensors uses; others are not read."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """How recordings are to be read, and what their fits are held against; as the options of `flinders fleet`.
-
-    Attributes
-    ----------
-    columns, unit, scale, axes, sensor, as_logged
-        As `flinders.open_recording`.
-    unit_column, recording_column, batch_column : str, optional
-        Of a table: which column, or part ``name=value`` of its path, says whose reading a row is, and of which batch
-        of hardware its unit.
-    target_deg, dip_deg : float
-        As `flinders.fit`.
-    polish : bool
-        Go through the readings again; without, sums are all that is used.
-    """
-
-    columns: str | None = None
-    unit: str | None = None
-    scale: float | None = None
-    axes: str = "x,y,z"
-    sensor: str | None = None
-    as_logged: bool = False
-    unit_column: str | None = None
-    recording_column: str | None = None
-    batch_column: str | None = None
-    target_deg: float = 1.0
-    dip_deg: float = 60.0
-    polish: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Tabular:
+class TableFile:
     """An open file of rows.
 
     Attributes
@@ -117,9 +87,9 @@ class Tabular:
     groups : tuple of int
         Rows of each row group or record batch.
     batches : callable
-        Yields record batches of some groups and columns, of so many rows at the most.
+        Yields record batches of some groups and columns, of up to so many rows.
     extents : callable
-        Least and greatest value of a column in each group, None where the file does not say.
+        Least and greatest value of a column in each group, None if the file does not say.
     """
 
     name: str
@@ -131,11 +101,11 @@ class Tabular:
 
     @property
     def group(self) -> str:
-        """What a group is called."""
+        """Name of a group of rows in this kind of file."""
         return "row group" if self.kind == "Parquet" else "record batch"
 
 
-def refuse_empty(file: Tabular) -> None:
+def refuse_empty(file: TableFile) -> None:
     """Refuse a table without rows.
 
     Raises
@@ -147,32 +117,32 @@ def refuse_empty(file: Tabular) -> None:
 
 
 @contextlib.contextmanager
-def opened(member: Member, asked: Asked) -> Iterator[Tabular]:
-    """Open a Parquet or Arrow file, here or in a store.
+def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
+    """Open a Parquet or Arrow file, of this machine or in a store.
 
     Raises
     ------
     UnreadableInput
-        For a file that is gone, broken or cut short.
+        If it is gone, broken or truncated.
     """
     needs_arrow()
-    with store.opened(member) as where:
-        if member.name.lower().endswith(PARQUET):
-            yield _parquet(member.name, where, asked)
+    with storage.opened(file) as where:
+        if file.name.lower().endswith(PARQUET):
+            yield _parquet(file.name, where, options)
         else:
-            yield _arrow(member.name, where)
+            yield _arrow(file.name, where)
 
 
-def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
-    """Open Parquet; keys are kept as the dictionaries that they were written as."""
+def _parquet(name: str, where: Any, options: Options) -> TableFile:  # noqa: ANN401
+    """Open a Parquet file; keys stay the dictionaries that they were written as."""
     from pyarrow import parquet
 
     bounded = {"buffer_size": BUFFER, "pre_buffer": False, "page_checksum_verification": True}
     with reading(name, "a Parquet table"):
         file = parquet.ParquetFile(where, **bounded)
         texts: list[str] = []
-        with contextlib.suppress(FlindersError):  # who looks for the keys is told
-            keys = Keys.of_schema(name, file.schema_arrow, asked)
+        with contextlib.suppress(FlindersError):  # raised where the keys are used
+            keys = KeyColumns.of_schema(name, file.schema_arrow, options)
             texts += keys.columns if keys else ()
         if texts:
             file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
@@ -190,23 +160,23 @@ def _parquet(name: str, where: Any, asked: Asked) -> Tabular:  # noqa: ANN401
         place = leaves.index(column)
         return [_extent(metadata.row_group(group).column(place).statistics) for group in range(len(groups))]
 
-    return Tabular(name, "Parquet", file.schema_arrow, groups, batches, extents)
+    return TableFile(name, "Parquet", file.schema_arrow, groups, batches, extents)
 
 
 def _extent(statistics: Any) -> tuple[str, str] | None:  # noqa: ANN401
-    """Least and greatest text of a row group; None where it is not known, or numbers would be in another order."""
+    """Least and greatest text of a row group; None if it is not known, or numbers would sort differently."""
     if statistics is None or not statistics.has_min_max or statistics.null_count:
         return None
     ends = statistics.min, statistics.max
     if isinstance(ends[0], bool | float) or not isinstance(ends[0], str | bytes | int):
-        return None  # these are written in another way in a column of texts
+        return None  # as texts they would sort differently
     least, greatest = map(text_of, ends)
     is_known = least <= greatest if isinstance(ends[0], str) else least == greatest
     return (least, greatest) if is_known else None
 
 
-def _arrow(name: str, where: Any) -> Tabular:  # noqa: ANN401
-    """Open an Arrow file, of which no more columns are unpacked than are asked for."""
+def _arrow(name: str, where: Any) -> TableFile:  # noqa: ANN401
+    """Open an Arrow file, of which only the columns that are read are unpacked."""
     import pyarrow
     from pyarrow import ipc
 
@@ -227,47 +197,37 @@ def _arrow(name: str, where: Any) -> Tabular:  # noqa: ANN401
                 batch.validate(full=True)
                 yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
 
-    return Tabular(name, "Arrow", schema, groups, batches, lambda _: [None] * len(groups))
+    return TableFile(name, "Arrow", schema, groups, batches, lambda _: [None] * len(groups))
 
 
 def _rows_of(file: Any, only: Callable[[Sequence[int]], Any]) -> tuple[int, ...]:  # noqa: ANN401
-    """Rows of each record batch, as the first of its columns tells that can be read; 0 where none can.
-
-    Raises
-    ------
-    Exception
-        What Arrow raises, where no record batch can be read.
-    """
+    """Rows of each record batch, from its first readable column; 0 if none is, an error if no record batch is."""
     counts: dict[int, int] = {}
-    refused = None
+    unreadable = None
     for place in range(len(file.schema)):
         column = only([place])
         for number in set(range(file.num_record_batches)) - counts.keys():
             try:
                 counts[number] = column.get_batch(number).num_rows
             except Exception as error:  # noqa: BLE001 - on a broken file that is anything, as in `reading`
-                refused = error
+                unreadable = error
         if len(counts) == file.num_record_batches:
             break
-    if refused is not None and not any(counts.values()):
-        raise refused
+    if unreadable is not None and not any(counts.values()):
+        raise unreadable
     return tuple(counts.get(number, 0) for number in range(file.num_record_batches))
 
 
-class NoBatch(UsageError):
-    """A column that was asked for as the batch of hardware, and is not there."""
-
-
 @dataclass(frozen=True, slots=True)
-class Keys:
-    """Where a table says whose reading a row is.
+class KeyColumns:
+    """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row.
 
     Attributes
     ----------
     unit, recording, batch : str
-        The columns; empty where the path says it, or nothing does.
+        Columns; empty if the path holds the value, or nothing does.
     unit_value, recording_value, batch_value : str
-        What the path says.
+        Values in the path.
     """
 
     unit: str = ""
@@ -278,70 +238,63 @@ class Keys:
     batch_value: str = ""
 
     @classmethod
-    def of(cls, name: str, columns: Sequence[str], asked: Asked) -> Self | None:
-        """Find them in the names of columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
+    def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
+        """Find them among columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
 
         Raises
         ------
         UsageError
-            Where one that was asked for is in neither.
+            If one that the options name is in neither.
 
         Examples
         --------
-        >>> Keys.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Asked())
-        Keys(unit='', recording='', unit_value='7', recording_value='2026-11-21', batch='', batch_value='')
+        >>> KeyColumns.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Options())
+        KeyColumns(unit='', recording='', unit_value='7', recording_value='2026-11-21', batch='', batch_value='')
         """
         values = in_path(name)
-        unit = _key(values, columns, asked.unit_column, UNIT_COLUMNS, name)
+        unit = _key(values, columns, options.unit_column, UNIT_COLUMNS, name)
         if unit is None:
             return None
-        recording = _key(values, columns, asked.recording_column, RECORDING_COLUMNS, name) or ("", "")
-        try:
-            batch = _key(values, columns, asked.batch_column, BATCH_COLUMNS, name) or ("", "")
-        except UsageError as error:
-            raise NoBatch(str(error)) from None
+        recording = _key(values, columns, options.recording_column, RECORDING_COLUMNS, name) or ("", "")
+        batch = _key(values, columns, options.batch_column, BATCH_COLUMNS, name, needed=needs_batch) or ("", "")
         return cls(unit[0], recording[0], unit[1], recording[1], *batch)
 
     @classmethod
-    def of_schema(cls, name: str, schema: Any, asked: Asked) -> Self | None:  # noqa: ANN401
-        """Find them as `of`; what is nested is no batch, and a table need not have the batch that was asked for.
+    def of_schema(cls, name: str, schema: Any, options: Options) -> Self | None:  # noqa: ANN401
+        """Find them as `of`; a nested column is no batch, and a table may lack the batch that the options name.
 
         Raises
         ------
         UsageError
-            Where the unit or the recording that was asked for is nowhere.
+            If the unit or the recording that the options name is nowhere.
         UnreadableInput
-            Where the column of units, or one that was asked for, is nested, or there twice.
+            If the column of units, or one that the options name, is nested or duplicate.
         """
-        own = (asked.recording_column, RECORDING_COLUMNS), (asked.batch_column, BATCH_COLUMNS)
+        own = (options.recording_column, RECORDING_COLUMNS), (options.batch_column, BATCH_COLUMNS)
         guessed = {column for named, usual in own if named is None for column in usual}
         columns = [field.name for field in schema if field.name.casefold() not in guessed or _is_text(field.type)]
-        try:
-            keys = cls.of(name, columns, asked)
-        except NoBatch:
-            keys = cls.of(name, columns, replace(asked, batch_column=None))
-            keys = keys and replace(keys, batch="", batch_value="")
+        keys = cls.of(name, columns, options, needs_batch=False)
         for column in keys.columns if keys else ():
             _refuse_column(name, schema, column)
         return keys
 
     @classmethod
-    def of_path(cls, name: str, asked: Asked) -> Self | None:
-        """What the path of a file says that cannot be opened; None where it does not say the unit."""
+    def of_path(cls, name: str, options: Options) -> Self | None:
+        """Keys from the path of a file that cannot be opened; None if it does not name the unit."""
         with contextlib.suppress(UsageError):
-            keys = cls.of(name, (), replace(asked, recording_column=None, batch_column=None))
+            keys = cls.of(name, (), replace(options, recording_column=None, batch_column=None))
             return keys if keys is not None and keys.unit_value else None
         return None
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Those of them that are columns."""
+        """Keys that are columns."""
         return tuple(filter(None, (self.unit, self.recording, self.batch)))
 
 
 @functools.lru_cache(maxsize=256)
 def _is_text(kind: Any) -> bool:  # noqa: ANN401
-    """Whether the values of a type of Arrow can be written as texts: those of a struct or a list cannot."""
+    """Whether values of a type of Arrow can be texts: those of a struct or a list cannot."""
     arrow = needs_arrow()
     try:
         _texts(arrow.nulls(0, kind)).dictionary_encode()
@@ -351,12 +304,7 @@ def _is_text(kind: Any) -> bool:  # noqa: ANN401
 
 
 def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
-    """Refuse a column that cannot tell whose rows they are.
-
-    Raises
-    ------
-    UnreadableInput
-    """
+    """Refuse a column of keys that is nested or duplicate."""
     there = schema.names.count(column)
     if there > 1:
         raise UnreadableInput(f"{name} has {there} columns {column}: give all but one another name, or leave them out")
@@ -369,7 +317,7 @@ def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
 
 
 def in_path(name: str) -> dict[str, str]:
-    """What the folders of a path say, as Hive and others write it: null is the empty text.
+    """Values in the folders of a path, as Hive writes it; null is the empty text.
 
     >>> in_path("unit=A%2017/date=__HIVE_DEFAULT_PARTITION__/part-0.parquet")
     {'unit': 'A 17', 'date': ''}
@@ -378,35 +326,35 @@ def in_path(name: str) -> dict[str, str]:
     return {key: "" if value == NO_VALUE else text_of(unquote(value)) for key, value in parts}
 
 
-def batch_in(name: str, asked: Asked) -> str:
-    """The batch that the path of a log says; empty where it says none.
+def batch_in(name: str, options: Options) -> str:
+    """Hardware batch in the path of a log; empty if there is none.
 
-    >>> batch_in("batch=2026-04/A17/monday.csv", Asked())
+    >>> batch_in("batch=2026-04/A17/monday.csv", Options())
     '2026-04'
     """
     values = in_path(name)
-    wanted = BATCH_COLUMNS if asked.batch_column is None else (asked.batch_column,)
+    wanted = BATCH_COLUMNS if options.batch_column is None else (options.batch_column,)
     return next((values[each] for each in wanted if each in values), "")
 
 
 def _key(
-    values: dict[str, str], columns: Sequence[str], asked: str | None, usual: Sequence[str], name: str
+    values: dict[str, str],
+    columns: Sequence[str],
+    column: str | None,
+    usual: Sequence[str],
+    name: str,
+    *,
+    needed: bool = True,
 ) -> tuple[str, str] | None:
-    """The column that holds a key, or its value in the path; None where neither does.
-
-    Raises
-    ------
-    UsageError
-        Where the one that was asked for is in neither.
-    """
-    lowered = {column.casefold(): column for column in reversed(columns)}
-    for wanted in usual if asked is None else (asked,):
+    """Column that holds a key, or its value in the path; UsageError if one that is named and needed is in neither."""
+    lowered = {each.casefold(): each for each in reversed(columns)}
+    for wanted in usual if column is None else (column,):
         if wanted in values:
             return "", values[wanted]
         if wanted.casefold() in lowered:
             return lowered[wanted.casefold()], ""
-    if asked is not None:
-        raise UsageError(f"{name} has no column {asked}: there are {', '.join(columns[:24])}")
+    if column is not None and needed:
+        raise UsageError(f"{name} has no column {column}: there are {', '.join(columns[:24])}")
     return None
 
 
@@ -416,29 +364,29 @@ class KeyedTable:
 
     Attributes
     ----------
-    file : Tabular
-    keys : Keys
+    file : TableFile
+    keys : KeyColumns
     recording : TableRecording
-        Knows which columns are what, the unit and the axes.
+        Its columns, unit of field and axes.
     """
 
-    file: Tabular
-    keys: Keys
+    file: TableFile
+    keys: KeyColumns
     recording: TableRecording
 
     @classmethod
-    def of(cls, file: Tabular, asked: Asked) -> Self:
+    def of(cls, file: TableFile, options: Options) -> Self:
         """Recognise the columns.
 
         Raises
         ------
         NoMagnetometer
-            Where none, or not clearly three, are the magnetometer.
+            If none, or not clearly three, are the magnetometer.
         UsageError
-            Where no column says which unit a row is of, and for columns and units that cannot be.
+            If there is no column of units, and for options that the file does not fit.
         """
         names = list(file.schema.names)
-        keys = Keys.of_schema(file.name, file.schema, asked)
+        keys = KeyColumns.of_schema(file.name, file.schema, options)
         if keys is None:
             raise UsageError(
                 f"{file.name} does not say which unit a row is of: need a column such as unit or serial, or name it "
@@ -454,23 +402,23 @@ class KeyedTable:
         recording = open_table(
             File(file.name, Path(file.name), 0),
             table,
-            columns=asked.columns,
-            unit=asked.unit,
-            scale=asked.scale,
-            axes=Axes.of(asked.axes),
-            choice=Choice(asked.sensor, is_name=True),
+            columns=options.columns,
+            unit=options.unit,
+            scale=options.scale,
+            axes=Axes.of(options.axes),
+            choice=Choice(options.sensor, is_name=True),
         )
-        recording.columns = recording.columns.only(*HAVE_A_SAY)
+        recording.columns = recording.columns.only(*USED)
         return cls(file, keys, recording)
 
     @property
     def start_s(self) -> float:
-        """What is taken off the times of this file, s."""
+        """Seconds that are subtracted from the times of this file."""
         time = self.recording.columns.time
         return 0.0 if time is None else time.start * time.factor
 
-    def batches(self, groups: Sequence[int], names: Names) -> Iterator[tuple[Runs, Floats]]:
-        """Yield whose rows they are, numbered by `names`, which get to know batches, and values (K, B), in order."""
+    def batches(self, groups: Sequence[int], names: Interner) -> Iterator[tuple[Runs, Floats]]:
+        """Yield recordings, as numbers of `names`, which takes their hardware batches, and values (K, B), in order."""
         places = places_of(self.schema)
         wanted = [places[cell] for cell in self.recording.columns.cells]
         for batch in self.file.batches(groups, sorted({*(column for column, _, _ in wanted), *self.keys.columns})):
@@ -483,51 +431,45 @@ class KeyedTable:
             yield _runs(batch, self.keys, names), values
 
     def samples(self, values: Floats, source: str) -> Samples:
-        """Readings of values (K, N)."""
+        """Samples of values (K, N)."""
         known = self.recording
         return known.columns.samples(values.T, unit=known.unit, axes=known.axes, source=source)
 
     @property
     def schema(self) -> Any:  # noqa: ANN401
-        """The columns that are no keys."""
+        """Columns that are no keys."""
         return _without(self.file.schema, self.keys)
 
 
-def counts_of(file: Tabular, keys: Keys, groups: Sequence[int], names: Names) -> Counter[Pair]:
-    """How many rows each recording of each unit has in some groups, from the columns of keys alone."""
-    found: Counter[int] = Counter()
+def counts_of(file: TableFile, keys: KeyColumns, groups: Sequence[int], names: Interner) -> Counter[Pair]:
+    """Count the rows of each recording in some groups, from the columns of keys alone."""
+    counts: Counter[int] = Counter()
     if not keys.unit and not keys.recording:
         number = names.number(keys.unit_value) << HALF | names.number(keys.recording_value)
-        found[number] = sum(file.groups[group] for group in groups)
+        counts[number] = sum(file.groups[group] for group in groups)
         names.note(number, keys.batch_value)
     for batch in file.batches(groups, list(keys.columns)) if keys.columns else ():
         runs = _runs(batch, keys, names)
         if keys.unit or keys.recording:
             for number, rows in zip(runs.numbers.tolist(), runs.lengths.tolist(), strict=True):
-                found[number] += rows
-    return Counter({names.pair(number): rows for number, rows in found.items()})
+                counts[number] += rows
+    return Counter({names.pair(number): rows for number, rows in counts.items()})
 
 
-def _first_rows(file: Tabular, names: list[str]) -> Iterator[Any]:
-    """Rows of the first group that can be read, which columns are recognised by.
-
-    Raises
-    ------
-    UnreadableInput
-        Where none can.
-    """
-    refused = None
+def _first_rows(file: TableFile, names: list[str]) -> Iterator[Any]:
+    """Rows of the first readable group, from which columns are recognised; UnreadableInput if there is none."""
+    unreadable = None
     for group in range(len(file.groups)):
         try:
-            yield from file.batches((group,), names, LOOKED_AT)
+            yield from file.batches((group,), names, PREVIEW)
         except UnreadableInput as error:
-            refused = refused or error
-    if refused is not None:
-        raise refused
+            unreadable = unreadable or error
+    if unreadable is not None:
+        raise unreadable
 
 
-def _runs(batch: Any, keys: Keys, names: Names) -> Runs:  # noqa: ANN401
-    """Numbers of the pairs of unit and recording of rows that follow each other."""
+def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN401
+    """Run lengths of pairs of unit and recording."""
     units = _coded(batch, keys.unit, keys.unit_value, names)
     recordings = _coded(batch, keys.recording, keys.recording_value, names)
     is_first = np.ones(batch.num_rows, dtype=bool)
@@ -543,8 +485,8 @@ def _runs(batch: Any, keys: Keys, names: Names) -> Runs:  # noqa: ANN401
     return runs
 
 
-def _note(runs: Runs, batch: Any, keys: Keys, names: Names) -> None:  # noqa: ANN401
-    """Take note of the batches of hardware that rows name."""
+def _note(runs: Runs, batch: Any, keys: KeyColumns, names: Interner) -> None:  # noqa: ANN401
+    """Record the hardware batches of rows."""
     numbers, of = np.unique(runs.numbers, return_inverse=True)
     if not keys.batch:
         for number in numbers.tolist():
@@ -559,7 +501,7 @@ def _note(runs: Runs, batch: Any, keys: Keys, names: Names) -> None:  # noqa: AN
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Runs:
-    """Whose rows they are, of rows that follow each other.
+    """Run lengths of the numbers of recordings, of consecutive rows.
 
     >>> Runs(np.array([7, 4]), np.array([2, 1])).rows
     array([7, 7, 4])
@@ -568,7 +510,7 @@ class Runs:
     ----------
     numbers : (R,) int
     lengths : (R,) int
-        How many rows each run has.
+        Rows of each run.
     """
 
     numbers: NDArray[np.int64]
@@ -581,17 +523,17 @@ class Runs:
 
     @classmethod
     def joined(cls, parts: Sequence[Runs]) -> Self:
-        """One after the other; a run that goes on in the next part is one."""
+        """Concatenate; a run that continues in the next part is one."""
         numbers = np.concatenate([np.empty(0, dtype=np.int64), *(part.numbers for part in parts)])
         lengths = np.concatenate([np.empty(0, dtype=np.int64), *(part.lengths for part in parts)])
         first = np.flatnonzero(np.diff(numbers, prepend=-1))
         return cls(numbers[first], np.add.reduceat(lengths, first) if len(first) else lengths)
 
 
-class Names:
-    """Texts and their numbers, in the order in which they were met; a pair of them is one number, and has a batch.
+class Interner:
+    """Numbers for texts, in the order of their first use; a pair of them is one number, and may have a hardware batch.
 
-    >>> names = Names()
+    >>> names = Interner()
     >>> pair = names.number("A17") << HALF | names.number("monday")
     >>> names.pair(pair)
     ('A17', 'monday')
@@ -614,57 +556,51 @@ class Names:
         return self._texts[number >> HALF], self._texts[number & (1 << HALF) - 1]
 
     def note(self, number: int, batch: str) -> None:
-        """Keep the batch of hardware of a pair; of several the first in the order of their names."""
+        """Record the hardware batch of a pair; of several the first by name."""
         if batch and batch <= self._batches.get(number, batch):
             self._batches[number] = batch
 
     @property
     def batches(self) -> dict[Pair, str]:
-        """The batches of those pairs that have one."""
+        """Hardware batches of pairs that have one."""
         return {self.pair(number): batch for number, batch in self._batches.items()}
 
 
-def extents_of(file: Tabular, keys: Keys) -> list[tuple[str, str] | None]:
-    """Least and greatest unit in each group, where the file or its path says so."""
+def extents_of(file: TableFile, keys: KeyColumns) -> list[tuple[str, str] | None]:
+    """Least and greatest unit in each group; None if neither file nor path says."""
     if not keys.unit:
         return [(keys.unit_value, keys.unit_value)] * len(file.groups)
     return file.extents(keys.unit)
 
 
-def units_of(file: Tabular, keys: Keys, groups: Sequence[int]) -> set[str]:
-    """The units of some groups, from their column alone; of a group that cannot be read those that its footer names."""
+def units_of(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
+    """Units of some groups, from their column alone; of an unreadable group those that the footer names."""
     if not keys.unit:
         return {keys.unit_value}
     try:
         return _units_in(file, keys, groups)
     except UnreadableInput:
         ends = extents_of(file, keys)
-    found: set[str] = set()
+    units: set[str] = set()
     for group in groups:
         try:
-            found |= _units_in(file, keys, (group,))
+            units |= _units_in(file, keys, (group,))
         except UnreadableInput:
-            found.update(ends[group] or ())
-    return found
+            units.update(ends[group] or ())
+    return units
 
 
-def _units_in(file: Tabular, keys: Keys, groups: Sequence[int]) -> set[str]:
-    """The units of some groups, from their column alone.
-
-    Raises
-    ------
-    UnreadableInput
-        Where that cannot be read.
-    """
-    found: set[str] = set()
+def _units_in(file: TableFile, keys: KeyColumns, groups: Sequence[int]) -> set[str]:
+    """Units of some groups, from their column alone; raises UnreadableInput."""
+    units: set[str] = set()
     for batch in file.batches(groups, [keys.unit]):
         texts, places = _dictionary(batch, keys.unit)
-        found.update(texts[place] for place in np.unique(places).tolist())
-    return found
+        units.update(texts[place] for place in np.unique(places).tolist())
+    return units
 
 
-def _without(schema: Any, keys: Keys) -> Any:  # noqa: ANN401
-    """The columns of a schema that are no keys."""
+def _without(schema: Any, keys: KeyColumns) -> Any:  # noqa: ANN401
+    """Columns of a schema that are no keys."""
     return needs_arrow().schema([field for field in schema if field.name not in keys.columns])
 
 
@@ -672,15 +608,15 @@ def _coded(
     batch: Any,  # noqa: ANN401
     column: str,
     value: str,
-    names: Names,
+    names: Interner,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
-    """Numbers of texts, and (B,) which of them each row has; None where the path says one text for all."""
+    """Numbers of texts, and (B,) the index of each row's; None if the path has one text for all rows."""
     texts, places = _dictionary(batch, column) if column else ([value], None)
     return np.array([names.number(text) for text in texts], dtype=np.int64), places
 
 
 def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:  # noqa: ANN401
-    """The texts of a column, each once, and (B,) which of them each row has; a null is the empty text."""
+    """Distinct texts of a column, and (B,) the index of each row's; null is the empty text."""
     arrow = needs_arrow()
     from pyarrow import compute
 
@@ -697,20 +633,14 @@ def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:
 
 
 def _texts(array: Any) -> Any:  # noqa: ANN401
-    """A column of keys as texts; bytes, and texts each of which stands there once, as they are.
-
-    Raises
-    ------
-    pyarrow.ArrowException
-        Where these have none.
-    """
+    """Column of keys as texts; bytes and dictionaries stay as they are; raises ArrowException."""
     arrow = needs_arrow()
-    is_kept = "binary" in str(array.type) or arrow.types.is_dictionary(array.type)
-    return array if is_kept else array.cast(arrow.string())
+    is_text = "binary" in str(array.type) or arrow.types.is_dictionary(array.type)
+    return array if is_text else array.cast(arrow.string())
 
 
 def text_of(value: object) -> str:
-    r"""What stands in a column of keys, as text: bytes are UTF-8 where they can be, and blanks are nothing.
+    r"""Cell of a column of keys as text: bytes are UTF-8 if valid, blanks are empty.
 
     >>> text_of(b"A17"), text_of(b"\xff\x00"), text_of(7), text_of("  "), text_of(None)
     ('A17', 'ff00', '7', '', '')

@@ -1,14 +1,14 @@
-"""What is done of a run: a file for each partition, in a folder beside the table.
+"""Checkpoint of a run: a file for each finished partition, in a folder beside the table.
 
 >>> import tempfile
->>> parts = Parts(Path(tempfile.mkdtemp()))
->>> paths = [parts.commit(place, b"rows") for place in range(3)]
+>>> checkpoint = Checkpoint(Path(tempfile.mkdtemp()))
+>>> paths = [checkpoint.commit(place, b"rows") for place in range(3)]
 >>> _ = paths[2].write_bytes(b"row")
->>> sorted(parts.kept()), paths[2].exists()
+>>> sorted(checkpoint.finished()), paths[2].exists()
 ([0, 1], False)
 
-Each appears under its name when it is complete, and its name tells its length and check sum: what a machine that lost
-its power has left cut short or empty is known by that, and done again.
+A file appears under its name when it is complete, and the name holds its length and check sum: what a power cut has
+truncated or emptied is recognised by that, and done again.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.core.files import reason, write_text
 from flinders.errors import OutputError, UsageError
-from flinders.fleet.store import is_remote
+from flinders.fleet.storage import is_remote
 
 if TYPE_CHECKING:
     from flinders.fleet.plan import Plan
 
 PLAN: Final = "plan.json"
 TABLE: Final = "table.parquet"
-"""What goes to a store when it is complete."""
+"""Table that goes to a store when it is complete."""
 DONE: Final = "part-*.arrow"
 OURS: Final = (DONE, PLAN, TABLE, ".flinders-*.tmp")
-"""What a run leaves in its folder."""
+"""Files that a run may leave in its folder."""
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
-    """The folder of what is done.
+class Checkpoint:
+    """The folder of finished partitions.
 
     Attributes
     ----------
@@ -50,46 +50,41 @@ class Parts:
     folder: Path
 
     @classmethod
-    def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Parts:
-        """Make it, or find it again.
+    def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Checkpoint:
+        """Create the folder, or open that of an earlier run.
 
         Raises
         ------
         UsageError
-            Where partitions are done and nobody said what to do about them, or they belong to another plan; where it
-            holds something else.
+            If it holds partitions and neither `resume` nor `force` is given; if they belong to another plan; if it
+            holds other files.
         OutputError
-            Where it cannot be made.
+            If it cannot be created.
         """
-        beside = os.fspath(out)
-        parts = cls(Path(f"{PurePosixPath(beside).name if is_remote(beside) else beside}.parts"))
+        table = os.fspath(out)
+        checkpoint = cls(Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts"))
         try:
-            parts._refuse_foreign()
-            if parts.done and not resume and not force:
+            checkpoint._refuse_foreign()
+            if checkpoint.done and not resume and not force:
                 raise UsageError(
-                    f"{parts.folder} holds what an earlier run has done: go on with --resume, or begin again with "
+                    f"{checkpoint.folder} holds what an earlier run has done: go on with --resume, or begin again with "
                     "--force"
                 )
-            if parts.folder.exists() and not resume:
-                shutil.rmtree(parts.folder)
-            parts.folder.mkdir(exist_ok=True)
+            if checkpoint.folder.exists() and not resume:
+                shutil.rmtree(checkpoint.folder)
+            checkpoint.folder.mkdir(exist_ok=True)
         except OSError as error:
-            raise OutputError(f"{parts.folder}: cannot be written: {reason(error)}") from None
-        parts._agree(plan)
-        return parts
+            raise OutputError(f"{checkpoint.folder}: cannot be written: {reason(error)}") from None
+        checkpoint._match(plan)
+        return checkpoint
 
     @property
     def done(self) -> int:
-        """Files of partitions that there are."""
+        """Number of files of partitions."""
         return sum(1 for _ in self.folder.glob(DONE))
 
     def _refuse_foreign(self) -> None:
-        """Let a folder be that holds anything else: it would go with the parts.
-
-        Raises
-        ------
-        UsageError
-        """
+        """Refuse a folder with other files, which would be removed with it."""
         if self.folder.is_dir():
             foreign = [each.name for each in self.folder.iterdir() if not any(each.match(name) for name in OURS)]
             if foreign:
@@ -98,14 +93,8 @@ class Parts:
                     f"{min(foreign)}: move that, or name another table"
                 )
 
-    def _agree(self, plan: Plan) -> None:
-        """Keep the plan, or see that it is the one that is kept.
-
-        Raises
-        ------
-        UsageError
-            Where it is another.
-        """
+    def _match(self, plan: Plan) -> None:
+        """Write the fingerprint of the plan, or refuse partitions of another plan."""
         path = self.folder / PLAN
         with contextlib.suppress(OSError, ValueError):
             if json.loads(path.read_text(encoding="utf-8"))["fingerprint"] == plan.fingerprint:
@@ -115,32 +104,32 @@ class Parts:
                 f"{self.folder} is of a run with other files, options or another release: name those again, or begin "
                 "again with --force and without --resume"
             )
-        held = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
-        write_text(json.dumps(held) + "\n", path, force=True)
+        about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
+        write_text(json.dumps(about) + "\n", path, force=True)
 
-    def kept(self) -> dict[int, Path]:
-        """Files of the partitions that are done; those that a power cut has spoilt are taken away."""
-        found = {}
+    def finished(self) -> dict[int, Path]:
+        """Files of finished partitions; those that are not as they were written are removed."""
+        files = {}
         for path in sorted(self.folder.glob(DONE)):
-            with contextlib.suppress(OSError, ValueError):  # of another name it is none of ours
+            with contextlib.suppress(OSError, ValueError):  # a file of another name is not of a run
                 place = int(path.name.split("-")[1])
                 if path == self._path(place, path.read_bytes()):
-                    found[place] = path
+                    files[place] = path
                 else:
                     path.unlink()
-        return found
+        return files
 
     def _path(self, place: int, content: bytes) -> Path:
-        """Where the rows of a partition are, once they are there."""
+        """File of a partition with this content."""
         return self.folder / f"part-{place:07d}-{len(content)}-{zlib.crc32(content):08x}.arrow"
 
     def commit(self, place: int, content: bytes) -> Path:
-        """Write the rows of a partition, all of them or none, and return the file.
+        """Write the rows of a partition, all or none, and return the file.
 
         Raises
         ------
         OutputError
-            Where they cannot be written.
+            If they cannot be written.
         """
         path = self._path(place, content)
         temporary = self.folder / f".flinders-{secrets.token_hex(8)}.tmp"
@@ -154,5 +143,5 @@ class Parts:
                 temporary.unlink()
 
     def remove(self) -> None:
-        """Take it away; what cannot be taken away does no harm."""
+        """Remove the folder; if that fails, nothing is lost."""
         shutil.rmtree(self.folder, ignore_errors=True)

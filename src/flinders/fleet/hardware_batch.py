@@ -1,8 +1,8 @@
-"""What tells the hardware batch of a unit: a column of the fleet's tables, or a part of the unit's name.
+"""Hardware batch of a unit: from a column of the tables of a fleet, or from a part of the unit's name.
 
->>> Batches(pattern=pattern_of("^L[0-9]", ())).of_name("L2-0017")
+>>> BatchRule(pattern=pattern_of("^L[0-9]", ())).of_name("L2-0017")
 'L2'
->>> Batches(pattern=PREFIX).of_name("board-2024-17")
+>>> BatchRule(pattern=PREFIX).of_name("board-2024-17")
 'board-2024'
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import UsageError
-from flinders.fleet.table import needs_arrow
+from flinders.fleet.results import needs_arrow
 
 if TYPE_CHECKING:
     import os
@@ -22,27 +22,27 @@ if TYPE_CHECKING:
     Paths = Sequence[str | os.PathLike[str]]
 
 COLUMN: Final = "batch"
-"""What tells it where nobody says otherwise and there is something in it."""
+"""Column that is used by default, unless it is empty."""
 PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
-"""What stands before the last part of a unit's name, which is taken for its batch where nothing tells it."""
+"""All but the last part of a unit's name: its batch, if there is no column."""
 UNNAMED: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
-"""What rows of readings that no unit is known of, and of files that cannot be read, have in place of a unit's name."""
+"""In place of a unit's name, in rows of readings without a unit and of unreadable files."""
 MOST: Final = 2_000
-"""Names that tell more batches than that tell none."""
+"""More batches than this are taken for none."""
 
 
 @dataclass(frozen=True, slots=True)
-class Batches:
-    """What tells the batch: the column, else the pattern.
+class BatchRule:
+    """Rule for the batch: the column, else the pattern.
 
     Attributes
     ----------
     column : str
-        Empty where the name of the unit tells it.
+        Empty if the name of the unit holds it.
     pattern : re.Pattern
-        Of its first group, or of all that it finds.
+        Its first group, or all that it matches.
     is_guess : bool
-        Whether nobody said so.
+        Whether it is a default.
     """
 
     column: str = ""
@@ -51,16 +51,13 @@ class Batches:
 
     @property
     def words(self) -> str:
-        """What tells it, for people."""
+        """The rule, for people."""
         if self.column:
             return f"the column {self.column}"
         return "the name of the unit" if self.is_guess else f"{self.pattern.pattern!r} in the name"
 
     def of(self, table: Any) -> list[str]:  # noqa: ANN401 - pyarrow ships no types
-        """Batch of the unit of each row of a table of Arrow that has all rows of its units; empty where none is known.
-
-        Of a unit whose rows say several it is the first of them by name.
-        """
+        """Batch of the unit of each row of a table with all rows of its units, the first by name; empty if unknown."""
         units = texts(table.column("unit"))
         known: dict[str, str] = {}
         if self.column:
@@ -71,53 +68,53 @@ class Batches:
         return [known[unit] if unit in known else known.setdefault(unit, self.of_name(unit)) for unit in units]
 
     def of_name(self, unit: str) -> str:
-        """Batch that a unit's name tells; empty where it tells none."""
-        found = self.pattern.search(unit)
-        if found is None:
+        """Batch in a unit's name; empty if there is none."""
+        match = self.pattern.search(unit)
+        if match is None:
             return ""
-        return (found[1] if self.pattern.groups else found[0]) or ""
+        return (match[1] if self.pattern.groups else match[0]) or ""
 
-    def are_told(self, names: Collection[str], rows: int) -> bool:
-        """Whether these batches of so many rows tell anything."""
+    def are_useful(self, names: Collection[str], rows: int) -> bool:
+        """Whether these batches of so many rows are worth showing."""
         return any(names) and len(names) <= MOST and (not self.is_guess or 2 <= len(names) <= rows / 4)
 
 
-def batches_of(paths: Paths, asked: str | None) -> Batches:
-    """Find what tells the batch.
+def batch_rule(paths: Paths, text: str | None) -> BatchRule:
+    """Choose the rule for hardware batches.
 
     Parameters
     ----------
     paths : sequence of path
         Tables of `flinders fleet`.
-    asked : str, optional
+    text : str, optional
         A column of one of them, or a regular expression for a part of the unit's name. By default the column ``batch``
-        where it holds something, or what stands before the last part of the name.
+        if it is not empty, else all but the last part of the name.
 
     Raises
     ------
     UsageError
-        For a column or an expression that tells no batch, naming the columns there are.
+        For a column or an expression that gives no batch.
     """
     columns = _columns(paths)
     if columns is None:
-        return Batches(is_guess=True)  # what is wrong with the files is said where they are read
-    if asked is None:
-        return Batches(column=COLUMN) if _holds(paths, COLUMN) else Batches(is_guess=True)
-    if asked in columns:
-        if not _holds(paths, asked):
-            raise UsageError(f"batch {asked!r}: that column is empty in all rows; {_choice(columns)}")
-        return Batches(column=asked)
-    batches = Batches(pattern=pattern_of(asked, columns))
+        return BatchRule(is_guess=True)  # errors are raised where the files are read
+    if text is None:
+        return BatchRule(column=COLUMN) if _holds(paths, COLUMN) else BatchRule(is_guess=True)
+    if text in columns:
+        if not _holds(paths, text):
+            raise UsageError(f"batch {text!r}: that column is empty in all rows; {_choice(columns)}")
+        return BatchRule(column=text)
+    batches = BatchRule(pattern=pattern_of(text, columns))
     if not any(batches.of_name(unit) for unit in _cells(paths, "unit") if not UNNAMED.search(unit)):
         raise UsageError(
-            f"batch {asked!r} is no column of the table, and as a regular expression finds nothing in the name of any "
+            f"batch {text!r} is no column of the table, and as a regular expression finds nothing in the name of any "
             f"unit; {_choice(columns)}"
         )
     return batches
 
 
-def of_units(table: Any) -> Any:  # noqa: ANN401
-    """Rows of a table of Arrow that are of a unit: not those that say what failed before any was known."""
+def named_rows(table: Any) -> Any:  # noqa: ANN401
+    """Rows of a table that have a unit: not those of files that failed before one was known."""
     from pyarrow import array
 
     units = texts(table.column("unit"))
@@ -130,7 +127,7 @@ def of_units(table: Any) -> Any:  # noqa: ANN401
 
 
 def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
-    """Read a regular expression that tells the batch.
+    """Compile a regular expression for the batch.
 
     Raises
     ------
@@ -153,6 +150,7 @@ def texts(column: Any) -> list[str]:  # noqa: ANN401
 
 
 def _choice(columns: Sequence[str]) -> str:
+    """Advice on how to name a batch."""
     return (
         f"name a column ({', '.join(columns)}), or write what to find in the names of units, such as '^[A-Z]+'; "
         "flinders fleet --batch-column NAME takes a column of the readings into its table"
@@ -160,26 +158,27 @@ def _choice(columns: Sequence[str]) -> str:
 
 
 def _columns(paths: Paths) -> list[str] | None:
-    """Columns that some table has and that hold one text or number each; None where a table cannot be read."""
+    """Columns of all tables that are not nested; None if a table cannot be read."""
     arrow = needs_arrow()
     from pyarrow import parquet
 
-    found: dict[str, None] = {}
+    columns: dict[str, None] = {}
     try:
         for path in paths:
             fields = parquet.read_schema(path)
-            found.update((field.name, None) for field in fields if not arrow.types.is_nested(field.type))
+            columns.update((field.name, None) for field in fields if not arrow.types.is_nested(field.type))
     except (OSError, arrow.lib.ArrowException):
         return None
-    return list(found)
+    return list(columns)
 
 
 def _holds(paths: Paths, name: str) -> bool:
+    """Whether a column has a text that is not empty."""
     return any(cell for cell in _cells(paths, name))
 
 
 def _cells(paths: Paths, name: str) -> Iterator[str]:
-    """Each text of a column once or more, one table after the other; of tables that have it."""
+    """Texts of a column, each at least once, of all tables that have it."""
     arrow = needs_arrow()
     from pyarrow import parquet
 
@@ -190,4 +189,4 @@ def _cells(paths: Paths, name: str) -> Iterator[str]:
                     for batch in file.iter_batches(columns=[name]):
                         yield from texts(batch.column(0).cast("string").unique())
         except (OSError, arrow.lib.ArrowException):
-            return  # said where the table is read
+            return  # raised where the table is read

@@ -1,0 +1,370 @@
+"""Differences of pairs of calibrations: the formulas of `flinders.compare`, for n pairs at once.
+
+Readings of one sensor are longer in a stronger field, which says nothing of the sensor. The two ellipsoids of a pair
+are therefore brought to one size; if that is their radius, their common scale is taken out of both covariances.
+
+>>> spheres = Ellipsoids(np.zeros((2, 3)), np.tile(50.0 * np.eye(3), (2, 1, 1)), np.tile(0.01 * np.eye(9), (2, 1, 1)))
+>>> moved = replace(spheres, centre=np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]))
+>>> found = differences(spheres, moved, dip_deg=60.0)
+>>> found.worst_deg.round(2).tolist(), found.sigma_deg.round(2).tolist(), found.p_value.round(3).tolist()
+([0.0, 1.15], [0.46, 0.46], [1.0, 0.13])
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.geometry.ellipsoid import GATHER
+from flinders.heading.error_propagation import level_turn
+from flinders.summary.pooling import DEPENDENT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+CHUNK: Final = 1024
+"""Pairs that are compared at a time, so that their headings fit into the cache."""
+ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
+"""Rows and columns of the entries 11, 22, 33, 12, 13, 23."""
+TRACE: Final = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+
+_erfc: Final = np.frompyfunc(math.erfc, 1, 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ellipsoids:
+    """Many ellipsoids in the magnetometer's own axes, and their covariances.
+
+    Attributes
+    ----------
+    centre : (n, 3) float
+    shape : (n, 3, 3) float
+        Symmetric S, by which a unit direction becomes a reading.
+    covariance : (n, 9, 9) float
+        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in the square of the unit of the centre; 0 for an exact one.
+    """
+
+    centre: Floats
+    shape: Floats
+    covariance: Floats
+
+    @classmethod
+    def of_columns(cls, offset: Floats, matrix: Floats, covariance: Floats, radius: Floats) -> Self:
+        """Take them from columns (n, 3), (n, 9), (n, 45) and (n,) of the table of a fleet."""
+        rows, columns = np.triu_indices(9)
+        whole = np.empty((len(offset), 9, 9))
+        whole[:, rows, columns] = whole[:, columns, rows] = covariance
+        turned = radius[:, np.newaxis, np.newaxis] * np.linalg.inv(matrix.reshape(-1, 3, 3))
+        squares, axes = np.linalg.eigh(turned @ np.swapaxes(turned, 1, 2))
+        return cls(offset, (axes * np.sqrt(squares)[:, np.newaxis]) @ np.swapaxes(axes, 1, 2), whole)
+
+    @property
+    def radius(self) -> Floats:
+        """(n,) geometric mean of the semi-axes."""
+        radius: Floats = np.cbrt(np.linalg.det(self.shape))
+        return radius
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+    def __getitem__(self, rows: slice | NDArray[np.intp]) -> Self:
+        return type(self)(self.centre[rows], self.shape[rows], self.covariance[rows])
+
+    def __repr__(self) -> str:
+        return f"Ellipsoids({len(self):,})"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairs:
+    """Pairs of ellipsoids that were brought to one size.
+
+    Attributes
+    ----------
+    moved : (n, 3) float
+        Centre of the second less that of the first.
+    first, second : (n, 3, 3) float
+        Shapes.
+    covariance : (n, 9, 9) float
+        Sum of both.
+    scale : (n,) float
+        Size of the second over that of the first, less one.
+    """
+
+    moved: Floats
+    first: Floats
+    second: Floats
+    covariance: Floats
+    scale: Floats
+
+    @classmethod
+    def of(cls, first: Ellipsoids, second: Ellipsoids, strengths: tuple[Floats, Floats] | None = None) -> Self:
+        """Bring pairs to the geometric mean of the (n,) field strengths if they are known, else of their radii."""
+        sizes = (first.radius, second.radius) if strengths is None else strengths
+        common = np.sqrt(sizes[0]) * np.sqrt(sizes[1])
+        factors = [common / size for size in sizes]
+        shapes = [
+            factor[:, np.newaxis, np.newaxis] * one.shape for factor, one in zip(factors, (first, second), strict=True)
+        ]
+        middle = None if strengths is not None else (shapes[0] + shapes[1]) / 2.0
+        claimed = [
+            _scaled(one.covariance, factor, middle) for one, factor in zip((first, second), factors, strict=True)
+        ]
+        scale = second.radius / first.radius * (1.0 if strengths is None else strengths[0] / strengths[1]) - 1.0
+        return cls(second.centre - first.centre, shapes[0], shapes[1], claimed[0] + claimed[1], scale)
+
+    @property
+    def middle(self) -> Floats:
+        """(n, 3, 3) mean of both shapes."""
+        middle: Floats = (self.first + self.second) / 2.0
+        return middle
+
+    def chi_square(self, parameters: Sequence[int] = range(9)) -> tuple[Floats, Floats]:
+        """(n,) squares of the differences in units of their covariances, and the ranks of those."""
+        chosen = list(parameters)
+        across = (self.second - self.first)[:, *ENTRIES]
+        difference = np.concatenate([self.moved, across], axis=1)[:, chosen]
+        covariance = self.covariance[:, chosen][:, :, chosen]
+        sigma = np.sqrt(np.einsum("nii->ni", covariance).clip(min=0.0))
+        is_free = sigma > 0.0
+        scale = np.where(is_free, sigma, 1.0)
+        values, axes = np.linalg.eigh(covariance / (scale[:, :, np.newaxis] * scale[:, np.newaxis]))
+        is_independent = values > DEPENDENT * values[:, -1:]
+        along = np.einsum("nji,nj->ni", axes, np.where(is_free, difference / scale, 0.0))
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            chi_square = np.where(is_independent, along**2 / values, 0.0).sum(axis=1)
+        return chi_square, is_independent.sum(axis=1).astype(float)
+
+    def corrected(self, directions: Floats) -> tuple[Floats, Floats]:
+        """(n, 3, K) what the second makes of the readings of the first for (3, K) directions, and the reverse."""
+        moved = self.moved[:, :, np.newaxis]
+        forth = np.linalg.solve(self.second, self.first @ directions - moved)
+        return forth, np.linalg.solve(self.first, self.second @ directions + moved)
+
+    def heading_deg(self, dip_deg: float) -> tuple[Floats, Floats, Floats]:
+        """(n,) rms and worst difference in heading over a level turn without its mean, and that mean; in degrees."""
+        directions = level_turn(dip_deg)[1]
+        forth, back = (_turns(seen, directions) for seen in self.corrected(directions))
+        turns = (forth, np.conj(back))
+        means = [np.angle(turn.mean(axis=1)) for turn in turns]
+        errors = [np.angle(turn * np.exp(-1j * mean)[:, np.newaxis]) for turn, mean in zip(turns, means, strict=True)]
+        both = np.rad2deg(np.concatenate(errors, axis=1))
+        return np.sqrt(np.mean(both**2, axis=1)), np.abs(both).max(axis=1), np.rad2deg(np.mean(means, axis=0))
+
+    def direction_deg(self, directions: Floats) -> Floats:
+        """(n,) angle between the corrected fields in degrees, rms over (3, K) directions and both ways."""
+        angles = [_angles(seen, directions) for seen in self.corrected(directions)]
+        rms: Floats = np.rad2deg(np.sqrt(np.mean(np.square(np.concatenate(angles, axis=1)), axis=1)))
+        return rms
+
+    def sigmas_deg(self, dip_deg: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """(n,) 1 σ of the heading in degrees: rms over the turn, the worst, and the worst of offset and matrix alone.
+
+        Gradients are those of `flinders.heading.error_propagation.level_gradients`.
+        """
+        heading, directions = level_turn(dip_deg)
+        level = math.cos(math.radians(dip_deg))
+        across = np.stack([np.sin(heading), np.cos(heading), np.zeros_like(heading)]) / level
+        vectors = np.linalg.solve(self.middle, np.broadcast_to(across, (len(self.moved), *across.shape)))
+        products = (vectors[:, :, np.newaxis] * directions).reshape(len(self.moved), 9, -1)
+        gradient = np.swapaxes(np.concatenate([vectors, products], axis=1), 1, 2) @ GATHER
+        gradient -= gradient.mean(axis=1, keepdims=True)
+
+        def variance(part: slice) -> Floats:
+            inside = gradient[:, :, part]
+            summed: Floats = np.einsum("nki,nki->nk", inside @ self.covariance[:, part, part], inside).clip(min=0.0)
+            return summed
+
+        whole = variance(slice(None))
+        largest = [variance(part).max(axis=1) for part in (slice(0, 3), slice(3, 9))]
+        rms, worst, offset, matrix = (
+            np.rad2deg(np.sqrt(each)) for each in (whole.mean(axis=1), whole.max(axis=1), *largest)
+        )
+        return rms, worst, offset, matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Differences:
+    """Difference of the second ellipsoid of each pair from the first, and 1 σ of it if both covariances are right.
+
+    Headings are those of a level vehicle over a whole turn, the mean taken off; all attributes are (n,) float.
+
+    Attributes
+    ----------
+    rms_deg, worst_deg : degrees
+        Difference in heading, rms over the turn and the worst.
+    sigma_rms_deg, sigma_deg : degrees
+        1 σ of the difference: rms over the turn, and at the worst heading.
+    mean_deg : degrees
+        The mean that was taken off: it looks like a mounting that has turned.
+    offset_deg, offset_sigma_deg : degrees
+        At the worst heading, of the difference of the offset alone.
+    matrix_deg, matrix_sigma_deg : degrees
+        At the worst heading, of the difference of the matrix alone.
+    moved : in the unit of the offset
+        Distance of the offsets.
+    scale : float
+        Radius of the second over that of the first, less one: the sensor's scale or the place's field.
+    chi_square, freedom : float
+        Of the difference in offset and shape, the scale left out, against the sum of the covariances.
+    """
+
+    rms_deg: Floats
+    worst_deg: Floats
+    sigma_rms_deg: Floats
+    sigma_deg: Floats
+    mean_deg: Floats
+    offset_deg: Floats
+    offset_sigma_deg: Floats
+    matrix_deg: Floats
+    matrix_sigma_deg: Floats
+    moved: Floats
+    scale: Floats
+    chi_square: Floats
+    freedom: Floats
+
+    @property
+    def p_value(self) -> Floats:
+        """(n,) probability that chance alone makes a difference as large."""
+        return chances(self.chi_square, self.freedom)
+
+    def inflated(self, factor: float | Floats) -> Self:
+        """The same if the claimed variances are too small by a factor, for all or (n,) for each."""
+        root = np.sqrt(factor)
+        sigmas = {name: root * getattr(self, name) for name in SIGMAS}
+        return replace(self, chi_square=self.chi_square / factor, **sigmas)
+
+    @classmethod
+    def joined(cls, parts: Iterable[Differences], rows: Sequence[NDArray[np.intp]]) -> Self:
+        """Concatenate differences of pairs whose numbers are `rows`, in the order of those."""
+        order = np.argsort(np.concatenate([*rows, np.empty(0, dtype=np.intp)]))
+        every = list(parts)
+        names = [field.name for field in fields(cls)]
+        return cls(**{name: np.concatenate([*(getattr(part, name) for part in every), []])[order] for name in names})
+
+
+SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma_deg")
+
+
+def differences(first: Ellipsoids, second: Ellipsoids, *, dip_deg: float | Floats = 60.0) -> Differences:
+    """Compare pairs of ellipsoids, as `flinders.compare` does if no field strength is known.
+
+    Parameters
+    ----------
+    first, second : Ellipsoids
+        n of each, in the same unit and axes.
+    dip_deg : float or (n,) float
+        Inclination of the field at the site, of all or of each; its sign says which way up the sensor sits.
+
+    Raises
+    ------
+    UsageError
+        For a dip within a degree of the poles.
+    """
+    chunks = list(_chunks(len(first), dip_deg))
+    parts = (_differences(Pairs.of(first[rows], second[rows]), dip) for rows, dip in chunks)
+    return Differences.joined(parts, [rows for rows, _ in chunks])
+
+
+def offset_heading_deg(moved: Floats, shape: Floats, *, dip_deg: float | Floats = 60.0) -> Floats:
+    """(n,) worst heading difference in degrees that (n, 3) steps of the offset make, for (n, 3, 3) shapes."""
+    worst = np.empty(len(moved))
+    nothing = np.empty(0)
+    for rows, dip in _chunks(len(moved), dip_deg):
+        worst[rows] = Pairs(moved[rows], shape[rows], shape[rows], nothing, nothing).heading_deg(dip)[1]
+    return worst
+
+
+def chances(chi_square: Floats, freedom: Floats) -> Floats:
+    """(n,) probability that chance makes chi-square as large, exactly; 1 without degrees of freedom.
+
+    Q(ν + 2, x) = Q(ν, x) + (x/2)^(ν/2) exp(−x/2) / Γ(ν/2 + 1), from Q(1, x) = erfc √(x/2) and Q(2, x) = exp(−x/2).
+
+    >>> chances(np.array([16.919, 15.507, 60.0, 5.0, np.inf]), np.array([9, 8, 3, 0, 3])).tolist()
+    [0.05, 0.05, 5.9e-13, 1.0, 0.0]
+    """
+    half: Floats = np.asarray(chi_square, float).clip(0.0, 1e300) / 2.0
+    chance = np.ones_like(half)
+    for degrees in np.unique(freedom).astype(int).tolist():
+        if degrees > 0:
+            rows = freedom == degrees
+            chance[rows] = _tail(half[rows], degrees)
+    return chance
+
+
+def _tail(half: Floats, degrees: int) -> Floats:
+    """Q(ν, x) of (n,) x/2."""
+    is_odd = degrees % 2
+    tail: Floats = np.asarray(_erfc(np.sqrt(half)), float) if is_odd else np.exp(-half)
+    with np.errstate(divide="ignore", over="ignore", under="ignore"):
+        logarithm = np.log(half)
+        for step in range(1 if is_odd else 2, degrees, 2):
+            tail = tail + np.exp(0.5 * step * logarithm - half - math.lgamma(0.5 * step + 1.0))
+    capped: Floats = np.minimum(tail, 1.0)
+    return capped
+
+
+def _chunks(count: int, dip_deg: float | Floats) -> Iterator[tuple[NDArray[np.intp], float]]:
+    """Split so many rows into chunks of one dip each."""
+    dips = np.broadcast_to(dip_deg, count)
+    for dip in np.unique(dip_deg).tolist():
+        level_turn(dip)
+        rows = np.flatnonzero(dips == dip)
+        yield from ((rows[at : at + CHUNK], dip) for at in range(0, len(rows), CHUNK))
+
+
+def _differences(pairs: Pairs, dip_deg: float) -> Differences:
+    """Differences of a chunk of pairs."""
+    rms, worst, mean = pairs.heading_deg(dip_deg)
+    sigmas = pairs.sigmas_deg(dip_deg)
+    chi_square, freedom = pairs.chi_square()
+    return Differences(
+        rms_deg=rms,
+        worst_deg=worst,
+        sigma_rms_deg=sigmas[0],
+        sigma_deg=sigmas[1],
+        mean_deg=mean,
+        offset_deg=replace(pairs, second=pairs.first).heading_deg(dip_deg)[1],
+        offset_sigma_deg=sigmas[2],
+        matrix_deg=replace(pairs, moved=np.zeros_like(pairs.moved)).heading_deg(dip_deg)[1],
+        matrix_sigma_deg=sigmas[3],
+        moved=np.linalg.norm(pairs.moved, axis=1),
+        scale=pairs.scale,
+        chi_square=chi_square,
+        freedom=freedom,
+    )
+
+
+def _scaled(covariance: Floats, factor: Floats, reference: Floats | None) -> Floats:
+    """(n, 9, 9) covariance of ellipsoids once shapes were multiplied by (n,) factors; without the scale of a reference.
+
+    The scale is tr(R⁻¹S)/3: about the reference R, a change of S with the same determinant.
+    """
+    jacobian = np.tile(np.eye(9), (len(factor), 1, 1))
+    if reference is not None:
+        inverse = np.linalg.inv(reference)[:, *ENTRIES] * TRACE
+        jacobian[:, 3:, 3:] -= reference[:, *ENTRIES][:, :, np.newaxis] * inverse[:, np.newaxis] / 3.0
+    jacobian[:, :, 3:] *= factor[:, np.newaxis, np.newaxis]
+    projected: Floats = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    return projected
+
+
+def _turns(seen: Floats, directions: Floats) -> NDArray[np.complex128]:
+    """(n, K) rotations from the headings of (3, K) directions to those of (n, 3, K) corrected readings."""
+    turns = (seen[:, 0] - 1j * seen[:, 1]) * (directions[0] + 1j * directions[1])
+    turned: NDArray[np.complex128] = turns / np.maximum(np.abs(turns), np.finfo(float).tiny)
+    return turned
+
+
+def _angles(vectors: Floats, directions: Floats) -> Floats:
+    """(n, K) angles between (n, 3, K) vectors of any length and (3, K) unit vectors, in rad."""
+    scaled = vectors / np.abs(vectors).max(axis=1, keepdims=True).clip(min=1e-300)
+    across = np.linalg.norm(np.cross(scaled, directions[np.newaxis], axis=1), axis=1)
+    angles: Floats = np.arctan2(across, np.sum(scaled * directions, axis=1))
+    return angles

@@ -1,0 +1,261 @@
+"""Change points: where the offset of a sensor jumped from one recording to the next, as when a battery was moved.
+
+For each interval between two recordings the offset before it is estimated from the recordings before, and the offset
+after it from those after, each by a Kalman filter with a slow random walk. A step is the difference, beyond the
+uncertainty of both and of the random walk over the interval:
+
+    z = sᵀ (P₋ + P₊ + q² Δt)⁻¹ s,     s = b₊ − b₋
+
+which is chi-square with three degrees of freedom if nothing moved. If other intervals show that a unit drifts faster
+than its fleet, it is judged by its own drift, and z/3 is F-distributed. With three recordings or more, a step must also
+be significant on top of a straight line: by the decrease in χ², again with three degrees of freedom.
+
+>>> from flinders.fleet.history import OffsetSeries
+>>> rng = np.random.default_rng(3)
+>>> offset = rng.normal(size=(8, 3)) * 0.002 + np.where(np.arange(8) >= 5, 0.03, 0.0)[:, np.newaxis]
+>>> line = OffsetSeries(np.array([0, 8]), np.arange(8) * 86400.0, offset, np.tile(0.002**2 * np.eye(3), (8, 1, 1)))
+>>> [(step.after, step.p_value < 1e-9) for step in change_points(line, Variance(), chance=1e-3)]
+[(4, True)]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.comparison.pairs import chances
+from flinders.fleet.variance import MEDIAN, Variance
+from flinders.summary.pooling import chance_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.fleet.history import OffsetSeries
+
+    Places = NDArray[np.intp]
+
+SIDE: Final = 6
+"""Recordings on either side of an interval that are used."""
+ODD: Final = 0.05
+"""Significance at which the other intervals show that a unit drifts faster than its fleet."""
+EACH: Final = 2
+"""Degrees of freedom of an interval for a unit's own drift, which is their lower median."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangePoint:
+    """A change point.
+
+    Attributes
+    ----------
+    after : int
+        The recording before it, in `OffsetSeries`.
+    moved : (3,) float
+        Change of the offset, as a fraction of the field.
+    p_value : float
+        Of the test of this interval.
+    """
+
+    after: int
+    moved: Floats
+    p_value: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntervalTests:
+    """Test of each of G intervals.
+
+    Attributes
+    ----------
+    segment : (G,) int
+        Its segment of recordings.
+    after : (G,) int
+        The recording before it.
+    moved : (G, 3) float
+        The step.
+    p_value : (G,) float
+        Probability that chance makes as large a step.
+    chi_square : (G,) float
+        Of the step.
+    square : (G,) float
+        Squared random walk for this interval.
+    """
+
+    segment: Places
+    after: Places
+    moved: Floats
+    p_value: Floats
+    chi_square: Floats
+    square: Floats
+
+    def best(self, chance: float) -> Places:
+        """(B,) the most significant interval of each segment, if it is significant at `chance`."""
+        order = np.lexsort((-self.chi_square, self.p_value, self.segment))
+        is_first = np.diff(self.segment[order], prepend=-1) > 0
+        best = order[is_first]
+        return best[self.p_value[best] < chance]
+
+
+def change_points(series: OffsetSeries, variance: Variance, *, chance: float) -> list[ChangePoint]:
+    """Find change points; a unit with one is searched again on either side of it.
+
+    Parameters
+    ----------
+    series : OffsetSeries
+    variance : Variance
+        Of the fleet.
+    chance : float
+        Significance level of each interval.
+
+    Returns
+    -------
+    list of ChangePoint
+        In the order of recordings.
+    """
+    cuts: list[Places] = []
+    begin, end = series.first[:-1], series.first[1:]
+    while len(begin):
+        tests = interval_tests(series, begin, end, variance)
+        best = tests.best(chance)
+        beyond_line = [_beyond_a_line(series, tests, place, (begin, end), variance) for place in best.tolist()]
+        best = best[chances(np.array(beyond_line), np.full(len(best), 3)) < chance]
+        cut, segment = tests.after[best] + 1, tests.segment[best]
+        cuts.append(cut)
+        begin, end = np.concatenate([begin[segment], cut]), np.concatenate([cut, end[segment]])
+    return _tested_again(series, np.sort(np.concatenate([*cuts, series.first[:0]])), variance, chance)
+
+
+def _tested_again(series: OffsetSeries, cuts: Places, variance: Variance, chance: float) -> list[ChangePoint]:
+    """Test each step again, between its neighbours: one that was found early may be the shadow of two others."""
+    if not len(cuts):
+        return []
+    ends = np.union1d(cuts, series.first)
+    at = np.searchsorted(ends, cuts)
+    tests = interval_tests(series, ends[at - 1], ends[at + 1], variance)
+    here = np.flatnonzero(tests.after + 1 == cuts[tests.segment])
+    here = here[tests.p_value[here] < chance]
+    return [
+        ChangePoint(int(tests.after[place]), tests.moved[place], float(tests.p_value[place])) for place in here.tolist()
+    ]
+
+
+def interval_tests(series: OffsetSeries, begin: Places, end: Places, variance: Variance) -> IntervalTests:
+    """Test each interval: the offset after it against the offset before it.
+
+    Parameters
+    ----------
+    series : OffsetSeries
+    begin, end : (S,) int
+        Segments of recordings.
+    variance : Variance
+    """
+    count = np.maximum(end - begin - 1, 0)
+    segment = np.repeat(np.arange(len(begin)), count)
+    after = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count) + begin[segment]
+    low, high = begin[segment], end[segment]
+    if not len(after):
+        return IntervalTests(segment, after, np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0))
+    square, freedom = _random_walks(series, after, low, high, variance)
+    before, before_sigma = _estimates(series, after, -1, (low, high), square, variance)
+    behind, behind_sigma = _estimates(series, after + 1, 1, (low, high), square, variance)
+    moved = behind - before
+    interval = np.abs(series.time[after + 1] - series.time[after])
+    covariance = before_sigma + behind_sigma + (square * interval)[:, np.newaxis, np.newaxis] * np.eye(3)
+    chi_square = _squares(moved, covariance)
+    p_value = chances(chi_square, np.full(len(after), 3))
+    for place in np.flatnonzero(freedom).tolist():
+        p_value[place] = chance_of(float(chi_square[place]), 3, others=float(freedom[place]))
+    return IntervalTests(segment, after, moved, p_value, chi_square, square)
+
+
+def _estimates(
+    series: OffsetSeries,
+    places: Places,
+    direction: int,
+    ends: tuple[Places, Places],
+    square: Floats,
+    variance: Variance,
+) -> tuple[Floats, Floats]:
+    """Kalman estimates (G, 3) of the offset and covariances (G, 3, 3), from recordings and those on one side."""
+    information, weighted = np.zeros((len(places), 3, 3)), np.zeros((len(places), 3, 1))
+    origin = series.offset[places]
+    for steps in range(SIDE - 1, -1, -1):
+        here = places + direction * steps
+        is_there = (here >= ends[0]) & (here < ends[1])
+        here = np.where(is_there, here, places)
+        nearer = np.where(is_there, here - direction * min(steps, 1), places)
+        precision = np.linalg.inv(variance.factor * series.covariance[here]) * is_there[:, np.newaxis, np.newaxis]
+        information = information + precision
+        weighted = weighted + precision @ (series.offset[here] - origin)[:, :, np.newaxis]
+        added = square * np.abs(series.time[nearer] - series.time[here])
+        shrink = np.linalg.inv(np.eye(3) + added[:, np.newaxis, np.newaxis] * information)  # (1 + q² Δt Λ)⁻¹
+        information, weighted = shrink @ information, shrink @ weighted
+    covariance = np.linalg.inv(information)
+    return origin + (covariance @ weighted)[:, :, 0], covariance
+
+
+def _beyond_a_line(
+    series: OffsetSeries, tests: IntervalTests, place: int, ends: tuple[Places, Places], variance: Variance
+) -> float:
+    """Decrease in chi-square by a step on top of a straight line; infinite for two recordings, which cannot tell."""
+    segment, after = tests.segment[place], int(tests.after[place])
+    first, end = max(int(ends[0][segment]), after + 1 - SIDE), min(int(ends[1][segment]), after + 1 + SIDE)
+    if end - first < 3:
+        return np.inf
+    time = series.time[first:end] - series.time[first]
+    covariance = np.kron(tests.square[place] * np.minimum(time[:, np.newaxis], time), np.eye(3))
+    for row in range(end - first):
+        inside = slice(3 * row, 3 * row + 3)
+        covariance[inside, inside] += variance.factor * series.covariance[first + row]
+    offset = (series.offset[first:end] - series.offset[first]).ravel()
+    trend = [np.ones(len(time)), time / max(float(time[-1]), np.finfo(float).tiny)]
+    step = (np.arange(first, end) > after).astype(float)
+    return _chi_square(offset, trend, covariance) - _chi_square(offset, [*trend, step], covariance)
+
+
+def _chi_square(offset: Floats, regressors: Sequence[Floats], covariance: Floats) -> float:
+    """Chi-square of (3 n,) offsets about a combination of regressors (n,), fitted to each axis."""
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    design = root @ np.kron(np.stack(regressors, axis=1), np.eye(3))
+    whitened = root @ offset
+    about = whitened - design @ np.linalg.lstsq(design, whitened, rcond=None)[0]
+    return float(about @ about)
+
+
+def _random_walks(
+    series: OffsetSeries, after: Places, low: Places, high: Places, variance: Variance
+) -> tuple[Floats, Floats]:
+    """(G,) q² for each interval, and the degrees of freedom of a unit's own, 0 for that of the fleet."""
+    excess, chi_square = _successive(series, variance)
+    around = np.concatenate([np.arange(1 - SIDE, 0), np.arange(1, SIDE)])
+    others = after[:, np.newaxis] + around
+    is_there = (others >= low[:, np.newaxis]) & (others < high[:, np.newaxis] - 1)
+    others = np.where(is_there, others, 0)
+    is_there &= np.isfinite(excess[others])
+    count = is_there.sum(axis=1)
+    odd = chances(np.where(is_there, chi_square[others], 0.0).sum(axis=1), 3 * count) < ODD
+    sizes = np.sort(np.where(is_there, excess[others], np.inf), axis=1)
+    own = sizes[np.arange(len(after)), np.maximum(count - 1, 0) // 2]
+    faster = odd & (count > 0) & (own > variance.random_walk**2)
+    return np.where(faster, own, variance.random_walk**2), np.where(faster, EACH * count, 0).astype(float)
+
+
+def _successive(series: OffsetSeries, variance: Variance) -> tuple[Floats, Floats]:
+    """(R − 1,) squared random walk of each change, NaN between recordings of one time, and its chi-square."""
+    changes, interval = np.diff(series.offset, axis=0), np.abs(np.diff(series.time))
+    noise = variance.factor * (series.covariance[1:] + series.covariance[:-1])
+    beyond = np.sum(changes**2, axis=1) - np.einsum("nii->n", noise)
+    excess = beyond.clip(min=0.0) / np.where(interval > 0.0, interval, np.nan) / MEDIAN
+    added = (variance.random_walk**2 * interval)[:, np.newaxis, np.newaxis] * np.eye(3)
+    return excess, _squares(changes, noise + added)
+
+
+def _squares(vectors: Floats, covariance: Floats) -> Floats:
+    """(n,) vᵀ C⁻¹ v of (n, 3) vectors."""
+    squares: Floats = np.einsum("ni,ni->n", vectors, np.linalg.solve(covariance, vectors[:, :, np.newaxis])[:, :, 0])
+    return squares

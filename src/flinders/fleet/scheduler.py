@@ -1,0 +1,377 @@
+"""Run a function over units of work: in this process, in processes of this machine, or on a Dask cluster.
+
+`map_units` yields the index of each unit and its result as soon as there is one; the caller decides about order. A
+worker that dies (killed by a person, or by the system for want of memory) is replaced and its unit is run again; a unit
+whose worker dies `ATTEMPTS` times is yielded as `Abandoned`, and the others go on.
+
+>>> dict(map_units(abs, [-1, 2, -3], workers=0))
+{0: 1, 1: 2, 2: 3}
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing import resource_tracker
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from flinders.errors import LinkError, MissingExtra, OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+Unit = TypeVar("Unit")
+Result = TypeVar("Result")
+
+ATTEMPTS: Final = 3
+"""Workers that a unit of work may cost; as many as Dask allows."""
+AHEAD: Final = 4
+"""Units that a cluster is given for each of its threads before the first of them is done."""
+PATIENCE_S: Final = 10.0
+"""Seconds within which a scheduler has to answer."""
+RECOUNT_S: Final = 5.0
+"""Seconds after which the threads of a cluster are counted again: workers come and go."""
+LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
+"""Loggers of Dask, with handlers of their own."""
+ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+"""Environment of a worker: its matrices are small, and the other cores have workers of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Abandoned:
+    """A unit of work whose worker died in each of `attempts` attempts."""
+
+    attempts: int
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerDeath:
+    """A worker that died, or left a cluster.
+
+    Attributes
+    ----------
+    worker : str
+        The number of its process, or its address.
+    place : int, optional
+        Index of its unit, which is run again; a cluster does not say.
+    attempts : int
+        Workers that this unit has cost so far.
+    """
+
+    worker: str
+    place: int | None = None
+    attempts: int = 0
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def map_units(
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    notice: Callable[[str], None] = lambda _: None,
+    died: Callable[[WorkerDeath], None] = lambda _: None,
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Run a function over units, and yield the index of each and its result, in the order in which they are done.
+
+    Parameters
+    ----------
+    work : callable
+        Must be picklable, and so must units and results.
+    units : sequence
+    workers : int, optional
+        Processes of this machine, by default one for each core; 0 runs everything in this process.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``, instead of processes.
+    notice : callable, optional
+        Called with the reason if the work cannot go on: a cluster without workers.
+    died : callable, optional
+        Called with each worker that died; with those of a cluster up to `RECOUNT_S` later.
+
+    Raises
+    ------
+    LinkError
+        If there is no scheduler, or it goes away.
+    MissingExtra
+        If Dask is not installed.
+    Exception
+        Whatever `work` raises.
+    """
+    if scheduler is not None:
+        yield from _on_cluster(work, units, scheduler, notice, died)
+    elif workers == 0:
+        yield from ((place, work(unit)) for place, unit in enumerate(units))
+    else:
+        yield from _in_processes(work, units, workers or cores(), died)
+
+
+def reach(scheduler: str) -> None:
+    """Check that a scheduler answers, before anything is done for it.
+
+    Raises
+    ------
+    LinkError
+        If it does not.
+    MissingExtra
+        If Dask is not installed.
+    """
+    with _quiet(), _client(scheduler):
+        pass
+
+
+# --------------------------------------------------------------------------------------------------------- processes
+
+
+class _Worker:
+    """An executor of one process: a pool of several does not say which unit a process died of."""
+
+    def __init__(self) -> None:
+        """Start the process."""
+        with _environment(dict.fromkeys(ONE_THREAD, "1")), _interrupts_blocked():
+            self.executor = ProcessPoolExecutor(1, _context(), _prepare)
+            self._pid = self.executor.submit(os.getpid)
+
+    def submit(self, work: Callable[[Unit], Result], unit: Unit) -> Future[Result]:
+        """Run a unit; if the process is dead already, the future says so."""
+        try:
+            return self.executor.submit(work, unit)
+        except BrokenProcessPool as error:
+            future: Future[Result] = Future()
+            future.set_exception(error)
+            return future
+
+    @property
+    def pid(self) -> str:
+        """Number of the process; empty if it died before it could say."""
+        return "" if self._pid.exception() else str(self._pid.result())
+
+    def stop(self) -> None:
+        """Kill the process, which holds nothing that is not here yet."""
+        for process in multiprocessing.active_children():
+            if str(process.pid) == self.pid:
+                process.kill()
+        self.executor.shutdown(cancel_futures=True)
+
+
+def _in_processes(
+    work: Callable[[Unit], Result], units: Sequence[Unit], count: int, died: Callable[[WorkerDeath], None]
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Keep so many processes busy, and replace those that die."""
+    waiting = deque(range(len(units)))
+    attempts: Counter[int] = Counter()
+    workers = {_Worker() for _ in range(min(count, len(units)))}
+    busy: dict[Future[Result], tuple[_Worker, int]] = {}
+
+    def give(worker: _Worker) -> None:
+        if waiting:
+            place = waiting.popleft()
+            busy[worker.submit(work, units[place])] = worker, place
+
+    try:
+        for worker in workers:
+            give(worker)
+        while busy:
+            for future in wait(busy, return_when=FIRST_COMPLETED).done:
+                worker, place = busy.pop(future)
+                if not isinstance(future.exception(), BrokenProcessPool):
+                    yield place, future.result()
+                    give(worker)
+                    continue
+                attempts[place] += 1
+                died(WorkerDeath(worker.pid, place, attempts[place]))
+                workers.remove(worker)
+                worker.stop()
+                if attempts[place] < ATTEMPTS:
+                    waiting.appendleft(place)
+                else:
+                    yield place, Abandoned(attempts[place])
+                workers.add(worker := _Worker())
+                give(worker)
+    finally:
+        for worker in workers:
+            worker.stop()
+
+
+def _context() -> Any:  # noqa: ANN401 - one of several classes
+    """Start processes from a server that has imported what they need: safe beside threads, and fast to replace."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["flinders.fleet.worker"])
+    return context
+
+
+def _prepare() -> None:
+    """Leave Ctrl-C to the driver, and end with it: a worker whose driver was killed would wait for ever."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the driver, then end this process."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextlib.contextmanager
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Set variables, unless they are set, for processes that are started within the block."""
+    added = {name: value for name, value in values.items() if name not in os.environ}
+    os.environ.update(added)
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C in processes that are started within the block; here it is delivered at its end."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # it unblocks what is blocked when it starts, so it has to run by then
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# ----------------------------------------------------------------------------------------------------------- cluster
+
+
+def _on_cluster(
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    scheduler: str,
+    notice: Callable[[str], None],
+    died: Callable[[WorkerDeath], None],
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Run units on a cluster; a scheduler that goes away is one error in one line."""
+    distributed = _distributed()
+    with _quiet():
+        client = _client(scheduler)
+        gone = (OSError, distributed.CancelledError, distributed.client.ClosedClientError)
+        try:
+            with client:
+                yield from _submitted(client, work, units, scheduler, notice, died)
+        except gone:
+            raise _is_gone(scheduler) from None
+
+
+def _client(scheduler: str) -> Any:  # noqa: ANN401 - Dask ships no types
+    """Join a cluster; raises LinkError if nobody answers."""
+    try:
+        return _distributed().Client(scheduler, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise LinkError(
+            f"no Dask scheduler answers at {scheduler} ({error}): start one with `dask scheduler`"
+        ) from None
+
+
+def _submitted(
+    client: Any,  # noqa: ANN401 - Dask ships no types
+    work: Callable[[Unit], Result],
+    units: Sequence[Unit],
+    scheduler: str,
+    notice: Callable[[str], None],
+    died: Callable[[WorkerDeath], None],
+) -> Iterator[tuple[int, Result | Abandoned]]:
+    """Submit as much as the cluster has threads for, and more as results come; each future is released once read."""
+    waiting = iter(range(len(units)))
+    places: dict[Any, int] = {}
+    done = _distributed().as_completed(loop=client.loop, raise_errors=False)
+    known: set[str] = set()
+
+    def capacity() -> int:
+        nonlocal known
+        threads: dict[str, int] = client.nthreads()
+        for worker in sorted(known - set(threads)):
+            died(WorkerDeath(worker))
+        known = set(threads)
+        return AHEAD * max(sum(threads.values()), 1)
+
+    def fill(room: int) -> None:
+        for place in islice(waiting, max(room - len(places), 0)):
+            future = client.submit(work, units[place], pure=False)
+            places[future] = place
+            done.add(future)
+
+    room, counted = capacity(), monotonic()
+    fill(room)  # before asking for workers: some clusters start them when there is work
+    if not client.nthreads():
+        notice(f"{scheduler} has no workers: waiting for one (`dask worker {scheduler}` starts one)")
+    for future in done:
+        place = places.pop(future)
+        yield place, _of_future(future, scheduler)
+        future.release()
+        if monotonic() - counted > RECOUNT_S:
+            room, counted = capacity(), monotonic()
+        fill(room)
+    with contextlib.suppress(OSError):  # all is done: it does not matter if the scheduler has gone by now
+        capacity()
+
+
+def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401
+    """Result of a future of Dask; what its worker raised is raised here."""
+    while future.status == "lost":  # its worker died with the result before it was read
+        future.exception()  # waits until another worker has run it again
+    if future.status == "finished":
+        return future.result()
+    if future.status == "error":
+        error = future.exception()
+        if isinstance(error, _distributed().scheduler.KilledWorker):
+            return Abandoned(ATTEMPTS)
+        if isinstance(error, OutputError):
+            raise OutputError(str(error))
+        raise RuntimeError(f"a worker of {scheduler} could not do its work: {type(error).__name__}: {error}")
+    raise _is_gone(scheduler)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence the loggers of Dask: about a scheduler that is gone they write pages."""
+    handlers = [handler for name in LOGGERS for handler in logging.getLogger(name).handlers]
+    levels = [handler.level for handler in handlers]
+    for handler in handlers:
+        handler.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for handler, level in zip(handlers, levels, strict=True):
+            handler.setLevel(level)
+
+
+def _is_gone(scheduler: str) -> LinkError:
+    """Error of a scheduler that went away during the run."""
+    return LinkError(f"the Dask scheduler at {scheduler} is gone: start it again, and go on with --resume")
+
+
+def _distributed() -> Any:  # noqa: ANN401
+    """Import Dask's distributed; raises MissingExtra if it is not installed."""
+    try:
+        import distributed
+        import distributed.client
+        import distributed.scheduler
+    except ImportError:
+        raise MissingExtra("distributed", "fleet", "--scheduler") from None
+    return distributed

@@ -1,0 +1,585 @@
+r"""Worker: calibrates the recordings of one partition. An error costs its recording or file, never the run.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from flinders.fleet.plan import plan_of
+>>> folder = Path(tempfile.mkdtemp())
+>>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n"), (folder / "B02.csv").write_text("nothing\n")
+>>> plan = plan_of(str(folder), Options())
+>>> rows = Rows.joined(Rows.from_bytes(calibrate_partition(each, options=Options())) for each in plan.partitions)
+>>> list(zip(rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()))
+[('A17', 'refused', 'too-few-samples'), ('B02', 'failed', 'unreadable')]
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+import numpy as np
+
+from flinders.core.samples import Samples, frame_of
+from flinders.errors import FlindersError, InputError, OutputError, UnreadableInput, UsageError, counted
+from flinders.fitting import calibrate
+from flinders.fleet import storage
+from flinders.fleet.dataset import (
+    BATCH,
+    Interner,
+    KeyColumns,
+    KeyedTable,
+    TableFile,
+    batch_in,
+    counts_of,
+    opened,
+    refuse_empty,
+)
+from flinders.fleet.options import Options
+from flinders.fleet.plan import LARGEST, FileSlice, Partition, key_of
+from flinders.fleet.recordings import (
+    Job,
+    RecordingSet,
+    RowFilter,
+    StreamedRecording,
+    merged_recording,
+    read_recordings,
+)
+from flinders.fleet.results import LONGEST, NAMES, VERDICTS, Row, Rows, needs_arrow, objects, one_line
+from flinders.fleet.storage import StoredFile
+from flinders.fleet.unreadable import NOT_PLANNED, Unreadable, open_as_planned
+from flinders.readers import open_log
+from flinders.stacked import Lined, fit_stack
+from flinders.summary.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording
+    from flinders.fleet.dataset import Pair
+    from flinders.readers import Instrument, Log
+    from flinders.stacked import Columns
+
+Value = TypeVar("Value")
+
+
+class LostWorker(InputError):
+    """A file whose reading or fitting ends the worker that does it, time and again (`attempts`)."""
+
+    code = "lost-worker"
+
+    def __init__(self, name: str, attempts: int) -> None:
+        self.attempts = attempts
+        super().__init__(
+            f"{name}: {attempts} workers died of it, one after the other: left out. Fit it by itself with flinders "
+            "calibrate, and look at the memory of the machine"
+        )
+
+
+class NoUnit(InputError):
+    """Readings of which nothing says which unit they are of (`rows` of a table, or a log in a folder of null)."""
+
+    code = "no-unit"
+
+    def __init__(self, where: str, rows: int = 0) -> None:
+        self.rows = rows
+        super().__init__(
+            f"{counted(rows, 'row')} of {where} name no unit: fitted to none; fill the column of units in, or name "
+            "another one with --unit-column"
+            if rows
+            else f"{where} lies in a folder of no unit: give that folder a name"
+        )
+
+
+def calibrate_partition(partition: Partition, *, options: Options) -> bytes:
+    """Calibrate a partition; returns its sorted rows as the bytes of an Arrow file.
+
+    Parameters
+    ----------
+    partition : Partition
+    options : Options
+    """
+    rows = _of_tables(partition, options) if partition.slices[0].groups else _of_logs(partition, options)
+    return rows.sorted().to_bytes()
+
+
+def lost(partition: Partition, attempts: int) -> list[Row]:
+    """Rows of a partition that no worker survived: of its units if they are known, else of its files."""
+    error = LostWorker(", ".join(part.file.name for part in partition.slices), attempts)
+    if partition.only is not None:
+        return [Row.of_error(error, unit) for unit in partition.only]
+    return [_failed(part, LostWorker(part.file.name, attempts)) for part in partition.slices]
+
+
+# --------------------------------------------------------------------------------------------------------- in memory
+
+
+def fit_many(
+    table: Any,  # noqa: ANN401 - of Arrow, pandas, polars or anything else that hands over Arrow's columns
+    *,
+    columns: str | None = None,
+    unit: str | None = None,
+    scale: float | None = None,
+    axes: str = "x,y,z",
+    unit_column: str | None = None,
+    recording_column: str | None = None,
+    batch_column: str | None = None,
+    target_deg: float = 1.0,
+    dip_deg: float = 60.0,
+    polish: bool = True,
+) -> Rows:
+    """Calibrate many units, each as `flinders.fit` would by itself; what cannot be fitted is a row that says why.
+
+    Parameters
+    ----------
+    table : mapping, or table
+        Units by name, each Samples, a recording or an (N, 3) array in `unit`; or a table of all their readings with a
+        column that says which unit a row is of: of pyarrow, or anything with ``__arrow_c_stream__`` (pandas, polars).
+    columns, unit, scale, axes
+        As `flinders.read`.
+    unit_column, recording_column, batch_column : str, optional
+        Of a table: the columns that say whose reading a row is, and of which batch of hardware; by default such as
+        ``unit`` or ``serial``, ``recording`` or ``session``, and ``batch`` or ``lot``.
+    target_deg, dip_deg : float
+        As `flinders.fit`.
+    polish : bool
+        Go through the readings again; without, sums are all that is used.
+
+    Returns
+    -------
+    Rows
+        Sorted by unit, recording and start.
+
+    Raises
+    ------
+    UsageError
+        For a table without a column of units, and columns or units of field that there are not.
+    UnreadableInput
+        For a column of units that is nested, or there twice.
+    NoMagnetometer
+        Where it is not clear which columns are the magnetometer.
+    MissingExtra
+        For a table, where pyarrow is not installed.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> rows = fit_many({f"A{seed}": simulate.tumble(seed=seed).samples for seed in (1, 2)})
+    >>> rows, rows.offset.shape
+    (Rows(2 good), (2, 3))
+    """
+    options = Options(
+        columns=columns,
+        unit=unit,
+        scale=scale,
+        axes=axes,
+        unit_column=unit_column,
+        recording_column=recording_column,
+        batch_column=batch_column,
+        target_deg=target_deg,
+        dip_deg=dip_deg,
+        polish=polish,
+    )
+    if isinstance(table, Mapping):
+        jobs = [_of_unit(str(name), source, options) for name, source in table.items()]
+        refused = Rows.of([row for row in jobs if isinstance(row, Row)])
+        return Rows.joined([refused, fit_jobs([job for job in jobs if isinstance(job, Job)], options)]).sorted()
+    file = _in_memory(table)
+    KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a column it has not got
+    whole = Partition((FileSlice(StoredFile("table", "", 0), (0,), file.groups[0]),))
+    rows = RowFilter(whole)
+    fits = _fit_set(read_recordings(KeyedTable.of(file, options), whole.slices[0], rows), options)
+    nameless = Rows.of(_nameless(whole, rows.nameless, Unreadable(whole, options)))
+    return _with_batches(Rows.joined([fits, nameless]), rows.names.batches).sorted()
+
+
+def _of_unit(name: str, source: Any, options: Options) -> Job | Row:  # noqa: ANN401
+    """Job of one unit of a mapping, or the row of its error."""
+    try:
+        if not hasattr(source, "blocks"):
+            source = Samples.of(source, unit=options.unit or "counts", scale=options.scale, axes=options.axes)
+    except FlindersError as error:
+        return Row.of_error(error, name)
+    return Job(name, "", source, 0)
+
+
+def _in_memory(table: Any) -> TableFile:  # noqa: ANN401
+    """A table in memory as a file of one group; UsageError if it is no table."""
+    arrow = needs_arrow()
+    if not isinstance(table, arrow.Table):
+        if not hasattr(table, "__arrow_c_stream__"):
+            raise UsageError(
+                f"{type(table).__name__} is no table: give units by name as a dict, or a table of pyarrow, pandas or "
+                "polars with a column of units"
+            )
+        table = arrow.table(table)
+
+    def batches(_: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
+        yield from table.select(columns).to_batches(max_chunksize=rows)
+
+    return TableFile("the table", "Arrow", table.schema, (table.num_rows,), batches, lambda _: [None])
+
+
+# -------------------------------------------------------------------------------------------------------------- fits
+
+
+def fit_jobs(jobs: Sequence[Job], options: Options) -> Rows:
+    """Fit recordings: those in memory together, each with the numbers that `flinders.fit` gives it by itself.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    options : Options
+        Of which target, dip and `polish` are used.
+    """
+    in_memory = [job for job in jobs if isinstance(job.source, Samples)]
+    others = [_row(job, options) for job in jobs if not isinstance(job.source, Samples)]
+    return Rows.joined([_fit_together(in_memory, options), Rows.of(others)])
+
+
+def _fit_together(jobs: Sequence[Job], options: Options) -> Rows:
+    """Fit recordings in memory together."""
+    if not jobs:
+        return Rows.of(())
+    samples = cast("list[Samples]", [job.source for job in jobs])
+    readings = np.array([job.readings or len(each) for job, each in zip(jobs, samples, strict=True)], dtype=np.int64)
+    spans = np.array([_span(job) for job in jobs])
+    return _fit_batch(samples, [(job.unit, job.recording) for job in jobs], readings, spans, jobs, options)
+
+
+def _fit_set(recordings: RecordingSet, options: Options) -> Rows:
+    """Fit a set of recordings together."""
+    return _fit_batch(recordings.lined, recordings.pairs, recordings.rows, recordings.spans, recordings.jobs(), options)
+
+
+def _fit_batch(
+    sources: Sequence[Samples] | Lined,
+    pairs: Sequence[Pair],
+    readings: NDArray[np.int64],
+    spans: Floats,
+    jobs: Iterable[Job],
+    options: Options,
+) -> Rows:
+    """Fit recordings as a batch; one by one, should that fail for any reason."""
+    try:
+        columns = fit_stack(sources, target_deg=options.target_deg, dip_deg=options.dip_deg, polish=options.polish)
+    except Exception:  # noqa: BLE001 - one recording must not cost the others
+        return Rows.of([_row(job, options) for job in jobs])
+    return _rows(columns, pairs, readings, spans)
+
+
+def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> Rows:
+    """Rows of fits with unit and recording, (R,) numbers of readings, and (R, 2) first and last times in s."""
+    own: dict[str, Any] = {
+        "unit": objects([unit for unit, _ in pairs]),
+        "recording": objects([recording for _, recording in pairs]),
+        "start_s": spans[:, 0],
+        "end_s": spans[:, 1],
+        "readings": readings,
+        "batch": np.full(len(pairs), "", dtype=object),
+        "message": objects([message and one_line(message) for message in columns.message.tolist()]),
+    }
+    return Rows(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
+
+
+def _span(job: Job) -> tuple[float, float]:
+    """Earliest and latest time of a recording in memory."""
+    time = getattr(job.source, "time", None)
+    if time is None or not len(time):
+        return math.nan, math.nan
+    return job.start_s + float(np.fmin.reduce(time)), job.start_s + float(np.fmax.reduce(time))
+
+
+def _row(job: Job, options: Options) -> Row:
+    """Fit one recording; whatever it raises is its row."""
+    counting = CountingRecording(job.source)
+    source: Recording | Summary = counting
+    fit_options: dict[str, Any] = {"target_deg": options.target_deg, "dip_deg": options.dip_deg}
+    about: dict[str, Any] = {"recording": job.recording}
+    try:
+        if isinstance(job.source, Samples):
+            source = job.source
+            counting.count(job.source)
+        if not options.polish:
+            source = Summary.of(source) if isinstance(source, Samples) else Summary.through(counting)
+            fit_options |= {"method": "consistent", "unit": job.source.unit, "axes": job.source.axes}
+        fit = calibrate.fit(source, **fit_options)
+    except Exception as error:  # noqa: BLE001 - one recording must not cost the others
+        about |= {**counting.span(job.start_s), "readings": job.readings or counting.rows}
+        return Row.of_error(error, job.unit, unit_of_field=job.source.unit.inside, **about)
+    about |= {**counting.span(job.start_s), "readings": job.readings or counting.rows}
+    return Row.of_fit(fit, job.unit, **about)
+
+
+class CountingRecording:
+    """A recording that counts its readings and notes their first and last time on each pass.
+
+    Attributes
+    ----------
+    recording : Recording
+    rows : int
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording, self.source = recording, recording.source
+        self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Count from zero."""
+        self.rows, self._first, self._last = 0, math.nan, math.nan
+
+    def blocks(self) -> Iterator[Samples]:
+        """Read it block by block."""
+        self._begin()
+        for block in self.recording.blocks():
+            self.count(block)
+            yield block
+
+    def count(self, block: Samples) -> None:
+        """Count the readings of a block."""
+        self.rows += len(block)
+        if block.time is not None and len(block):
+            self._first = float(np.fmin(self._first, np.fmin.reduce(block.time)))
+            self._last = float(np.fmax(self._last, np.fmax.reduce(block.time)))
+
+    def span(self, start_s: float) -> dict[str, float]:
+        """Earliest and latest time."""
+        return {"start_s": start_s + self._first, "end_s": start_s + self._last}
+
+
+def _failed(part: FileSlice, error: Exception) -> Row:
+    """Row of a file that cannot be read."""
+    name = part.file.name
+    if part.groups:
+        return Row.of_error(error, f"({name})", readings=part.rows)
+    if part.is_table:
+        row = Row.of_error(error, f"({name})")
+        message = (
+            f"it cannot be told whose readings are in {name}, and a unit that has some of them and others elsewhere "
+            f"was fitted without them: {row.message}"
+        )
+        return replace(row, message=message[:LONGEST])
+    unit, recording = key_of(name)
+    return Row.of_error(error, unit, recording=recording)
+
+
+def _with_batches(rows: Rows, batches: Mapping[Pair, str]) -> Rows:
+    """Rows with the hardware batches of their units."""
+    if not batches:
+        return rows
+    pairs = zip(rows.unit.tolist(), rows.recording.tolist(), strict=True)
+    return replace(rows, batch=objects([batches.get(pair, "") for pair in pairs]))
+
+
+# -------------------------------------------------------------------------------------------------------------- logs
+
+
+def _of_logs(partition: Partition, options: Options) -> Rows:
+    """Rows of log files."""
+    with contextlib.ExitStack() as copies:
+        jobs = [_log(part, options, copies) for part in partition.slices]
+        failed = Rows.of([row for row in jobs if isinstance(row, Row)])
+        rows = Rows.joined([failed, fit_jobs([job for job in jobs if isinstance(job, Job)], options)])
+    names = [part.file.name for part in partition.slices]
+    return _with_batches(rows, {key_of(name): batch for name in names if (batch := batch_in(name, options))})
+
+
+def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Job | Row:
+    """Open a log file; a copy of one from a store stays until the fits are done."""
+    unit, recording = key_of(part.file.name)
+    if not unit and not part.is_table:
+        return _failed(part, NoUnit(part.file.name))
+    try:
+        refused = _refusal(part, options) if part.is_unopened else None
+        if refused is not None:
+            return _failed(replace(part, is_table=True), refused)
+        log = open_log(
+            copies.enter_context(storage.fetched(part.file)),
+            columns=options.columns,
+            unit=options.unit,
+            scale=options.scale,
+            axes=options.axes,
+            as_logged=options.as_logged,
+        )
+        begun = 0.0 if log.begun is None else log.begun.timestamp()
+        return Job(unit, recording, _short(_instrument(log, options)), 0, begun)
+    except OutputError:  # no room for a copy: that is no fault of the file, and the next has none either
+        raise
+    except Exception as error:  # noqa: BLE001 - one file must not cost the others
+        return _failed(part, error)
+
+
+def _refusal(part: FileSlice, options: Options) -> FlindersError | None:
+    """Why a file that could not be opened as a table for the plan is not fitted; None if it is the log of one unit."""
+    with opened(part.file, options) as file:
+        try:
+            if not part.is_table and KeyColumns.of_schema(file.name, file.schema, options) is None:
+                return None
+            refuse_empty(file)
+            KeyedTable.of(file, options)
+        except FlindersError as error:
+            return error
+    return UnreadableInput(f"{part.file.name} {NOT_PLANNED}")
+
+
+def _instrument(log: Log, options: Options) -> Instrument:
+    """The magnetometer that the options name, by default the first; a table with one has no name for it."""
+    if options.sensor is None or (log.is_table and len(log.instruments) == 1):
+        return log.instruments[0]
+    return log.sensor(options.sensor)
+
+
+def _short(source: Recording) -> Recording:
+    """A recording of one block as that block; a longer one as it is."""
+    blocks = source.blocks()
+    first = next(blocks, None)
+    return source if first is None or next(blocks, None) is not None else first
+
+
+# ------------------------------------------------------------------------------------------------------------ tables
+
+
+def _of_tables(partition: Partition, options: Options) -> Rows:
+    """Rows of files of rows; a partition of more than `LARGEST` rows is read several times."""
+    unreadable = Unreadable(partition, options)
+    if partition.rows <= LARGEST:
+        return _fit_in_memory(partition, options, unreadable)
+    names = Interner()
+    counts_of_slices = [(part, _counts(part, options, unreadable, names)) for part in partition.slices]
+    counts: Counter[Pair] = sum((own for _, own in counts_of_slices), Counter())
+    wanted = {pair: rows for pair, rows in sorted(counts.items()) if partition.takes(pair[0])}
+    nameless = sum(rows for (unit, _), rows in wanted.items() if not unit)
+    short = {pair: rows for pair, rows in wanted.items() if pair[0] and rows <= LARGEST}
+    fits = [_fit_in_memory(partition, options, unreadable, some) for some in _that_fit(short)]
+    rows = []
+    for pair, count in wanted.items():
+        if pair[0] and pair not in short:
+            slices = tuple(part for part, own in counts_of_slices if own[pair])
+            rows.append(_streamed(replace(partition, slices=slices), pair, count, options, unreadable))
+    others = unreadable.recordings(wanted) - wanted.keys()
+    rows += unreadable.rows({pair: 0 for pair in others if partition.takes(pair[0])})
+    rows += _nameless(partition, nameless, unreadable)
+    return _with_batches(Rows.joined([*fits, Rows.of(rows)]), unreadable.batches(names.batches))
+
+
+def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: Interner) -> Counter[Pair]:
+    """Rows of each recording in a slice, as far as its columns of keys can be read."""
+
+    def count(file: TableFile, groups: Sequence[int]) -> Counter[Pair]:
+        keys = KeyColumns.of_schema(file.name, file.schema, options) or KeyColumns()
+        return counts_of(file, keys, groups, names)
+
+    return (_of_readable(part, options, unreadable, count) or Counter()) + unreadable.counts_in(part)
+
+
+def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[Row]:
+    """Rows for readings without a unit, and for those whose unit cannot be read, which are reported once."""
+    report = unreadable.unknown() if partition.only is None else []
+    if rows:
+        names = [part.file.name for part in partition.slices]
+        where = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
+        report.append(Row.of_error(NoUnit(where, rows), "", readings=rows))
+    return report
+
+
+def _that_fit(counts: dict[Pair, int]) -> list[set[Pair]]:
+    """Split recordings into sets that fit into memory.
+
+    >>> [len(some) for some in _that_fit({("A", ""): 600_000, ("B", ""): 300_000, ("C", ""): 300_000})]
+    [2, 1]
+    """
+    sets: list[set[Pair]] = []
+    room = 0
+    for pair, rows in counts.items():
+        if rows > room:
+            sets.append(set())
+            room = LARGEST
+        sets[-1].add(pair)
+        room -= rows
+    return sets
+
+
+def _fit_in_memory(
+    partition: Partition, options: Options, unreadable: Unreadable, some: Container[Pair] | None = None
+) -> Rows:
+    """Read a partition into memory, or `some` of its recordings, and fit them."""
+    filtered = RowFilter(partition, some)
+    sets = [each for part in partition.slices for each in _read(part, options, filtered, unreadable)]
+    occurrences = Counter(pair for each in sets for pair in each.pairs)
+    failed = {pair for pair in unreadable.recordings(occurrences) if filtered.takes(pair)}
+    whole: list[RecordingSet] = []
+    parts: dict[Pair, list[Job]] = defaultdict(list)
+    for each in sets:
+        if all(occurrences[pair] == 1 and pair not in failed for pair in each.pairs):
+            whole.append(each)
+        else:
+            for job in each.jobs():
+                parts[job.unit, job.recording].append(job)
+    rows = unreadable.rows({pair: sum(job.readings for job in parts.pop(pair, ())) for pair in sorted(failed)})
+    jobs = [merged_recording(own) for _, own in sorted(parts.items())]
+    rows += [job for job in jobs if isinstance(job, Row)]
+    if some is None:
+        nameless = filtered.nameless + (unreadable.nameless if filtered.takes(("", "")) else 0)
+        rows += _nameless(partition, nameless, unreadable)
+    rest = fit_jobs([job for job in jobs if isinstance(job, Job)], options)
+    del sets
+    fits = Rows.joined([Rows.of(rows), rest, *(_fit_set(each, options) for each in RecordingSet.joined(whole))])
+    return _with_batches(fits, unreadable.batches(filtered.names.batches))
+
+
+def _read(part: FileSlice, options: Options, filtered: RowFilter, unreadable: Unreadable) -> list[RecordingSet]:
+    """Recordings of a slice, as far as it can be read."""
+
+    def read(file: TableFile, groups: Sequence[int]) -> RecordingSet:
+        return read_recordings(KeyedTable.of(file, options), replace(part, groups=tuple(groups)), filtered)
+
+    recordings = _of_readable(part, options, unreadable, read)
+    return [] if recordings is None else [recordings]
+
+
+def _of_readable(
+    part: FileSlice, options: Options, unreadable: Unreadable, read: Callable[[TableFile, Sequence[int]], Value]
+) -> Value | None:
+    """Read the groups of a slice; if that fails, those that can be read; None if there are none."""
+    for is_whole in (True, False):
+        groups = part.groups if is_whole else unreadable.readable_groups(part)
+        if not groups:
+            break
+        try:
+            with open_as_planned(part, options) as file:
+                return read(file, groups)
+        except Exception as error:  # noqa: BLE001 - one file must not cost the others
+            if not is_whole:
+                unreadable.give_up(part, error)
+    return None
+
+
+def _streamed(partition: Partition, pair: Pair, rows: int, options: Options, unreadable: Unreadable) -> Row:
+    """Fit a recording of more rows than fit into memory, reading its files on each pass."""
+    row = _fit_streamed(partition, pair, rows, options)
+    if row.verdict != VERDICTS[-1]:
+        return row
+    readable = tuple(
+        replace(part, groups=groups) for part in partition.slices if (groups := unreadable.readable_groups(part))
+    )
+    if pair in unreadable.recordings([pair]):
+        lost = sum(each.counts[pair] for each in unreadable.all)
+        return unreadable.rows({pair: rows - lost})[0]
+    if readable == partition.slices:
+        return row
+    return _fit_streamed(replace(partition, slices=readable), pair, rows, options)
+
+
+def _fit_streamed(partition: Partition, pair: Pair, rows: int, options: Options) -> Row:
+    """Fit a recording from its files; if they cannot be read, its row says why."""
+    try:
+        source = StreamedRecording.of(partition, pair, options)
+    except Exception as error:  # noqa: BLE001 - as in `_row`
+        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
+    return _row(Job(*pair, source, rows, source.start_s), options)
