@@ -10,8 +10,8 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.conventions import ardupilot
 from flinders.readers._fmt import Packed, read_packed
+from flinders.targets import ardupilot
 
 if TYPE_CHECKING:
     from collections.abc import Callable

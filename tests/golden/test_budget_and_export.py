@@ -47,10 +47,6 @@ def test_export_of_what_does_not_fit(golden: Golden) -> None:
     golden("cli/export-refused.txt", session("flinders export --to adis16480 doubled.json -o registers.txt", code=4))
 
 
-def test_the_list_of_targets(golden: Golden) -> None:
-    golden("cli/export-list.txt", session("flinders export --list"))
-
-
 @pytest.mark.parametrize(
     "command", ["export", "budget", "budget heading", "budget wire", "budget pair", "budget magnet"]
 )

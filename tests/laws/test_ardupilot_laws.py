@@ -10,12 +10,13 @@ import numpy.testing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flinders.conventions.ardupilot import ORIENTATIONS, Parameters, parse, rotation
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import InputError, NotExportable
 from flinders.readers._fmt import read_packed
 from flinders.readers.dataflash import WANTED
+from flinders.targets._autopilot import parse
+from flinders.targets.ardupilot import ORIENTATIONS, Parameters, rotation
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -12,8 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flinders.conventions.ardupilot import Parameters as ArduPilot
-from flinders.conventions.px4 import Parameters as Px4
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import dumps, loads
@@ -22,7 +20,9 @@ from flinders.core.disturbance import KINDS, Driver, lagged, motors
 from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UsageError
-from flinders.exporters import Asked, find, read_back
+from flinders.targets import Asked, find, read_back
+from flinders.targets.ardupilot import Parameters as ArduPilot
+from flinders.targets.px4 import Parameters as Px4
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from flinders.conventions.adis16480 import HARD_IRON_STEP_MG, HIGHEST, LOWEST, MG, SOFT_IRON_STEP, Registers
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, NotExportable, UsageError
-from flinders.exporters import EXPORTERS
 from flinders.heading.budget import Heading, Magnet, Pair, Wire
+from flinders.targets import registry
+from flinders.targets.adis16480 import HARD_IRON_STEP_MG, HIGHEST, LOWEST, MG, SOFT_IRON_STEP, Registers
 
 REGISTERS = ("adis16480", "adis16488")
 sizes = st.floats(1e-6, 1e6)
@@ -97,7 +97,7 @@ def test_any_codes_survive_being_written_as_words(codes: list[int]) -> None:
 @given(calibrations())
 def test_every_export_stays_within_what_it_says(found: Calibration) -> None:
     for name in REGISTERS:
-        checked = EXPORTERS[name].render(found).fields["checked"]
+        checked = registry()[name].render(found).fields["checked"]
         assert checked["worst"] < 0.25
         assert checked["worst_deg"] < 0.1
 
@@ -120,7 +120,7 @@ def test_any_calibration_is_exported_or_refused_with_a_message(
             return
     for name in REGISTERS:
         try:
-            export = EXPORTERS[name].render(found)
+            export = registry()[name].render(found)
         except NotExportable:
             continue
         assert export.fields["checked"]["worst"] <= 0.02 * 10.0**strength / MG

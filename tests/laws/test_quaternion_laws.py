@@ -14,7 +14,6 @@ from hypothesis.extra.numpy import arrays
 
 import flinders.readers
 from flinders import simulate
-from flinders.conventions._rotations import euler
 from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Samples
 from flinders.errors import ArrayError, AxesError
@@ -23,6 +22,7 @@ from flinders.heading.smoothing import Filter, filtered
 from flinders.readers._beside import LONGEST_TURN, Turning
 from flinders.simulate.rotations import posed
 from flinders.simulate.table import write_csv
+from flinders.targets._autopilot import euler
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,14 +12,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from flinders.conventions import motioncal
-from flinders.conventions._affine import nearest_diagonal, symmetric_root
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, NotExportable
-from flinders.exporters import EXPORTERS, Asked, read_back
-from flinders.exporters._sheet import BLOCK, MARKUP, plain_ascii
+from flinders.targets import Asked, motioncal, read_back, registry
+from flinders.targets._affine import nearest_diagonal, symmetric_root
+from flinders.targets._text import BLOCK, MARKUP, plain_ascii
 
 entries = st.floats(-0.2, 0.2)
 single = st.floats(allow_nan=False, allow_infinity=False, width=32)
@@ -40,10 +39,10 @@ def calibrations(draw: st.DrawFn) -> Calibration:
 @settings(max_examples=30)
 @given(calibrations())
 def test_with_soft_iron_left_out_or_not_what_is_written_is_as_far_off_as_is_said(found: Calibration) -> None:
-    for row in EXPORTERS.values():
+    for row in registry().values():
         checked = row.render(found, asked=Asked(lossy=True)).fields["checked"]
         if checked["heading_deg"] > 1.0:
-            assert row.sheet.keeps in {"diagonal", "offset"}
+            assert row.keeps in {"diagonal", "offset"}
             with pytest.raises(NotExportable) as refused:
                 row.render(found)
             assert refused.value.evidence["heading_deg"] == checked["heading_deg"]
@@ -69,7 +68,7 @@ def test_any_calibration_is_written_or_refused_with_a_message(
             found = Calibration(matrix, np.array(offset), 10.0**strength, rotation="composed", raw=Unit.of(unit))
         except FlindersError:
             return
-    for row in EXPORTERS.values():
+    for row in registry().values():
         try:
             export = row.render(found, asked=Asked(lossy=lossy))
         except FlindersError:
@@ -90,7 +89,7 @@ def test_a_message_with_its_crc_behind_it_has_the_crc_0(message: bytes) -> None:
     assert motioncal.crc16(message + motioncal.crc16(message).to_bytes(2, "little")) == 0
 
 
-@pytest.mark.parametrize("target", [None, *(row.name for row in EXPORTERS.values() if row.reader)])
+@pytest.mark.parametrize("target", [None, *(row.name for row in registry().values() if row.reader)])
 @given(
     content=st.one_of(st.binary(max_size=200), st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
 )

@@ -9,12 +9,12 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.conventions.adis16480 import HARD_IRON_STEP_MG, NAMES, SOFT_IRON_STEP, Register, Registers
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError
-from flinders.exporters import EXPORTERS, find
+from flinders.targets import find, registry
+from flinders.targets.adis16480 import HARD_IRON_STEP_MG, NAMES, SOFT_IRON_STEP, Register, Registers
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -227,13 +227,13 @@ def test_words_that_are_none(words: list[int]) -> None:
         Registers.from_words(words)
 
 
-# the table of exporters
+# the table of targets
 
 
 def test_both_devices_are_in_the_table_and_say_how_far_off_they_are() -> None:
     given = calibration([[1.1, 0.05, 0], [0.05, 0.9, 0], [0, 0, 1.02]], [12, -30, 7])
     for name in ("adis16480", "adis16488"):
-        row = EXPORTERS[name]
+        row = registry()[name]
         export = row.render(given, about=["from somewhere"])
         assert export.target == row.name == name
         assert {"from somewhere"} <= set(export.fields["notes"])

@@ -13,9 +13,6 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.conventions import ardupilot
-from flinders.conventions._rotations import euler
-from flinders.conventions.ardupilot import BY_CURRENT, Parameters, parse, rotation
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import (
@@ -27,11 +24,13 @@ from flinders.errors import (
     UnreadableInput,
     UsageError,
 )
-from flinders.exporters import EXPORTERS, Asked
 from flinders.geometry import quaternions
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import open_dataflash, sniff_dataflash
+from flinders.targets import Asked, ardupilot, registry
+from flinders.targets._autopilot import euler, parse
+from flinders.targets.ardupilot import BY_CURRENT, Parameters, rotation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -823,8 +822,8 @@ def test_a_rotation_that_is_left_out_is_told_with_the_parameters_that_are_right_
     plain = np.diag([1.1, 1.0, 0.95])
     found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("mG"))
     with pytest.raises(NotExportable, match="--lossy"):
-        EXPORTERS["ardupilot"].render(found)
-    export = EXPORTERS["ardupilot"].render(found, asked=Asked(lossy=True))
+        registry()["ardupilot"].render(found)
+    export = registry()["ardupilot"].render(found, asked=Asked(lossy=True))
     (note,) = (note for note in export.fields["notes"] if note.startswith("left out"))
     assert "roll 4.00°, pitch −9.00°, yaw 30.00°" in note
     raw = np.random.default_rng(1).normal(scale=400.0, size=(20, 3))

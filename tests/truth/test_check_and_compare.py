@@ -18,10 +18,10 @@ from rich.console import Console
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.conventions._rotations import euler
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.report.comparison import page
+from flinders.targets._autopilot import euler
 
 if TYPE_CHECKING:
     from flinders.simulate import Sensor

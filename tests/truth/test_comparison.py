@@ -15,7 +15,6 @@ from scipy import stats
 import flinders
 from flinders import simulate
 from flinders.comparison.comparison import Strength, compare
-from flinders.conventions._rotations import euler
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import PARAMETERS, Fitted, beside_record
@@ -24,6 +23,7 @@ from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 from flinders.fitting.judged import Judged
 from flinders.summary.pooling import chance_of
+from flinders.targets._autopilot import euler
 
 if TYPE_CHECKING:
     from pathlib import Path

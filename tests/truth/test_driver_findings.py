@@ -14,7 +14,6 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.comparison.evaluation import evaluate
-from flinders.conventions.ardupilot import Parameters as ArduPilot
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.estimators.disturbance import driving_of
@@ -26,6 +25,7 @@ from flinders.fitting.result import Refused
 from flinders.fitting.verdict import of_column, of_noisy
 from flinders.simulate import table
 from flinders.simulate.truth import Truth
+from flinders.targets.ardupilot import Parameters as ArduPilot
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,8 +18,6 @@ from scipy.signal import lfilter
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.conventions.ardupilot import Parameters as ArduPilot
-from flinders.conventions.px4 import Parameters as Px4
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import Settler
@@ -30,11 +28,13 @@ from flinders.errors import InputError, NotTurned, UsageError
 from flinders.estimators import Likelihood, Readings
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.static_bench import still
-from flinders.exporters import EXPORTERS, Asked, find
 from flinders.fitting.disturbance_selection import earned
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.simulate import table
+from flinders.targets import Asked, find, registry
+from flinders.targets.ardupilot import Parameters as ArduPilot
+from flinders.targets.px4 import Parameters as Px4
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -215,16 +215,14 @@ def test_autopilots_correct_as_the_calibration_does(motor: str) -> None:
     )
 
 
-@pytest.mark.parametrize("name", EXPORTERS)
+@pytest.mark.parametrize("name", registry())
 def test_each_target_follows_or_says_what_is_lost(name: str) -> None:
-    exporter = find(name)
-    found = replace(given(), raw=Unit.of("counts", 0.1) if exporter.sheet.unit == "counts" else Unit.of("mG"))
-    found = replace(
-        found, axes=Axes(), matrix=np.eye(3), frame="vehicle" if exporter.sheet.acts == "mapped" else "sensor"
-    )
-    export = exporter.render(found, asked=Asked(lossy=True))
+    row = find(name)
+    found = replace(given(), raw=Unit.of("counts", 0.1) if row.unit == "counts" else Unit.of("mG"))
+    found = replace(found, axes=Axes(), matrix=np.eye(3), frame="vehicle" if row.acts == "mapped" else "sensor")
+    export = row.render(found, asked=Asked(lossy=True))
     told = " ".join(export.warnings)
-    follows = exporter.sheet.follows
+    follows = row.follows
     assert ("current" in told) == (follows == "")
     assert ("temperature" in told) == (follows != "all")
     if follows == "":

@@ -13,11 +13,11 @@ from click.testing import CliRunner
 
 from flinders import simulate
 from flinders.cli import main
-from flinders.conventions.adis16480 import NAMES, Registers
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
-from flinders.exporters import EXPORTERS
+from flinders.targets import registry
+from flinders.targets.adis16480 import NAMES, Registers
 
 if TYPE_CHECKING:
     from click.testing import Result
@@ -163,7 +163,7 @@ def test_the_targets_are_listed() -> None:
     assert listed.exit_code == 0
     assert "adis16488 *       ADIS16488 registers" in listed.stdout
     assert listed.stdout == CliRunner().invoke(main, ["targets"]).stdout
-    assert set(json.loads(export("--list", "--json").stdout)) == set(EXPORTERS)
+    assert set(json.loads(export("--list", "--json").stdout)) == set(registry())
 
 
 @pytest.mark.parametrize(

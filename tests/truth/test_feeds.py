@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from flinders import fit, simulate
-from flinders.conventions.ardupilot import Parameters
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, OutputError, UsageError
 from flinders.live.feeds import AT_ONCE, Feed, Kept, Replay
@@ -25,6 +24,7 @@ from flinders.live.sinks import Resumed, ToFile
 from flinders.live.sources import Udp
 from flinders.live.telemetry import Telemetry
 from flinders.readers import open_recording, read
+from flinders.targets.ardupilot import Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -13,12 +13,12 @@ import pytest
 from tests.npm import package
 
 from flinders import simulate
-from flinders.conventions.code import Q15, Q31, FixedPoint, Format
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import UsageError
-from flinders.exporters import Asked, find
+from flinders.targets import Asked, find
+from flinders.targets.code import Q15, Q31, FixedPoint, Format
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -16,7 +16,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
-from flinders.exporters import EXPORTERS, read_back
+from flinders.targets import read_back, registry
 
 if TYPE_CHECKING:
     from click.testing import Result
@@ -146,14 +146,14 @@ def test_the_list_has_every_target_with_what_it_holds() -> None:
     ended = run("targets")
     assert ended.exit_code == 0
     lines = ended.stdout.splitlines()[2:]
-    assert [line.split()[0] for line in lines[: len(EXPORTERS)]] == list(EXPORTERS)
+    assert [line.split()[0] for line in lines[: len(registry())]] == list(registry())
     starred = [line.split()[0] for line in lines if line.split()[1] == "*"]
-    assert starred == [name for name, row in EXPORTERS.items() if row.sheet.unverified]
-    below = " ".join(" ".join(lines[len(EXPORTERS) :]).split())
-    assert all(clause in below for row in EXPORTERS.values() for clause in row.sheet.unverified)
+    assert starred == [name for name, row in registry().items() if row.unverified]
+    below = " ".join(" ".join(lines[len(registry()) :]).split())
+    assert all(clause in below for row in registry().values() for clause in row.unverified)
     assert all(len(line) <= 80 for line in ended.stdout.splitlines())
     told = json.loads(run("targets", "--json").stdout)
-    assert set(told) == set(EXPORTERS)
+    assert set(told) == set(registry())
     assert told["ardupilot"]["import"] is True
     assert told["betaflight"]["holds"] == "an offset and no soft iron"
     assert told["adis16480"]["unverified"]
@@ -197,7 +197,8 @@ def test_a_name_for_code_of_two_sensors() -> None:
     assert "mast_correct(" in run("export", "--to", "c", "--name", "mast", "calibration.json").stdout
     ended = run("export", "--to", "yaml", "--name", "mast", "calibration.json")
     assert (ended.exit_code, len(ended.stderr.splitlines())) == (2, 1)
-    assert "--name goes with matlab, c, c-q15, c-q31, arduino: yaml has no names to choose" in ended.stderr
+    takes = ", ".join(row.name for row in registry().values() if row.named)
+    assert f"--name goes with {takes}: yaml has no names to choose" in ended.stderr
     assert run("export", "--to", "c", "--name", "", "calibration.json").exit_code == 2
 
 

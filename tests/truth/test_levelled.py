@@ -10,9 +10,9 @@ import pytest
 
 import flinders
 from flinders.comparison.level_plane import Levelled, compare_turned
-from flinders.conventions._rotations import euler
 from flinders.core.samples import Samples
 from flinders.fitting.judged import Judged
+from flinders.targets._autopilot import euler
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -25,7 +25,6 @@ from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import loads
 from flinders.core.units import Unit
-from flinders.exporters import EXPORTERS
 from flinders.fitting import calibrate
 from flinders.fitting.judged import Judged
 from flinders.live import motioncal, server
@@ -37,6 +36,7 @@ from flinders.live.session import Session, state
 from flinders.live.sinks import ToFile
 from flinders.live.sources import Scripted
 from flinders.live.store import Edits, default_path
+from flinders.targets import registry
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # that its client may be another one some day
@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 
     from starlette.testclient import WebSocketTestSession
 
-    from flinders.conventions.motioncal import Packet
     from flinders.core.samples import Samples
     from flinders.live.sources import ByteSource
+    from flinders.targets.motioncal import Packet
 
 HOST = "127.0.0.1:8410"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}
@@ -145,7 +145,7 @@ def test_a_page_is_told_all_there_is_when_it_comes(wall: Bench) -> None:
     assert hello["version"] == flinders.__version__
     assert len(hello["tiles"]["centres"]) == 642 * 3
     assert sorted(map(len, hello["tiles"]["corners"])) == [15] * 12 + [18] * 630
-    assert [target["name"] for target in hello["targets"]] == list(EXPORTERS)
+    assert [target["name"] for target in hello["targets"]] == list(registry())
     assert hello["state"]["phase"] == "good"
     assert hello["view"]["verdict"] == "good"
     magic, generation, first, count, flags, stride, *_ = struct.unpack("<8I", content[:32])
@@ -281,7 +281,7 @@ def test_what_is_taken_out_is_not_in_the_calibration_and_is_written_down(bench: 
 def test_an_export_comes_as_text_with_its_warnings_and_as_a_file(wall: Bench, target: str) -> None:
     told = wall.client.get(f"/export/{target}", headers={"accept": "application/json"}).json()
     plain = wall.client.get(f"/export/{target}")
-    assert told["filename"] == f"{target}{EXPORTERS[target].suffix}"
+    assert told["filename"] == f"{target}{registry()[target].suffix}"
     assert isinstance(told["warnings"], list)
     expected = told["text"].encode() if told["binary_base64"] is None else base64.b64decode(told["binary_base64"])
     assert plain.content == expected
@@ -400,7 +400,7 @@ def test_a_preview_of_what_a_target_refuses_is_an_answer_and_the_file_is_an_erro
     with bench.client:
         bench.until(has_fit)
         refused = 0
-        for target in EXPORTERS:
+        for target in registry():
             answer = bench.client.get(f"/export/{target}", headers={"accept": "application/json"})
             assert answer.status_code == 200, (target, answer.text)
             if "refusal" in answer.json():

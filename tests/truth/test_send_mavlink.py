@@ -21,7 +21,6 @@ import pytest
 from click.testing import CliRunner
 
 from flinders.cli import main
-from flinders.conventions import ardupilot, px4
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Provenance, SourceFile, write
@@ -31,6 +30,8 @@ from flinders.live import mavlink
 from flinders.live.mavlink import Vehicle
 from flinders.live.plan import Plan
 from flinders.live.sources import Udp
+from flinders.targets import ardupilot, px4
+from flinders.targets._autopilot import parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -463,7 +464,7 @@ def test_the_command_saves_the_old_values_first_and_tells_the_end() -> None:
         assert ended.exit_code == 0, ended.output
         again = send("--mavlink", address, "--system", "1", "--device-id", str(DEVICE), "--json", "cal.json")
     assert "compass 1 holds the calibration, all 10 values read back" in ended.stderr
-    saved = ardupilot.parse(Path("old.param").read_text(encoding="utf-8"))
+    saved = parse(Path("old.param").read_text(encoding="utf-8"))
     assert saved == {name: autopilot.before[name] for name in saved}
     assert len(saved) == 10
     assert "holds these values already" in again.stderr

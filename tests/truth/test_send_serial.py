@@ -21,13 +21,13 @@ import pytest
 from click.testing import CliRunner
 
 from flinders.cli import main
-from flinders.conventions.motioncal import Packet
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed
 from flinders.live import motioncal
 from flinders.live.sources import Serial
+from flinders.targets.motioncal import Packet
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,22 +18,22 @@ import pytest
 
 from flinders import simulate
 from flinders.arrays import Floats, floats
-from flinders.conventions import motioncal, vectornav
-from flinders.conventions._affine import nearest_diagonal, symmetric_root
-from flinders.conventions._rotations import euler
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import PER_UNIT, Unit
 from flinders.errors import DocumentError, InputError, NotExportable, UnitError, UsageError
-from flinders.exporters import EXPORTERS, Asked, find, read_back
-from flinders.exporters._sheet import BLOCK, HASH, HOLDS, MARKUP, WHERE, digits, plain_ascii
+from flinders.targets import Asked, find, motioncal, read_back, registry, vectornav
+from flinders.targets._affine import nearest_diagonal, symmetric_root
+from flinders.targets._autopilot import euler
+from flinders.targets._target import HOLDS, WHERE
+from flinders.targets._text import BLOCK, HASH, MARKUP, digits, plain_ascii
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from flinders.exporters import Export, Exporter
+    from flinders.targets import Export, Target
 
-ROWS = [row for row in EXPORTERS.values() if not row.name.startswith("adis")]
+ROWS = [row for row in registry().values() if not row.name.startswith("adis")]
 """The registers of the ADIS have tests of their own."""
 
 COUNT_UT = 0.15
@@ -248,28 +248,29 @@ BOUND_UT = {
 SINGLE_UT = 1e-4
 
 
-def test_every_target_has_its_formula_here() -> None:
-    assert {*FORMULAS, "c"} == {row.name for row in ROWS}
+def test_every_formula_here_is_of_a_target() -> None:
+    """A new target may have its own here as well; its golden file is reviewed in any case."""
+    assert {*FORMULAS, "c"} <= {row.name for row in ROWS}
 
 
 @pytest.mark.parametrize("axes", ["x,y,z", "x,-y,-z", "-z,x,-y"])
 @pytest.mark.parametrize("name", FORMULAS)
 def test_the_targets_own_formula_gives_the_calibration(name: str, axes: str) -> None:
     """On 1,000 readings in directions of the whole sphere, with three mountings and three sensors."""
-    sheet = find(name).sheet
+    row = find(name)
     for seed in range(3):
-        keeps = sheet.keeps if sheet.keeps in {"diagonal", "offset"} else "all"
-        given = sensor(seed, "counts" if sheet.unit == "counts" else "mG", axes, keeps)
+        keeps = row.keeps if row.keeps in {"diagonal", "offset"} else "all"
+        given = sensor(seed, "counts" if row.unit == "counts" else "mG", axes, keeps)
         export = rendered(name, given)
         raw, own = readings(given), {"own": 1.0, "recorded": given.raw.scale, "counts": COUNT_UT}
-        size = own.get(sheet.unit) or PER_UNIT[sheet.unit]
-        gives = own[sheet.gives] if sheet.gives else size
-        fed = given.axes.apply(raw) if sheet.acts == "mapped" else raw
+        size = own.get(row.unit) or PER_UNIT[row.unit]
+        gives = own[row.gives] if row.gives else size
+        fed = given.axes.apply(raw) if row.acts == "mapped" else raw
         found = FORMULAS[name](export, fed / size) * gives
-        if sheet.acts == "recorded":
+        if row.acts == "recorded":
             found = given.axes.apply(found)
         expected = given.apply(given.axes.apply(raw))
-        if sheet.lengths:
+        if row.lengths:
             found = found * np.sum(found * expected) / np.sum(found**2)
         assert np.linalg.norm(found - expected, axis=1).max() <= BOUND_UT.get(name, SINGLE_UT)
         assert export.fields["checked"]["worst"] <= BOUND_UT.get(name, SINGLE_UT)
@@ -409,14 +410,14 @@ def test_whole_numbers_of_too_large_a_unit_are_refused() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_units_that_cannot_be_had_are_told_with_what_to_do(row: Exporter) -> None:
+def test_units_that_cannot_be_had_are_told_with_what_to_do(row: Target) -> None:
     in_counts = Calibration(np.eye(3), np.array([10.0, 20, 30]), 400.0)
-    if row.sheet.unit in {"own", "recorded", "counts"}:
+    if row.unit in {"own", "recorded", "counts"}:
         assert row.render(in_counts).target == row.name
     else:
         with pytest.raises(UnitError, match="--scale"):
             row.render(in_counts)
-    if row.sheet.unit == "counts":
+    if row.unit == "counts":
         with pytest.raises(UnitError, match="--unit counts"):
             row.render(sensor(0))
 
@@ -445,9 +446,9 @@ def test_a_matrix_that_is_symmetric_but_for_rounding_loses_nothing() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_comments_say_what_it_is_and_cannot_be_ended_from_outside(row: Exporter) -> None:
-    keeps = row.sheet.keeps if row.sheet.keeps in {"diagonal", "offset"} else "all"
-    given = sensor(0, "counts" if row.sheet.unit == "counts" else "mG", keeps=keeps)
+def test_comments_say_what_it_is_and_cannot_be_ended_from_outside(row: Target) -> None:
+    keeps = row.keeps if row.keeps in {"diagonal", "offset"} else "all"
+    given = sensor(0, "counts" if row.unit == "counts" else "mG", keeps=keeps)
     evil = "x */ int main; /* --> <evil/> \n set evil = 1\u2028evil: 1\x85evil\r\nevil\x1b[2J ??/ é"
     export = row.render(given, about=[f"from {evil}"])
     assert export.text.isascii()
@@ -455,7 +456,7 @@ def test_comments_say_what_it_is_and_cannot_be_ended_from_outside(row: Exporter)
     clean = row.render(given, about=["from x"])
     if export.told:
         assert "checked: its own formula" in export.text
-        assert row.sheet.formula.split()[0] in export.text
+        assert row.formula.split()[0] in export.text
         assert all(len(line) < 130 for line in export.text.splitlines() if "evil" in line)
     body = clean.text.splitlines()
     lines = export.text.splitlines()
@@ -482,35 +483,35 @@ def test_numbers_are_read_back_as_they_were(value: float) -> None:
 
 
 def test_the_table_is_complete() -> None:
-    for name, row in EXPORTERS.items():
+    for name, row in registry().items():
         assert row.name == name
-        assert row.sheet.keeps in HOLDS
-        assert row.sheet.acts in WHERE
-        assert row.sheet.source
-        assert row.sheet.storage
-        assert row.sheet.unit in {*PER_UNIT, "counts", "own", "recorded"}
+        assert row.keeps in HOLDS
+        assert row.acts in WHERE
+        assert row.source
+        assert row.storage
+        assert row.unit in {*PER_UNIT, "counts", "own", "recorded"}
 
 
 # there and back
 
 
-READABLE = [row.name for row in EXPORTERS.values() if row.reader]
+READABLE = [row.name for row in registry().values() if row.reader]
 
 
-IN_COUNTS = ["betaflight", "inav", "paparazzi"]
+IN_COUNTS = [name for name in READABLE if find(name).unit == "counts"]
 
 
 @pytest.mark.parametrize("name", [name for name in READABLE if name not in IN_COUNTS])
 def test_what_was_written_is_read_back(name: str) -> None:
     """The correction comes back to single precision (VectorNav: to seven decimals), found by its content."""
-    given = sensor(7, "mG")
+    given = sensor(7, "mG", keeps=find(name).keeps if find(name).keeps in {"diagonal", "offset"} else "all")
     export = rendered(name, given)
     content = export.data if export.data is not None else export.text.encode()
     found, back = read_back(content, "file", strength=48.0)
     assert find(found).reader == find(name).reader
     raw = readings(given)
     out, expected = back.apply(raw), given.apply(raw)
-    if find(name).sheet.lengths:
+    if find(name).lengths:
         out = out * np.sum(out * expected) / np.sum(out**2)
     assert np.linalg.norm(out - expected, axis=1).max() < SINGLE_UT
     assert read_back(content, "file", target=name, strength=48.0)[1].isclose(back)
@@ -520,18 +521,20 @@ def test_what_was_written_is_read_back(name: str) -> None:
 @pytest.mark.parametrize("name", IN_COUNTS)
 def test_what_was_written_in_counts_is_read_back(name: str, axes: str) -> None:
     """Within half a count of offset and half a step of gain; what is written again is the same to the letter."""
-    given = sensor(7, "counts", axes, keeps="offset" if name == "betaflight" else "diagonal")
+    row = find(name)
+    is_mapped = row.acts == "mapped"
+    given = sensor(7, "counts", axes, keeps="offset" if row.keeps == "offset" else "diagonal")
     text = rendered(name, given).text
     found, back = read_back(text.encode(), "file", strength=given.field_strength / COUNT_UT)
     assert found == name
-    assert (back.unit, back.frame) == ("counts", "vehicle" if name == "betaflight" else "sensor")
+    assert (back.unit, back.frame) == ("counts", "vehicle" if is_mapped else "sensor")
     recorded = readings(given)
-    out = COUNT_UT * back.apply((given.axes.apply(recorded) if name == "betaflight" else recorded) / COUNT_UT)
+    out = COUNT_UT * back.apply((given.axes.apply(recorded) if is_mapped else recorded) / COUNT_UT)
     expected = given.apply(given.axes.apply(recorded))
-    if name != "betaflight":
+    if not is_mapped:
         out = given.axes.apply(out)
-    assert np.linalg.norm(out - expected, axis=1).max() <= BOUND_UT[name]
-    again = find(name).render(back, asked=Asked(lossy=True)).text
+    assert np.linalg.norm(out - expected, axis=1).max() <= BOUND_UT.get(name, BOUND_UT["paparazzi"])
+    again = row.render(back, asked=Asked(lossy=True)).text
     settings = [line for line in text.splitlines() if line.startswith(("set ", "<define"))]
     assert [line for line in again.splitlines() if line.startswith(("set ", "<define"))] == settings
 

@@ -11,12 +11,12 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.conventions.ardupilot import Parameters
 from flinders.errors import InputError, MissingExtra, NoMagnetometer, UnreadableInput
 from flinders.geometry import quaternions
 from flinders.readers import tlog
 from flinders.readers._source import File
 from flinders.readers.tlog import open_tlog, sniff_tlog
+from flinders.targets.ardupilot import Parameters
 
 if TYPE_CHECKING:
     from pathlib import Path

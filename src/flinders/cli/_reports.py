@@ -95,21 +95,21 @@ def told(asked: dict[str, Any]) -> dict[str, str]:
 def listings(judged: Judged) -> list[Listing]:
     """The calibration for each target that can hold it and whose file is text, code first."""
     from flinders.cli.export import about, rendered
-    from flinders.exporters import EXPORTERS
     from flinders.report.html import Listing
+    from flinders.targets import registry
 
     if judged.record is not None and judged.record.verdict == "refused":
         return []
     found = []
-    for name in sorted(EXPORTERS, key=lambda name: name not in FIRST):
-        exporter = EXPORTERS[name]
+    for name in sorted(registry(), key=lambda name: name not in FIRST):
+        row = registry()[name]
         try:
-            export, _ = rendered(judged, exporter)
+            export, _ = rendered(judged, row)
         except FlindersError:
             continue
         if export.data is None:
             notes = () if export.told else tuple(about(judged))
-            found.append(Listing(exporter.use, f"{name}{exporter.suffix}", export.text, (*notes, *export.warnings)))
+            found.append(Listing(row.use, f"{name}{row.suffix}", export.text, (*notes, *export.warnings)))
     return found
 
 

@@ -17,13 +17,14 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.calibration_file import SourceFile
-    from flinders.exporters import Export, Exporter
     from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit
+    from flinders.targets import Export, Target
 
 
 @click.command(
     "export",
+    cls=targets.NamingTargets,
     short_help="Write a calibration for what uses it.",
     epilog="""\b
 Example:
@@ -41,7 +42,7 @@ Exit codes:
 @click.option("--list", "listed", is_flag=True, help="List the targets, as `flinders targets` does.")
 @click.option(
     "--compass", type=click.IntRange(0, 3), metavar="N",
-    help="Which compass it is for: ArduPilot's 1 to 3, PX4's 0 to 3 [default: the one of the log, else the first].",
+    help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
 )  # fmt: skip
 @click.option(
     "--lossy", is_flag=True, help="Write it also where what the target cannot hold costs more than 1° of heading."
@@ -78,10 +79,10 @@ def command(
             "need a calibration file and a target: flinders export --to ardupilot calibration.json; "
             "flinders targets names them"
         )
-    exporter = _taking(target, compass=compass, name=name)
+    row = _taking(target, compass=compass, name=name)
     _check_output(output, calibration, force=force, as_json=as_json)
     judged = for_use("export --to TARGET", calibration)
-    export, told = rendered(judged, exporter, compass=compass, lossy=lossy, name=name)
+    export, told = rendered(judged, row, compass=compass, lossy=lossy, name=name)
     path = None if output == "-" else output
     if path:
         save(export, path, force=force)
@@ -97,23 +98,23 @@ def command(
         say(f"written to {path}")
 
 
-def _taking(target: str, *, compass: int | None, name: str | None) -> Exporter:
+def _taking(target: str, *, compass: int | None, name: str | None) -> Target:
     """Look up a target, and refuse options that it does not take.
 
     Raises
     ------
     UsageError
     """
-    from flinders.exporters import EXPORTERS, find
+    from flinders.targets import find, registry
 
-    exporter = find(target)
-    if compass is not None and not exporter.compasses:
-        takes = ", ".join(row.name for row in EXPORTERS.values() if row.compasses)
-        raise UsageError(f"--compass goes with {takes}: {exporter.name} holds one compass only")
-    if name is not None and not exporter.named:
-        takes = ", ".join(row.name for row in EXPORTERS.values() if row.named)
-        raise UsageError(f"--name goes with {takes}: {exporter.name} has no names to choose, leave it out")
-    return exporter
+    row = find(target)
+    if compass is not None and not row.compasses:
+        takes = ", ".join(each.name for each in registry().values() if each.compasses)
+        raise UsageError(f"--compass goes with {takes}: {row.name} holds one compass only")
+    if name is not None and not row.named:
+        takes = ", ".join(each.name for each in registry().values() if each.named)
+        raise UsageError(f"--name goes with {takes}: {row.name} has no names to choose, leave it out")
+    return row
 
 
 def _check_output(output: str | None, calibration: str, *, force: bool, as_json: bool) -> None:
@@ -136,7 +137,7 @@ def _check_output(output: str | None, calibration: str, *, force: bool, as_json:
 
 
 def rendered(
-    judged: Judged, exporter: Exporter, *, compass: int | None = None, lossy: bool = False, name: str | None = None
+    judged: Judged, row: Target, *, compass: int | None = None, lossy: bool = False, name: str | None = None
 ) -> tuple[Export, list[str]]:
     """Write a calibration for a target, and what to say of the compass that it is for.
 
@@ -145,13 +146,13 @@ def rendered(
     NotExportable, UnitError, UsageError
         Where the target cannot hold it, or nobody knows for which compass it is.
     """
-    from flinders.exporters import Asked
+    from flinders.targets import Asked
 
-    if exporter.compasses:
-        refuse_on_top(judged, exporter.name)
-    number, told = placed(judged, exporter, compass)
+    if row.compasses:
+        refuse_on_top(judged, row.name)
+    number, told = placed(judged, row, compass)
     asked = Asked(compass=number, lossy=lossy, name=name)
-    return exporter.render(judged.calibration, about=[*about(judged), *told], asked=asked), told
+    return row.render(judged.calibration, about=[*about(judged), *told], asked=asked), told
 
 
 def _tell(export: Export, judged: Judged) -> None:
@@ -163,7 +164,7 @@ def _tell(export: Export, judged: Judged) -> None:
         say(f"! {warning}")
 
 
-def placed(judged: Judged, exporter: Exporter, asked: int | None = None) -> tuple[int | None, list[str]]:
+def placed(judged: Judged, row: Target, asked: int | None = None) -> tuple[int | None, list[str]]:
     """Which compass of a vehicle a calibration goes to, that of the log unless another is asked, and what to say of it.
 
     Nothing is said where the compass is not known, or is the one that was asked for.
@@ -173,10 +174,9 @@ def placed(judged: Judged, exporter: Exporter, asked: int | None = None) -> tupl
     UsageError
         Where it was made from several compasses, and none was asked.
     """
-    if not exporter.compasses:
+    if not row.compasses:
         return None, []
-    autopilot = exporter.name.partition("-")[0]
-    known, devices = (known_of(judged, autopilot, what) for what in ("compass", "device_id"))
+    known, devices = (known_of(judged, row.family, what) for what in ("compass", "device_id"))
     if not known - {asked}:
         return asked, []
     device = f" (device id {min(devices)})" if len(devices) == 1 else ""
@@ -200,11 +200,11 @@ def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
     >>> named(["ardupilot", "c:mag.h"]), named([])
     ((('ardupilot', 'ardupilot.param'), ('c', 'mag.h')), ())
     """
-    from flinders.exporters import find
+    from flinders.targets import find
 
     split = [value.partition(":") for value in values]
-    exporters = [(find(target), path) for target, _, path in split]
-    return tuple((exporter.name, path or f"{exporter.name}{exporter.suffix}") for exporter, path in exporters)
+    rows = [(find(target), path) for target, _, path in split]
+    return tuple((row.name, path or f"{row.name}{row.suffix}") for row, path in rows)
 
 
 def refuse_with(values: Sequence[str], option: str) -> None:
@@ -249,7 +249,7 @@ def beside(
 
 def _beside(judged: Judged, target: str, path: str, *, force: bool) -> None:
     """Write it for one target, and say what that costs; raises as `beside`."""
-    from flinders.exporters import find
+    from flinders.targets import find
 
     export, told = rendered(judged, find(target))
     if path == "-":

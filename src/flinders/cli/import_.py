@@ -9,6 +9,7 @@ import click
 
 from flinders.cli import _options
 from flinders.cli._talk import print_json, say
+from flinders.cli.targets import NamingTargets
 from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, UsageError, figures
 
@@ -22,6 +23,7 @@ LARGEST: Final = 4 * 2**20
 
 @click.command(
     "import",
+    cls=NamingTargets,
     short_help="Read a calibration out of another tool's file.",
     epilog="""\b
 Example:
@@ -51,13 +53,11 @@ def command(
     """Read the calibration that another tool holds out of FILE, and write it as a calibration file.
 
     FILE is what `flinders export` writes for the targets that `flinders targets` marks, or what the tool itself
-    saved: parameters of ArduPilot or PX4, a MotionCal packet, sensor_calib.json, RTIMULib.ini, a dump of Betaflight
-    or INAV, an airframe of Paparazzi, VectorNav's register 23, or parameters of magnetometer_pipeline. It knows no
-    uncertainty, and nothing of the recording.
+    saved: {saved}. It knows no uncertainty, and nothing of the recording.
     """
     from flinders.core.calibration_file import dumps, write
     from flinders.core.files import read_bytes, refuse_existing
-    from flinders.exporters import read_back
+    from flinders.targets import read_back
 
     if as_json and output in {None, "-"}:
         raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
@@ -92,18 +92,18 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
     from importlib.metadata import version
 
     from flinders.core.calibration_file import Provenance, SourceFile
-    from flinders.exporters import find
+    from flinders.targets import find
 
-    reader = find(name).reader
-    if reader is None or reader.which is None:
+    target = find(name)
+    if target.reader is None or target.reader.which is None:
         return None
-    number, device = reader.which(content, file, compass)
+    number, device = target.reader.which(content, file, compass)
     source = SourceFile(
         name=os.fsencode(file).decode(errors="replace"),
         sha256=hashlib.sha256(content).hexdigest(),
         bytes=len(content),
         rows=0,
-        autopilot="px4" if name.startswith("px4") else "ardupilot",
+        autopilot="px4" if target.family == "px4" else "ardupilot",
         compass=number,
         device_id=device,
     )
@@ -118,7 +118,7 @@ def _refuse_own(content: bytes, file: str) -> None:
 
 def _told(file: str, name: str, calibration: Calibration) -> list[str]:
     """What was found, and what the file does not hold."""
-    from flinders.exporters import find
+    from flinders.targets import find
 
     unit = label(calibration.unit)
     offset = ", ".join(figures(value, 4) for value in calibration.offset)
@@ -133,6 +133,6 @@ def _told(file: str, name: str, calibration: Calibration) -> list[str]:
         told.append(
             f"it follows {driver} ({unit}): up to {cost}° of heading at {driver.amount(driver.farthest)} (dip 60°)"
         )
-    if find(name).sheet.acts == "mapped":
+    if find(name).acts == "mapped":
         told.append("! for readings in the axes of the vehicle or board, after the mounting")
     return told

@@ -15,11 +15,11 @@ from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError,
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
-    from flinders.exporters import Export
     from flinders.fitting.judged import Judged
     from flinders.live.mavlink import Vehicle
     from flinders.live.plan import Change, Plan
     from flinders.live.sources import ByteSource
+    from flinders.targets import Export
 
 
 @click.command(
@@ -119,7 +119,7 @@ def _unclear(*, both: bool) -> str:
 
 def _render(calibration: Calibration, target: str) -> Export:
     """Have a target's own formula run on the numbers that will be sent, and refuse what it cannot hold."""
-    from flinders.exporters import find
+    from flinders.targets import find
 
     return find(target).render(calibration)
 
@@ -129,9 +129,9 @@ def _render(calibration: Calibration, target: str) -> Export:
 
 def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: bool) -> None:
     """Send MotionCal's packet and wait for the echo."""
-    from flinders.conventions.motioncal import Packet
     from flinders.live import motioncal
     from flinders.live.sources import Serial
+    from flinders.targets.motioncal import Packet
 
     export = _render(judged.calibration, "motioncal")
     packet = Packet.of(judged.calibration)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import textwrap
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -14,9 +15,48 @@ from flinders.cli._talk import drawn, print_json
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from flinders.exporters import Exporter
+    from flinders.targets import Target
 
 WIDTH: Final = 78
+
+
+class NamingTargets(click.Command):
+    """A command whose help names what targets have: ``{saved}`` files and ``{compasses}``."""
+
+    def get_help(self, ctx: click.Context) -> str:
+        """Fill in the names when help is shown, so that nothing else waits for the targets."""
+        from flinders.targets import registry
+
+        rows = list(registry().values())
+        names = {"{saved}": _saved(rows), "{compasses}": _compasses(rows)}
+        self.help = _filled(self.help, names)
+        for option in self.params:
+            if isinstance(option, click.Option):
+                option.help = _filled(option.help, names)
+        return super().get_help(ctx)
+
+
+def _filled(text: str | None, names: dict[str, str]) -> str | None:
+    """Put names in the place of their marks."""
+    for mark, name in names.items():
+        text = text and text.replace(mark, name)
+    return text
+
+
+def _saved(rows: Iterable[Target]) -> str:
+    """What tools save that can be read, those of one kind together: a dump of Betaflight or INAV."""
+    saved = dict.fromkeys(row.reader.saved for row in rows if row.reader and row.reader.saved)
+    kinds = []
+    for _, same in groupby(saved, key=lambda words: words.partition(" of ")[0]):
+        first, *others = same
+        kinds.append(" or ".join([first, *(words.partition(" of ")[2] for words in others)]))
+    return f"{', '.join(kinds[:-1])}, or {kinds[-1]}"
+
+
+def _compasses(rows: Iterable[Target]) -> str:
+    """How tools count the compasses of a vehicle: ArduPilot's 1 to 3."""
+    counted = {row.title: row.compasses for row in rows if row.compasses}
+    return ", ".join(f"{title}'s {numbers[0]} to {numbers[-1]}" for title, numbers in counted.items())
 
 
 @click.command(
@@ -41,10 +81,10 @@ def command(as_json: bool) -> None:
 
 def show(*, as_json: bool) -> None:
     """Print the table of targets, and below it what nobody could verify of those with a star."""
-    from flinders.exporters import EXPORTERS
+    from flinders.targets import registry
 
     if as_json:
-        print_json({row.name: _as_dict(row) for row in EXPORTERS.values()})
+        print_json({row.name: _as_dict(row) for row in registry().values()})
         return
     from rich import box
     from rich.table import Table
@@ -53,36 +93,36 @@ def show(*, as_json: bool) -> None:
     table.add_column("target", style="bold")
     for heading in ("what is written", "holds", "unit", "import"):
         table.add_column(heading)
-    for row in EXPORTERS.values():
-        unit = {"own": "any", "recorded": "any"}.get(row.sheet.unit, row.sheet.unit)
-        star = " *" if row.sheet.unverified else ""
-        table.add_row(f"{row.name}{star}", row.use, row.sheet.keeps, unit, "yes" if row.reader else "")
+    for row in registry().values():
+        unit = {"own": "any", "recorded": "any"}.get(row.unit, row.unit)
+        star = " *" if row.unverified else ""
+        table.add_row(f"{row.name}{star}", row.use, row.keeps, unit, "yes" if row.reader else "")
     click.echo(drawn(table, sys.stdout))
-    for clause, names in _unverified(EXPORTERS.values()).items():
+    for clause, names in _unverified(registry().values()).items():
         click.echo(textwrap.fill(f"* not verified of {', '.join(names)}: {clause}", WIDTH, subsequent_indent="  "))
 
 
-def _unverified(rows: Iterable[Exporter]) -> dict[str, list[str]]:
+def _unverified(rows: Iterable[Target]) -> dict[str, list[str]]:
     """What nobody could verify, and of which targets."""
     found: dict[str, list[str]] = {}
     for row in rows:
-        for clause in row.sheet.unverified:
+        for clause in row.unverified:
             found.setdefault(clause, []).append(row.name)
     return found
 
 
-def _as_dict(row: Exporter) -> dict[str, Any]:
+def _as_dict(row: Target) -> dict[str, Any]:
     """A row of the table in full, for programs."""
     return {
         "use": row.use,
         "suffix": row.suffix,
-        "formula": row.sheet.formula,
-        "unit": row.sheet.unit,
-        "holds": row.sheet.holds,
-        "axes": row.sheet.where,
-        "storage": row.sheet.storage,
-        "source": row.sheet.source,
-        "unverified": row.sheet.unverified,
+        "formula": row.formula,
+        "unit": row.unit,
+        "holds": row.holds,
+        "axes": row.where,
+        "storage": row.storage,
+        "source": row.source,
+        "unverified": row.unverified,
         "import": row.reader is not None,
         "docs": row.docs,
     }

@@ -26,8 +26,8 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from flinders.conventions.motioncal import BEFORE_OFFSET, Packet
 from flinders.errors import LinkError, NotConfirmed
+from flinders.targets.motioncal import BEFORE_OFFSET, Packet
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

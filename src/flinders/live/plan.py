@@ -21,10 +21,10 @@ import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
-from flinders.conventions import ardupilot, px4
-from flinders.conventions._affine import refuse_mounted
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
 from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Held, Vehicle, same
+from flinders.targets import ardupilot, px4
+from flinders.targets._affine import refuse_mounted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

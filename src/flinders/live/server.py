@@ -247,13 +247,13 @@ class Hub:
 
     def hello(self) -> Hello:
         """The first message to a page."""
-        from flinders.exporters import EXPORTERS
+        from flinders.targets import registry
 
         return Hello(
             version=version("flinders"),
             session=self.name,
             tiles=tiles_view(),
-            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in EXPORTERS.values()),
+            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in registry().values()),
             limits=Limits(UPLOAD_BYTES),
             state=state(self.session),
             view=self.session.view,
@@ -561,23 +561,23 @@ def _provenance(found: Finished) -> Provenance:
 
 async def _export(request: Request) -> Response:
     """The calibration for a target: its text with what to know about it, or the file."""
-    from flinders.exporters import find
+    from flinders.targets import find
 
     hub: Hub = request.app.state.hub
     try:
-        exporter = find(request.path_params["target"])
+        row = find(request.path_params["target"])
     except UsageError as error:
         return _told(str(error), 404)
     is_preview = "application/json" in request.headers.get("accept", "")
     found = await hub.final()
     calibration, about = found.fit.calibration, found.about
     try:
-        export = await asyncio.to_thread(exporter.render, calibration, about=about)
+        export = await asyncio.to_thread(row.render, calibration, about=about)
     except FlindersError as error:
         if is_preview:  # looking whether a target can hold it is no mistake of the page
             return JSONResponse({"refusal": str(error)})
         raise
-    filename = f"{exporter.name}{exporter.suffix}"
+    filename = f"{row.name}{row.suffix}"
     content = export.text.encode() if export.data is None else export.data
     if is_preview:
         binary = None if export.data is None else base64.b64encode(export.data).decode()
@@ -654,8 +654,8 @@ async def _previous(request: Request) -> Response:
 
 async def _send(request: Request) -> Response:
     """Send the calibration to the board that the readings come from."""
-    from flinders.conventions.motioncal import Packet
     from flinders.live import motioncal
+    from flinders.targets.motioncal import Packet
 
     hub: Hub = request.app.state.hub
     board = hub.supply.board

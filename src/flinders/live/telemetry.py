@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.conventions.ardupilot import COMPASSES, Parameters, names
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, LinkError, UsageError
 from flinders.live.mavlink import ARDUPILOT, Vehicle
 from flinders.live.readings import Event, Reading, readings_of
 from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
+from flinders.targets.ardupilot import COMPASSES, Parameters, names
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.conventions.ardupilot import names, orientation_name
 from flinders.errors import UnreadableInput
 from flinders.readers._log import Stored
+from flinders.targets.ardupilot import names, orientation_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import ArrayLike, NDArray
 
-    from flinders.conventions.ardupilot import Parameters
+    from flinders.targets.ardupilot import Parameters
 
 IN_VEHICLE_AXES: Final = ("vehicle", "vehicle")
 """The `Instrument.frames` of a compass: nothing is turned back."""
@@ -94,15 +94,6 @@ def stored(parameters: Parameters) -> Stored | None:
     if parameters.is_identity:
         return None
     return Stored(parameters.matrix, parameters.centre, words=parameters.words())
-
-
-def device_id(values: dict[str, float], number: int) -> int | None:
-    """The device id of a compass, where it is known.
-
-    >>> device_id({"COMPASS_DEV_ID2": 97539.0}, 2), device_id({"COMPASS_DEV_ID2": 0.0}, 2)
-    (97539, None)
-    """
-    return next((int(values[name]) for name in names("DEV_ID", number) if values.get(name, 0) > 0), None)
 
 
 def mounting_told(parameters: Parameters, values: dict[str, float], number: int) -> str:

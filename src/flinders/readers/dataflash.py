@@ -39,17 +39,17 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from flinders.conventions.ardupilot import COMPASSES, Parameters
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, device_id, mounting_told, stored, unused
+from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unused
 from flinders.readers._beside import Beside, Turning, shares
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._source import refusal
+from flinders.targets.ardupilot import COMPASSES, Parameters, device_id
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

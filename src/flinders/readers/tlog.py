@@ -35,16 +35,16 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.conventions.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, Parameters, compasses
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, device_id, mounting_told, stored, unused
+from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unused
 from flinders.readers._beside import Beside, Turning, numbered, shares
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._source import refusal
+from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, Parameters, compasses, device_id
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

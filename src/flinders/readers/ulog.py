@@ -37,7 +37,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.conventions import px4
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
@@ -45,6 +44,7 @@ from flinders.geometry.quaternions import of_matrix, product
 from flinders.readers._beside import Beside, Turning, along, numbered, shares
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.targets import px4
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -118,7 +118,7 @@ def page(
     asked : mapping of str to str, optional
         Options that the fit was made with, by name.
     listings : sequence of Listing
-        The calibration for programs and boards, as exporters write it; left out of a refusal.
+        The calibration for programs and boards, as targets take it; left out of a refusal.
     notes : sequence of str
         What else to know, in sentences.
 

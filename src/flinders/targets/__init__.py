@@ -1,0 +1,115 @@
+"""Targets: a calibration in, a file for another tool out, and back where that can be. The caller writes the file.
+
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
+>>> export = find("adis16480").render(Calibration.identity(field_strength=50.0, raw=Unit.of("uT")))
+>>> [register["code"] for register in export.fields["values"]["registers"]]
+[0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+
+Each module is a target or a family of them: formula, writer and reader, and at its end a row for each in ``TARGETS``,
+by which `registry` finds it. A new target is a new module and nothing else.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Final
+
+from flinders.errors import DocumentError, UsageError
+from flinders.targets._export import Asked, Deviation, Export, Written
+from flinders.targets._target import Reader, Target
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from flinders.core.calibration import Calibration
+
+__all__ = ["Asked", "Deviation", "Export", "Reader", "Target", "Written", "find", "read_back", "registry"]
+
+FIRST: Final = (
+    "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "inav", "paparazzi", "vectornav",
+    "adis16480", "ros", "esphome", "zscilib", "matlab", "code", "plain",
+)  # fmt: skip
+"""Modules in the order in which their targets are listed; all others come after them, by name."""
+
+HEAD: Final = 65536
+"""Bytes of a file that are looked at to tell what it is."""
+
+
+@cache
+def registry() -> Mapping[str, Target]:
+    """All targets by name, in the order they are listed; the first call imports their modules."""
+    there = sorted(found.name for found in iter_modules(__path__) if not found.name.startswith("_"))
+    ordered = [*(name for name in FIRST if name in there), *(name for name in there if name not in FIRST)]
+    rows = (row for name in ordered for row in import_module(f"{__name__}.{name}").TARGETS)
+    return {row.name: row for row in rows}
+
+
+def find(name: str) -> Target:
+    """Look up a target.
+
+    Raises
+    ------
+    UsageError
+        For one that there is not; names those there are.
+    """
+    known = registry().get(name.strip().casefold())
+    if known is None:
+        raise UsageError(f"target {name!r} is not known: use one of {', '.join(registry())}")
+    return known
+
+
+def read_back(
+    content: bytes, source: str, *, target: str | None = None, strength: float | None = None, compass: int | None = None
+) -> tuple[str, Calibration]:
+    """Read the calibration that a target's file stands for, in the unit and axes of the target.
+
+    Parameters
+    ----------
+    content : bytes
+    source : str
+        For messages.
+    target : str, optional
+        Whose file it is; found by its content where it is not given.
+    strength : float, optional, µT
+        Length of corrected readings, where the target does not hold it; in counts for files in counts.
+    compass : int, optional
+        Which of several.
+
+    Returns
+    -------
+    name : str
+        Of the target.
+    calibration : Calibration
+
+    Raises
+    ------
+    UsageError
+        For a target whose files cannot be read back, or a compass where there is one only.
+    DocumentError
+        For a file that is none of theirs, or damaged.
+
+    Examples
+    --------
+    >>> sentence = b"$VNWRG,23,1,0,0,0,1,0,0,0,1,0.1,-0.2,0.3*XX"
+    >>> name, found = read_back(sentence, "line.txt", strength=48.0)
+    >>> name, found.offset
+    ('vectornav', array([ 10., -20.,  30.]))
+    """
+    readable = {name: row.reader for name, row in registry().items() if row.reader is not None}
+    if target is None:
+        name = next((name for name, reader in readable.items() if reader.sniff(content[:HEAD])), None)
+        if name is None:
+            raise DocumentError(f"{source}: is no file of {', '.join(readable)}: name the target with --from, if it is")
+    else:
+        name = find(target).name
+        if name not in readable:
+            raise UsageError(f"files of {name} cannot be read back: those of {', '.join(readable)} can")
+    reader = readable[name]
+    if compass is not None and reader.which is None:
+        several = dict.fromkeys(row.family for row in registry().values() if row.compasses)
+        raise UsageError(f"--compass goes with {' and '.join(several)}: {name} holds one compass only")
+    more = {"compass": compass} if reader.which is not None else {}
+    return name, reader.read(content, source, strength=strength, **more)

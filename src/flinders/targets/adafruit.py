@@ -1,0 +1,74 @@
+"""The calibration file of Adafruit's SensorLab, ``sensor_calib.json``: ``c = S (m − h)``, in µT.
+
+>>> import numpy as np
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
+>>> from flinders.targets import find
+>>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> text = find("sensorlab").render(found).text
+>>> read(text.encode(), "sensor_calib.json").isclose(found, tolerance=1e-6)
+True
+
+Source: Adafruit_Sensor_Calibration, ``Adafruit_Sensor_Calibration_SDFat.cpp``. The library keeps single precision.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.targets._affine import Affine
+from flinders.targets._export import Asked, Written
+from flinders.targets._parsing import listed, loaded, numbers
+from flinders.targets._target import Reader, Target
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+
+
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the file; gyroscope and accelerometer stay uncorrected; a calibration in counts raises `UnitError`."""
+    found = Affine.of(calibration, "uT", who="SensorLab").single
+    fields = {
+        "mag_hardiron": [float(f"{value:.9g}") for value in found.offset],
+        "mag_softiron": [float(f"{value:.9g}") for value in found.matrix.ravel()],
+        "mag_field": float(f"{found.strength:.9g}"),
+        "gyro_zerorate": [0.0, 0.0, 0.0],
+        "accel_zerog": [0.0, 0.0, 0.0],
+    }
+    return Written(found.apply, json.dumps(fields, indent=1).splitlines(), fields)
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the file back; `strength`, in µT, goes before the one in it.
+
+    Raises
+    ------
+    DocumentError
+        For what is none, or lacks numbers.
+    """
+    fields = loaded(content, source)
+    matrix = listed(fields, "mag_softiron", 9, source).reshape(3, 3)
+    offset = listed(fields, "mag_hardiron", 3, source)
+    length = float(numbers(fields, ["mag_field"], source)[0]) if strength is None else np.nan
+    return Affine(matrix, offset, length).to_calibration("uT", strength=strength)
+
+
+TARGETS: Final = (
+    Target(
+        name="sensorlab",
+        use="Adafruit SensorLab JSON",
+        suffix=".json",
+        title="Adafruit SensorLab",
+        formula="c = S (m - h)",
+        unit="uT",
+        keeps="all",
+        storage="JSON, read as float32",
+        source="Adafruit_Sensor_Calibration_SDFat.cpp",
+        comment=None,
+        write=write,
+        reader=Reader(rb'"mag_(?:hard|soft)iron"', read, "sensor_calib.json"),
+    ),
+)

@@ -1,0 +1,400 @@
+"""Code to compile in: a C99 header in single precision or fixed point, an Arduino sketch, a MicroPython module.
+
+``corrected = A (raw − b)``: it takes readings as they were recorded and gives corrected ones in the axes of the
+calibration, so that the mapping of axes is in the matrix. In single precision the recorded unit becomes µT where that
+is known. In fixed point input and output are whole numbers of the recorded unit: the entries of A are kept in 15 or 31
+bits, b in 2⁻⁸ or 2⁻⁴ of a unit.
+
+>>> from flinders.core.calibration import Calibration
+>>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0)
+>>> code = FixedPoint.of(found, Q15)
+>>> code.entries[0], code.shift, code.offset
+((20480, 0, 0), 14, (30822, -8090, 1792))
+>>> code.apply([440, -32, 7])                                           # 1.25 · 319.6 = 399.5, −0.4, 0
+array([400.,   0.,   0.])
+>>> module: dict[str, object] = {}
+>>> exec(chr(10).join(write_micropython(found, Asked()).body), module)
+>>> module["correct"]((520.4, -31.6, 7))
+(500.0, 0.0, 0.0)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.arrays import Floats, floats, vectors
+from flinders.errors import NotExportable
+from flinders.targets._affine import OWN, RECORDED, Affine, driver_in_recorded_axes, single, whole
+from flinders.targets._export import Asked, Written
+from flinders.targets._target import Target
+from flinders.targets._text import BLOCK, HASH, begun, digits, float32s, guarded
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import ArrayLike
+
+    from flinders.core.calibration import Calibration
+
+WHO: Final = "generated code"
+ADVICE: Final = "readings are too large for this format: use the one in single precision"
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format of fixed point.
+
+    Attributes
+    ----------
+    name : str
+        ``Q15`` or ``Q31``.
+    bits : int
+        Of an entry of the matrix, with its sign.
+    fraction : int
+        Bits of the offset behind the point.
+    largest : int
+        Readings may be from minus this, less one, to this; beyond it they are held there.
+    """
+
+    name: str
+    bits: int
+    fraction: int
+    largest: int
+
+
+Q15: Final = Format("Q15", 16, 8, 2**15 - 1)
+Q31: Final = Format("Q31", 32, 4, 2**23 - 1)
+
+USUAL: Final = "flinders"
+"""What names in C begin with, unless another name is asked for."""
+
+FLOAT: Final = """\
+static const float {name}_matrix[3][3] = {{
+{rows}
+}};
+static const float {name}_offset[3] = {{{offset}}}; /* {given} */
+#define {constant}_FIELD_STRENGTH {strength} /* {result} */
+
+/* From {given} as recorded to {result}; both may be the same array. */
+static inline void {name}_correct(const float raw[3], float corrected[3])
+{{
+    const float x = raw[0] - {name}_offset[0];
+    const float y = raw[1] - {name}_offset[1];
+    const float z = raw[2] - {name}_offset[2];
+    int row;
+    for (row = 0; row < 3; row++) {{
+        corrected[row] = {name}_matrix[row][0] * x + {name}_matrix[row][1] * y + {name}_matrix[row][2] * z;
+    }}
+}}"""
+
+DRIVEN: Final = """
+/* The same where {known} are known; {name}_correct() takes them at their references. */
+static inline void {name}_correct_at(const float raw[3], {arguments}, float corrected[3])
+{{
+    float settled[3];
+    int axis;
+    for (axis = 0; axis < 3; axis++) {{
+        settled[axis] = raw[axis]{terms};
+    }}
+    {name}_correct(settled, corrected);"""
+
+GROWN: Final = """\
+    for (axis = 0; axis < 3; axis++) {{
+        corrected[axis] /= (1.0f + {gain} * ({key} - {reference}));
+    }}"""
+
+SKETCH: Final = """\
+const float {constant}_MATRIX[3][3] = {{
+{rows}
+}};
+const float {constant}_OFFSET[3] = {{{offset}}}; // {given}
+
+// Call it with raw readings in {given}; they become {result}.
+void {function}Magnetometer(float &x, float &y, float &z) {{
+  const float u = x - {constant}_OFFSET[0], v = y - {constant}_OFFSET[1], w = z - {constant}_OFFSET[2];
+  x = {constant}_MATRIX[0][0] * u + {constant}_MATRIX[0][1] * v + {constant}_MATRIX[0][2] * w;
+  y = {constant}_MATRIX[1][0] * u + {constant}_MATRIX[1][1] * v + {constant}_MATRIX[1][2] * w;
+  z = {constant}_MATRIX[2][0] * u + {constant}_MATRIX[2][1] * v + {constant}_MATRIX[2][2] * w;
+}}"""
+
+MODULE: Final = """\
+MATRIX = (
+{rows}
+)
+OFFSET = ({offset})  # {given}
+FIELD_STRENGTH = {strength}  # {result}
+
+
+def correct(raw):
+    \"""From {given} as recorded to {result}: three numbers in, three out.\"""
+    x, y, z = raw[0] - OFFSET[0], raw[1] - OFFSET[1], raw[2] - OFFSET[2]
+    return tuple(a * x + b * y + c * z for a, b, c in MATRIX)"""
+
+FIXED: Final = """\
+#include <stdint.h>
+
+/* In units of 2^-{shift}. */
+static const int{bits}_t {name}_matrix[3][3] = {{
+{rows}
+}};
+/* In units of 2^-{fraction} {unit}. */
+static const int32_t {name}_offset[3] = {{{offset}}};
+
+static inline int64_t {name}_held(int64_t value)
+{{
+    return value > {largest} ? {largest} : value < -{largest} - 1 ? -{largest} - 1 : value;
+}}
+
+/* The largest whole number that is not above value / 2^places. */
+static inline int64_t {name}_shifted(int64_t value, int places)
+{{
+    return value >= 0 ? value >> places : -((-value + ((int64_t)1 << places) - 1) >> places);
+}}
+
+/* From {unit} as recorded to {unit}; both may be the same array. */
+static inline void {name}_correct(const {whole} raw[3], {whole} corrected[3])
+{{
+    int64_t moved[3];
+    int row, column;
+    for (column = 0; column < 3; column++) {{
+        moved[column] = {name}_held(raw[column]) * {step} - {name}_offset[column];
+    }}
+    for (row = 0; row < 3; row++) {{
+        int64_t sum = (int64_t)1 << {half};
+        for (column = 0; column < 3; column++) {{
+            sum += (int64_t){name}_matrix[row][column] * moved[column];
+        }}
+        corrected[row] = ({whole}){name}_held({name}_shifted(sum, {places}));
+    }}
+}}"""
+
+
+@dataclass(frozen=True, slots=True)
+class FixedPoint:
+    """A correction in whole numbers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``.
+
+    Attributes
+    ----------
+    format : Format
+    entries : (3, 3) int
+        Of the matrix, in units of 2^-shift.
+    offset : (3,) int
+        In units of 2^-f, f the `fraction` of the format.
+    shift : int
+        Bits of an entry behind the point: as many as the largest entry leaves.
+    """
+
+    format: Format
+    entries: tuple[tuple[int, int, int], ...]
+    offset: tuple[int, ...]
+    shift: int
+
+    @classmethod
+    def of(cls, calibration: Calibration, form: Format) -> Self:
+        """Round a calibration.
+
+        Raises
+        ------
+        NotExportable
+            For a matrix or an offset beyond the format.
+        """
+        found = Affine.of(calibration, RECORDED, who=WHO, acts="across")
+        largest = float(np.abs(found.matrix).max())
+        shift = form.bits - 1 - max(math.floor(math.log2(largest)) + 1, 0) if largest > 0 else form.bits - 1
+        if np.rint(largest * 2.0**shift) >= 2 ** (form.bits - 1):
+            shift -= 1
+        if shift < 1:
+            raise NotExportable(
+                f"the matrix has an entry of {largest:.3g}, {form.name} holds up to {2 ** (form.bits - 2)}: {ADVICE}",
+                beyond=("matrix",),
+            )
+        entries = np.rint(found.matrix * 2.0**shift).astype(np.int64)
+        edge = (form.largest + 1) << form.fraction
+        names = ("offset x", "offset y", "offset z")
+        with np.errstate(over="ignore"):
+            scaled = found.offset * 2.0**form.fraction
+        offset = whole(scaled, names, lowest=-edge, highest=edge, advice=ADVICE)
+        return cls(form, tuple(tuple(row) for row in entries.tolist()), offset, shift)
+
+    def apply(self, field: ArrayLike) -> Floats:
+        """Correct readings as the code does, which rounds them first: (..., 3) to (..., 3), in the recorded unit."""
+        form, edge = self.format, self.format.largest
+        read = np.clip(np.nan_to_num(np.rint(vectors(field, finite=False))), -edge - 1, edge).astype(np.int64)
+        moved = (read << form.fraction) - np.array(self.offset, np.int64)
+        places = self.shift + form.fraction
+        found = (moved @ np.array(self.entries, np.int64).T + (1 << (places - 1))) >> places
+        return floats(np.clip(found, -edge - 1, edge))
+
+
+def single_precision(calibration: Calibration) -> Affine:
+    """(A, b) for readings in the recorded unit, in single precision; what comes out is in µT, or in counts."""
+    found = Affine.of(calibration, RECORDED, who=WHO, acts="across")
+    return Affine(found.matrix * calibration.raw.scale, found.offset, calibration.field_strength).single
+
+
+def write_header(calibration: Calibration, asked: Asked) -> Written:
+    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``.
+
+    Raises
+    ------
+    UsageError
+        For a name that cannot begin one in C.
+    """
+    name = begun(USUAL, asked.name)
+    code = _filled(FLOAT, calibration, name=name, constant=name.upper())
+    return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
+
+
+def write_sketch(calibration: Calibration, asked: Asked) -> Written:
+    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place.
+
+    Raises
+    ------
+    UsageError
+        For a name that cannot begin one in C++.
+    """
+    name = begun("", asked.name)
+    constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
+    return _filled(SKETCH, calibration, constant=constant, function=function)
+
+
+def write_micropython(calibration: Calibration, _asked: Asked) -> Written:
+    """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
+    return _filled(MODULE, calibration, suffix="", row="    ({}),")
+
+
+def _filled(
+    text: str, calibration: Calibration, *, suffix: str = "f", row: str = "    {{{}}},", **names: str
+) -> Written:
+    """Code in single precision: a text with its names and numbers filled in."""
+    numbers = single_precision(calibration)
+    given, result = calibration.raw.name, calibration.unit
+    body = text.format(
+        rows="\n".join(row.format(float32s(entries, suffix)) for entries in numbers.matrix),
+        offset=float32s(numbers.offset, suffix),
+        strength=digits(numbers.strength, suffix),
+        given=given,
+        result=result,
+        **names,
+    )
+    values = {"matrix": numbers.matrix, "offset": numbers.offset, "unit_in": given, "unit_out": result}
+    return Written(numbers.apply, body.splitlines(), values)
+
+
+def _driven(calibration: Calibration, name: str) -> Iterator[str]:
+    """A second function, for a calibration that follows something: the first holds at the references."""
+    if not calibration.drivers:
+        return
+    drivers = {driver.kind.key: driver for driver in calibration.drivers}
+    for key, driver in drivers.items():
+        per_unit = single(driver_in_recorded_axes(calibration, driver) / calibration.raw.scale)
+        yield ""
+        yield f"/* {driver} */".replace("°", "deg ").replace("−", "-")
+        declared = f"static const float {name}_{key.lower()}[3]"
+        yield f"{declared} = {{{float32s(per_unit, 'f')}}}; /* {calibration.raw.name} per unit of {key} */"
+    references = {key: digits(driver.reference, "f") for key, driver in drivers.items()}
+    terms = "".join(f" - {name}_{key.lower()}[axis] * ({key} - {zero})" for key, zero in references.items())
+    arguments = ", ".join(f"float {key}" for key in drivers)
+    yield from DRIVEN.format(name=name, known=" and ".join(drivers), arguments=arguments, terms=terms).splitlines()
+    for key, driver in drivers.items():
+        if driver.gain_per_unit:
+            gain = digits(driver.gain_per_unit, "f")
+            yield from GROWN.format(gain=gain, key=key, reference=references[key]).splitlines()
+    yield "}"
+
+
+def write_q15(calibration: Calibration, asked: Asked) -> Written:
+    """Write a header for whole readings of 16 bits.
+
+    Raises
+    ------
+    NotExportable
+        Where 16 bits cannot hold the numbers.
+    UsageError
+        For a name that cannot begin one in C.
+    """
+    return _fixed(calibration, Q15, "int16_t", asked)
+
+
+def write_q31(calibration: Calibration, asked: Asked) -> Written:
+    """Write a header for whole readings of 24 bits in 32; raises as `write_q15`."""
+    return _fixed(calibration, Q31, "int32_t", asked)
+
+
+def _fixed(calibration: Calibration, form: Format, whole: str, asked: Asked) -> Written:
+    """Code in whole numbers; `whole` is the type of a reading."""
+    code, name = FixedPoint.of(calibration, form), begun(USUAL, asked.name)
+    unit, places = calibration.raw.name, code.shift + form.fraction
+    text = FIXED.format(
+        name=name,
+        unit=unit,
+        bits=form.bits,
+        shift=code.shift,
+        fraction=form.fraction,
+        rows="\n".join(f"    {{{', '.join(map(str, row))}}}," for row in code.entries),
+        offset=", ".join(map(str, code.offset)),
+        whole=whole,
+        largest=form.largest,
+        step=1 << form.fraction,
+        half=places - 1,
+        places=places,
+    )
+    values = {"entries": code.entries, "shift": code.shift, "offset": code.offset, "fraction": form.fraction}
+    notes = [f"readings and results are whole numbers of {unit}"]
+    return Written(code.apply, guarded(name, text.splitlines()), values, notes)
+
+
+HEADER: Final = Target(
+    name="c",
+    use="C99 header, single precision",
+    suffix=".h",
+    title="C99 header",
+    formula="corrected = A (raw - b)",
+    unit=RECORDED,
+    keeps="all",
+    storage="float32",
+    source="this program",
+    acts="across",
+    gives=OWN,
+    follows="all",
+    comment=BLOCK,
+    named=True,
+    write=write_header,
+)
+SHORT: Final = replace(
+    HEADER,
+    name="c-q15",
+    use="C99 header, 16-bit fixed point",
+    title="C99 header, Q15",
+    follows="",
+    storage="int16 readings, int16 matrix, offset in 2^-8 of a unit, 64-bit sums",
+    gives=RECORDED,
+    write=write_q15,
+)
+LONG: Final = replace(
+    SHORT,
+    name="c-q31",
+    use="C99 header, 32-bit fixed point",
+    title="C99 header, Q31",
+    storage="int32 readings to +/-2^23, int32 matrix, offset in 2^-4 of a unit, 64-bit sums",
+    write=write_q31,
+)
+ARDUINO: Final = replace(
+    HEADER, name="arduino", use="Arduino sketch", suffix=".ino", title="Arduino sketch", follows="", write=write_sketch
+)
+MICROPYTHON: Final = replace(
+    ARDUINO,
+    name="micropython",
+    use="MicroPython, CircuitPython",
+    suffix=".py",
+    title="MicroPython module",
+    storage="the float of the board, 30 bits or more",
+    comment=HASH,
+    named=False,
+    write=write_micropython,
+)
+TARGETS: Final = (HEADER, SHORT, LONG, ARDUINO, MICROPYTHON)

@@ -1,0 +1,55 @@
+"""Template sensors for ESPHome, which has no calibration of its own: ``A (m − b)`` of field_strength_x, _y and _z."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.targets._affine import Affine
+from flinders.targets._export import Asked, Written
+from flinders.targets._target import Target
+from flinders.targets._text import digits
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+
+SENSOR: Final = r"""  - platform: template
+    name: Magnetic field {axis}, corrected
+    id: field_corrected_{axis}
+    unit_of_measurement: "\u00b5T"
+    accuracy_decimals: 2
+    update_interval: 100ms
+    lambda: |-
+      return {x}
+           + {y}
+           + {z};"""
+
+
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write three template sensors; a calibration in counts raises `UnitError`."""
+    found = Affine.of(calibration, "uT", who="ESPHome").single
+    body = ["sensor:"]
+    for axis, row in zip("xyz", found.matrix, strict=True):
+        terms = {
+            name: f"{digits(entry, 'f')} * (id(field_strength_{name}).state - ({digits(offset, 'f')}))"
+            for name, entry, offset in zip("xyz", row, found.offset, strict=True)
+        }
+        body += SENSOR.format(axis=axis, **terms).splitlines()
+    notes = ["give the sensors of your magnetometer the ids field_strength_x, field_strength_y and field_strength_z"]
+    return Written(found.apply, body, {"matrix": found.matrix, "offset": found.offset}, notes)
+
+
+TARGETS: Final = (
+    Target(
+        name="esphome",
+        use="ESPHome template sensors",
+        suffix=".yaml",
+        title="ESPHome",
+        formula="A (m - b)",
+        unit="uT",
+        keeps="all",
+        storage="float32",
+        fed=True,
+        source="no calibration of its own: a lambda on the states of its field_strength sensors, which are in uT",
+        write=write,
+    ),
+)

@@ -1,0 +1,104 @@
+"""INAV's ``magzero`` and ``maggain``: ``m = (raw − zero) 1024 / gain``, whole numbers, in the axes of the sensor.
+
+A gain is the radius of its axis in counts, so that corrected readings are 1024 long; with D the diagonal that comes
+nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
+
+>>> from flinders.core.calibration import Calibration
+>>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), Asked())
+>>> print(*found.body, sep=chr(10))
+set magzero_x = 120
+set magzero_y = -32
+set magzero_z = 7
+set maggain_x = 320
+set maggain_y = 400
+set maggain_z = 500
+save
+>>> found.apply([440.0, -32.0, 7.0])
+array([1024.,    0.,    0.])
+>>> read(chr(10).join(found.body).encode(), "dump.txt").matrix.diagonal()
+array([1.25, 1.  , 0.8 ])
+
+Source: INAV, ``sensors/compass.c`` at 005b1ee7; int16, and a division that leaves off what is behind the point.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.arrays import Floats, floats
+from flinders.core.units import COUNTS
+from flinders.errors import DocumentError
+from flinders.targets._affine import in_16_bits, of_radii, offset_and_radii
+from flinders.targets._export import Asked, Written
+from flinders.targets._parsing import counts, settings
+from flinders.targets._target import Reader, Target
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+
+UNITY: Final = 1024
+"""Length of a corrected reading."""
+ZEROS: Final = ("magzero_x", "magzero_y", "magzero_z")
+GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
+
+
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the lines; a recording that was not in raw counts raises `UnitError`.
+
+    Raises
+    ------
+    NotExportable
+        Where what is left out costs more than a degree of heading, or int16 cannot hold the numbers.
+    """
+    offset, radii = offset_and_radii(calibration, who="INAV")
+    zero, gain = in_16_bits(offset, ZEROS), in_16_bits(radii, GAINS, lowest=1)
+    values = dict(zip((*ZEROS, *GAINS), (*zero, *gain), strict=True))
+    body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
+    # no log tells what was in force, and magADC is after it
+    notes = ["for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds"]
+
+    def apply(raw: Floats) -> Floats:
+        return np.trunc((raw - floats(zero)) * UNITY / floats(gain)) + 0.0
+
+    return Written(apply, body, values, notes)
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the settings back, out of a dump, for readings in the axes of the sensor.
+
+    `strength`, counts: length of corrected readings; without it the geometric mean of the gains.
+
+    Raises
+    ------
+    DocumentError
+        Where one is missing, stands there with two values, or is none that INAV holds.
+    """
+    found = settings(content, source, [*ZEROS, *GAINS])
+    missing = [name for name in (*ZEROS, *GAINS) if name not in found]
+    if missing:
+        raise DocumentError(
+            f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
+            "at its default: save what dump prints"
+        )
+    zero, gain = counts(found, ZEROS, source), counts(found, GAINS, source, lowest=1)
+    return of_radii(zero, floats(gain), strength)
+
+
+TARGETS: Final = (
+    Target(
+        name="inav",
+        use="INAV CLI",
+        suffix=".txt",
+        title="INAV",
+        formula="m = align((raw - magzero) 1024 / maggain)",
+        unit=COUNTS,
+        keeps="diagonal",
+        storage="int16, whole counts; the result in whole numbers as well",
+        source="sensors/compass.c at 005b1ee7",
+        lengths="1024 long",
+        write=write,
+        reader=Reader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
+    ),
+)

@@ -1,0 +1,46 @@
+"""A function for MATLAB and Octave: rows of readings, ``C = (D − b) A``, as for the results of magcal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from flinders.targets._affine import RECORDED, Affine
+from flinders.targets._export import Asked, Written
+from flinders.targets._target import Target
+from flinders.targets._text import PERCENT, begun
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+
+
+def write(calibration: Calibration, asked: Asked) -> Written:
+    """Write the function; A is transposed, as readings are rows. What comes out has the unit of what goes in."""
+    found = Affine.of(calibration, RECORDED, who="MATLAB and Octave", acts="across")
+    rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in found.matrix.T)
+    body = [
+        f"function C = {begun('flinders', asked.name)}_correct(D)",
+        "  b = [" + " ".join(f"{value:.17g}" for value in found.offset) + "];",
+        f"  A = [{rows}];",
+        "  C = bsxfun(@minus, D, b) * A;",
+        "end",
+    ]
+    return Written(found.apply, body, {"A": found.matrix.T, "b": found.offset})
+
+
+TARGETS: Final = (
+    Target(
+        name="matlab",
+        use="MATLAB and Octave function",
+        suffix=".m",
+        title="MATLAB and Octave",
+        formula="C = (D - b) A, a reading a row",
+        unit=RECORDED,
+        keeps="all",
+        storage="double, 17 digits",
+        source="MathWorks, magcal",
+        acts="across",
+        comment=PERCENT,
+        named=True,
+        write=write,
+    ),
+)

@@ -1,0 +1,188 @@
+"""The 68 bytes that MotionCal sends and PJRC's and Adafruit's sketches keep in EEPROM: ``c = W (0.1 counts − V)``.
+
+V is the offset in µT, subtracted; W is symmetric, with determinant 1; B is the radius in µT. All are float32, little
+endian, with zeros for accelerometer and gyroscope and a CRC at the end.
+
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
+>>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> packet = Packet.of(found).encode()
+>>> packet[:2].hex(), len(packet), crc16(packet)                   # over all of it the CRC is 0
+('7554', 68, 0)
+>>> Packet.decode(packet).apply([10.0, -20.0, 80.0]).round(3)
+array([ 0.,  0., 40.])
+
+Source: PaulStoffregen/MotionCal, ``rawdata.c`` (send_calibration) and ``visualize.c``; the sketches of NXPMotionSense
+and Adafruit_Sensor_Calibration keep the same bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.arrays import Floats, vectors
+from flinders.errors import DocumentError
+from flinders.targets._affine import Affine, single, symmetric_root
+from flinders.targets._export import Asked, Written
+from flinders.targets._target import Reader, Target
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from flinders.core.calibration import Calibration
+
+SIGNATURE: Final = bytes((117, 84))
+LAYOUT: Final = struct.Struct("<2s16fH")
+POLYNOMIAL: Final = 0xA001
+BEFORE_OFFSET: Final = 6
+"""Floats of accelerometer and gyroscope, which MotionCal leaves at 0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packet:
+    """What the packet says of the magnetometer.
+
+    Attributes
+    ----------
+    offset : (3,) float32, µT
+        V, subtracted.
+    strength : float32, µT
+        B, the length of corrected readings.
+    matrix : (3, 3) float32
+        W, symmetric.
+    """
+
+    offset: Floats
+    strength: float
+    matrix: Floats
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> Self:
+        """Bring the matrix to determinant 1, as MotionCal does, and round to float32; in the axes as recorded.
+
+        Raises
+        ------
+        UnitError
+            For a calibration in counts.
+        """
+        found = Affine.of(calibration, "uT", who="MotionCal")
+        with np.errstate(all="ignore"):
+            size = float(np.exp(np.linalg.slogdet(found.matrix)[1] / 3))
+            strength = float(single(found.strength / size))
+            return cls(single(found.offset), strength, single(symmetric_root(found.matrix) / size))
+
+    @classmethod
+    def decode(cls, content: bytes, source: str = "packet") -> Self:
+        """Read the bytes.
+
+        Raises
+        ------
+        DocumentError
+            For another length, signature or CRC, and for numbers that are none.
+        """
+        if len(content) != LAYOUT.size:
+            raise DocumentError(f"{source}: {len(content)} bytes: a MotionCal packet has {LAYOUT.size}")
+        signature, *values, sent = LAYOUT.unpack(content)
+        if signature != SIGNATURE:
+            raise DocumentError(f"{source}: begins with {content[:2].hex()}: a MotionCal packet begins with 7554")
+        if crc16(content[:-2]) != sent:
+            raise DocumentError(
+                f"{source}: its CRC is {sent:04X}, and that of its bytes {crc16(content[:-2]):04X}: it was damaged; "
+                "copy it again"
+            )
+        if not np.isfinite(values).all():
+            raise DocumentError(f"{source}: holds numbers that are not finite: calibrate again")
+        own = np.array(values[BEFORE_OFFSET:])
+        xx, yy, zz, xy, xz, yz = own[4:]
+        return cls(own[:3], float(own[3]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+    def encode(self) -> bytes:
+        """The 68 bytes: signature, nine offsets, B, W₀₀ W₁₁ W₂₂ W₀₁ W₀₂ W₁₂, CRC."""
+        entries = self.matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        values = [0.0] * BEFORE_OFFSET + [*self.offset, self.strength, *entries]
+        body = LAYOUT.pack(SIGNATURE, *values, 0)[:-2]
+        return body + crc16(body).to_bytes(2, "little")
+
+    def apply(self, field: ArrayLike) -> Floats:
+        """Correct readings as the sketches do: (..., 3) in µT to (..., 3) in µT."""
+        corrected: Floats = (vectors(field, finite=False) - self.offset) @ self.matrix.T
+        return corrected
+
+    def to_calibration(self, *, sensor: str | None = None, strength: float | None = None) -> Calibration:
+        """The calibration that the numbers stand for.
+
+        Parameters
+        ----------
+        sensor : str, optional
+        strength : float, optional, µT
+            Field strength at the site, in place of B.
+
+        Raises
+        ------
+        ArrayError, UsageError
+            For numbers that are no calibration.
+        """
+        return Affine(self.matrix, self.offset, self.strength).to_calibration("uT", sensor=sensor, strength=strength)
+
+
+def crc16(content: bytes) -> int:
+    """CRC-16/MODBUS: polynomial 0xA001 reflected, from 0xFFFF.
+
+    >>> hex(crc16(b"123456789"))                                   # the check value of its catalogue entry
+    '0x4b37'
+    """
+    crc = 0xFFFF
+    for byte in content:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (POLYNOMIAL if crc & 1 else 0)
+    return crc
+
+
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the bytes; the text shows them in hexadecimal.
+
+    Raises
+    ------
+    UnitError
+        For a calibration in counts.
+    NotExportable
+        Where a rotation in the matrix would be lost, of more than a degree of heading.
+    """
+    packet = Packet.of(calibration)
+    data = packet.encode()
+    values = {"offset": packet.offset, "field": packet.strength, "matrix": packet.matrix, "hex": data.hex()}
+    body = [data[start : start + 16].hex(" ") for start in range(0, len(data), 16)]
+    return Written(packet.apply, body, values, data=data)
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read a packet back; `strength`, in µT, goes before the B in it.
+
+    Raises
+    ------
+    DocumentError, ArrayError, UsageError
+    """
+    return Packet.decode(content, source).to_calibration(strength=strength)
+
+
+MOTIONCAL: Final = Target(
+    name="motioncal",
+    use="MotionCal packet, PJRC EEPROM",
+    suffix=".bin",
+    title="MotionCal packet",
+    formula="c = W (m - V), det W = 1",
+    unit="uT",
+    keeps="symmetric",
+    storage="68 bytes: 117 84, 16 float32 little endian, CRC-16/MODBUS",
+    source="MotionCal rawdata.c and visualize.c, NXPMotionSense.h, Adafruit_Sensor_Calibration_EEPROM.cpp",
+    lengths="B long, as they are in the middle of the ellipsoid: the matrix has determinant 1",
+    comment=None,
+    write=write,
+    reader=Reader(rb"\A" + SIGNATURE, read, "a MotionCal packet"),
+)
+TARGETS: Final = (MOTIONCAL, replace(MOTIONCAL, name="adafruit-eeprom", use="Adafruit EEPROM image"))

@@ -1,0 +1,129 @@
+"""Paparazzi's ``MAG_X_NEUTRAL`` and ``MAG_X_SENS``: ``m = (raw − neutral) sens``, in the axes of the sensor.
+
+Corrected readings are 2048 long, 1 in fixed point with eleven bits; with D the diagonal that comes nearest to the
+matrix and F the length of corrected readings in counts, sens = 2048 D / F.
+
+>>> from flinders.core.calibration import Calibration
+>>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), Asked())
+>>> found.values["MAG_Y_NEUTRAL"], found.values["MAG_Y_SENS"]
+(-32, 5.12)
+>>> found.apply([440.0, -32.0, 7.0])
+array([2048.,    0.,    0.])
+>>> read(chr(10).join(found.body).encode(), "airframe.xml").matrix.diagonal()
+array([1.25, 1.  , 0.8 ])
+
+Source: Paparazzi, ``sw/tools/calibration/calibration_utils.py`` (print_xml) and ``calibrate.py`` (the eleven bits). Its
+build turns each sens into a fraction of 16-bit numbers, which is not imitated here.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.arrays import floats
+from flinders.core.units import COUNTS
+from flinders.errors import DocumentError, NotExportable
+from flinders.targets._affine import of_radii, offset_and_radii, whole
+from flinders.targets._export import Asked, Written
+from flinders.targets._parsing import counts, decoded, keyed, numbers
+from flinders.targets._target import Reader, Target
+from flinders.targets._text import MARKUP
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+
+UNITY: Final = 2**11
+NEUTRALS: Final = ("MAG_X_NEUTRAL", "MAG_Y_NEUTRAL", "MAG_Z_NEUTRAL")
+SENSITIVITIES: Final = ("MAG_X_SENS", "MAG_Y_SENS", "MAG_Z_SENS")
+NAMES: Final = (*NEUTRALS, *SENSITIVITIES)
+SIGNS: Final = ("MAG_X_SIGN", "MAG_Y_SIGN", "MAG_Z_SIGN")
+LOWEST, HIGHEST = -(2**31), 2**31 - 1
+DEFINE: Final = re.compile(r"<define\b([^<>]*)>")
+ATTRIBUTE: Final = re.compile(r"""\b(name|value)\s*=\s*("[^"]*"|'[^']*')""")
+
+
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
+
+    Raises
+    ------
+    NotExportable
+        Where what is left out costs more than a degree of heading, the offset is no number of 32 bits, or an axis
+        would change its sign.
+    """
+    offset, radii = offset_and_radii(calibration, who="Paparazzi")
+    if not np.all(radii > 0):
+        raise NotExportable(
+            "a sensitivity would not be above 0, and change the sign of its axis: map it with --axes when you "
+            "calibrate",
+            beyond=SENSITIVITIES,
+        )
+    rounded = whole(offset, NEUTRALS, lowest=LOWEST, highest=HIGHEST, advice="check the unit of the recording")
+    neutral = dict(zip(NEUTRALS, rounded, strict=True))
+    sensitivity = {name: float(f"{UNITY / radius:.9g}") for name, radius in zip(SENSITIVITIES, radii, strict=True)}
+    gains = floats(list(sensitivity.values()))
+    body = [
+        *(f'<define name="{name}" value="{value}"/>' for name, value in neutral.items()),
+        *(f'<define name="{name}" value="{value:.9g}" integer="16"/>' for name, value in sensitivity.items()),
+    ]
+    return Written(lambda raw: (raw - floats(rounded)) * gains, body, {**neutral, **sensitivity})
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the defines back, with or without the prefix ``IMU_``; those in comments are left aside.
+
+    `strength`, counts: length of corrected readings; without it the geometric mean of the radii, 2048 / sens.
+
+    Raises
+    ------
+    DocumentError
+        Where one is missing, stands there with two values or is no such number, and where an axis is turned over.
+    """
+    found = _defines(decoded(content, source), source)
+    turned = [name for name in SIGNS if found.get(name, "1").strip() not in {"1", "+1"}]
+    if turned:
+        raise DocumentError(
+            f"{source}: {turned[0]} is {found[turned[0]]}: whether the numbers stand before or after that change of "
+            "sign is not known here; take the axes of IMU_MAG_RAW, and define no sign but 1"
+        )
+    neutral = counts(found, NEUTRALS, source, lowest=LOWEST, highest=HIGHEST)
+    sensitivity = numbers(found, SENSITIVITIES, source)
+    if not np.all(sensitivity > 0):
+        raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or turned over")
+    return of_radii(neutral, UNITY / sensitivity, strength)
+
+
+def _defines(text: str, source: str) -> dict[str, str]:
+    """The defines of the magnetometer, by name without prefix."""
+    first, *rest = text.split("<!--")
+    bare = "".join([first, *(part.partition("-->")[2] for part in rest)])
+    lines = []
+    for define in DEFINE.finditer(bare):
+        fields = {name: value[1:-1] for name, value in ATTRIBUTE.findall(define[1])}
+        name = fields.get("name", "").removeprefix("IMU_")
+        if name in {*NAMES, *SIGNS}:
+            lines.append(f"{name}={' '.join(fields.get('value', '').split())}")
+    return keyed("\n".join(lines), source)
+
+
+TARGETS: Final = (
+    Target(
+        name="paparazzi",
+        use="Paparazzi airframe XML",
+        suffix=".xml",
+        title="Paparazzi",
+        formula="m = (raw - NEUTRAL) SENS",
+        unit=COUNTS,
+        keeps="diagonal",
+        storage="NEUTRAL in whole counts; SENS becomes a fraction of 16-bit numbers",
+        source="sw/tools/calibration/calibration_utils.py and calibrate.py",
+        lengths="2048 long",
+        unverified=("that it acts in the axes of the IMU_MAG_RAW messages, before the mounting",),
+        comment=MARKUP,
+        write=write,
+        reader=Reader(rb"(?s)\A(?=.*<define).*MAG_[XYZ]_(?:NEUTRAL|SENS)", read, "an airframe of Paparazzi"),
+    ),
+)

@@ -1,0 +1,147 @@
+"""The numbers as plain JSON or YAML: ``corrected = matrix (raw − offset)``, in the calibration's unit.
+
+Readings go in with the axes as recorded and come out with those of the calibration.
+
+For programs that need no more; `flinders` itself reads its own calibration files, which hold all that is known.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.core.disturbance import BY_KEY, Driver
+from flinders.core.units import COUNTS, MICROTESLA
+from flinders.errors import DocumentError
+from flinders.targets._affine import OWN, Affine, driver_in_recorded_axes
+from flinders.targets._export import Asked, Written
+from flinders.targets._parsing import listed, loaded, numbers
+from flinders.targets._target import Reader, Target
+from flinders.targets._text import HASH
+
+if TYPE_CHECKING:
+    from flinders.core.calibration import Calibration
+
+FORMULA: Final = "corrected = matrix (raw - offset)"
+
+
+def write_json(calibration: Calibration, _asked: Asked) -> Written:
+    """Write one JSON object."""
+    correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
+    values = _values(calibration, correction)
+    return Written(correction.apply, json.dumps(values, indent=1).splitlines(), values)
+
+
+def write_yaml(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
+    correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
+    values = _values(calibration, correction)
+    return Written(correction.apply, [f"{name}: {_yaml(value)}" for name, value in values.items()], values)
+
+
+def _values(calibration: Calibration, correction: Affine) -> dict[str, Any]:
+    """All that is written, by name."""
+    return {
+        "formula": FORMULA,
+        "unit": calibration.unit,
+        "field_strength": calibration.field_strength,
+        "field_strength_known": calibration.field_strength_known,
+        "offset": correction.offset.tolist(),
+        "matrix": correction.matrix.tolist(),
+        **_drivers(calibration),
+    }
+
+
+def _drivers(calibration: Calibration) -> dict[str, Any]:
+    """What the offset follows, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
+    return {
+        key: {
+            "offset_per_unit": driver_in_recorded_axes(calibration, driver).tolist(),
+            "reference": driver.reference,
+            "recorded": [driver.lowest, driver.highest],
+            "lag_s": driver.lag_s,
+            "scale_per_unit": driver.gain_per_unit,
+        }
+        for driver in calibration.drivers
+        for key in [driver.kind.key]
+    }
+
+
+def _yaml(value: object) -> str:
+    """A scalar, list or mapping; numbers with a point and a signed exponent, as YAML 1.1 needs them."""
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{name}: {_yaml(member)}' for name, member in value.items())}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_yaml, value))}]"
+    return f"{value:.17e}" if isinstance(value, float) else json.dumps(value)
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the plain JSON back.
+
+    `strength`, in the unit of the file: goes before the field strength in it.
+
+    Raises
+    ------
+    DocumentError
+        For what is no such file, or lacks numbers.
+    """
+    fields = loaded(content, source)
+    unit, rows = fields.get("unit"), fields.get("matrix")
+    if unit not in {MICROTESLA, COUNTS}:
+        raise DocumentError(f"{source}: unit is {unit!r}: need {MICROTESLA} or {COUNTS}")
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise DocumentError(f"{source}: matrix needs three lists of three numbers")
+    entries = listed({"matrix": [entry for row in rows for entry in row]}, "matrix", 9, source)
+    (length,) = numbers(fields, ["field_strength"], source)
+    found = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
+    known = fields.get("field_strength_known") is True
+    return replace(found.to_calibration(str(unit), known=known, strength=strength), drivers=_read(fields, source))
+
+
+def _read(fields: dict[str, Any], source: str) -> tuple[Driver, ...]:
+    """What the offset follows, where the file says so."""
+    drivers = []
+    for key, name in BY_KEY.items():
+        if key not in fields:
+            continue
+        record = fields[key]
+        if not isinstance(record, dict):
+            raise DocumentError(f"{source}: {key} needs offset_per_unit, reference, recorded and lag_s")
+        reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
+        low, high = listed(record, "recorded", 2, source)
+        per_unit = listed(record, "offset_per_unit", 3, source)
+        drivers.append(Driver(name, per_unit, float(reference), float(low), float(high), float(lag), float(gain)))
+    return tuple(drivers)
+
+
+JSON: Final = Target(
+    name="json",
+    use="plain JSON",
+    suffix=".json",
+    title="plain JSON",
+    formula=FORMULA,
+    unit=OWN,
+    keeps="all",
+    storage="decimal, all digits",
+    source="this program",
+    acts="across",
+    follows="all",
+    comment=None,
+    write=write_json,
+    reader=Reader(rb'(?s)\A\s*\{.*"corrected = matrix \(raw - offset\)"', read, ""),
+)
+TARGETS: Final = (
+    JSON,
+    replace(
+        JSON,
+        name="yaml",
+        use="plain YAML",
+        suffix=".yaml",
+        title="plain YAML",
+        comment=HASH,
+        write=write_yaml,
+        reader=None,
+    ),
+)

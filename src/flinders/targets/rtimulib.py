@@ -1,0 +1,105 @@
+"""The settings of RTIMULib: ``c = Corr ((m − off) scale − O)``, off and scale from the extremes of each axis, in µT.
+
+With extremes of −R and +R on all axes off is 0 and scale is 1, and O and Corr are offset and matrix. RTIMULib skips
+them unless the extremes are valid too.
+
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.core.units import Unit
+>>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> lines = write(found, Asked()).body
+>>> print(*lines[:3], lines[-1], sep=chr(10))
+CompassCalValid=true
+CompassCalMinX=-50.000000
+CompassCalMaxX=50.000000
+compassCalCorr33=0.800000
+>>> read(chr(10).join(lines).encode(), "RTIMULib.ini").isclose(found)
+True
+
+Source: RTIMULib2, ``RTIMUSettings.cpp`` and ``RTIMU.cpp`` (calibrateAverageCompass). Readings are those after the
+driver's exchange of axes. Numbers have six decimals, and are read as single precision.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import DocumentError
+from flinders.targets._affine import Affine
+from flinders.targets._export import Asked, Written
+from flinders.targets._parsing import decoded, keyed, numbers
+from flinders.targets._target import Reader, Target
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
+
+PLACES: Final = 6
+VALID: Final = "CompassCalValid"
+LOWEST: Final = tuple(f"CompassCalMin{axis}" for axis in "XYZ")
+HIGHEST: Final = tuple(f"CompassCalMax{axis}" for axis in "XYZ")
+ELLIPSOID_VALID: Final = "compassCalEllipsoidValid"
+OFFSET: Final = tuple(f"compassCalOffset{axis}" for axis in "XYZ")
+MATRIX: Final = tuple(f"compassCalCorr{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+
+
+def write(calibration: Calibration, _asked: Asked) -> Written:
+    """Write the lines that replace those of the same names; a calibration in counts raises `UnitError`."""
+    found = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
+    reach = max(round(found.strength, PLACES), 10.0**-PLACES)
+    extremes: dict[str, float] = {}
+    for low, high in zip(LOWEST, HIGHEST, strict=True):
+        extremes |= {low: -reach, high: reach}
+    ellipsoid = dict(zip((*OFFSET, *MATRIX), (*found.offset, *found.matrix.ravel()), strict=True))
+    lines = [f"{VALID}=true", *_lines(extremes), f"{ELLIPSOID_VALID}=true", *_lines(ellipsoid)]
+    notes = ["replaces the lines of the same names in RTIMULib.ini; acts after the driver's own exchange of axes"]
+    return Written(found.apply, lines, dict(line.split("=") for line in lines), notes)
+
+
+def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
+    """Read the settings back, extremes and ellipsoid composed.
+
+    `strength`, µT: length of corrected readings; half of the largest range where it is not given.
+
+    Raises
+    ------
+    DocumentError
+        Where the extremes are not valid, or numbers are missing.
+    """
+    found = keyed(decoded(content, source), source)
+    if found.get(VALID) != "true":
+        raise DocumentError(f"{source}: {VALID} is {found.get(VALID, 'missing')}: RTIMULib uses no calibration then")
+    lowest, highest = numbers(found, LOWEST, source), numbers(found, HIGHEST, source)
+    if np.any(lowest >= highest):
+        raise DocumentError(f"{source}: {', '.join(LOWEST)} must be below {', '.join(HIGHEST)}")
+    offset: Floats = np.zeros(3)
+    matrix: Floats = np.eye(3)
+    if found.get(ELLIPSOID_VALID) == "true":
+        offset, matrix = numbers(found, OFFSET, source), numbers(found, MATRIX, source).reshape(3, 3)
+    ranges = highest - lowest
+    scale = ranges.max() / ranges
+    composed = Affine(matrix * scale, (lowest + highest) / 2 + offset / scale, float(ranges.max() / 2))
+    return composed.to_calibration("uT", strength=strength)
+
+
+def _lines(values: dict[str, float]) -> list[str]:
+    """Names and numbers as they stand in the file."""
+    return [f"{name}={value + 0.0:.{PLACES}f}" for name, value in values.items()]
+
+
+TARGETS: Final = (
+    Target(
+        name="rtimulib",
+        use="lines of RTIMULib.ini",
+        suffix=".ini",
+        title="RTIMULib.ini",
+        formula="c = Corr ((m - off) scale - O), off = (Min + Max)/2 = 0, scale = 1",
+        unit="uT",
+        keeps="all",
+        storage="six decimals, read as float32",
+        source="RTIMUSettings.cpp, RTIMU.cpp",
+        write=write,
+        reader=Reader(rb"CompassCalValid|compassCalOffsetX", read, "RTIMULib.ini"),
+    ),
+)
