@@ -21,7 +21,7 @@ from flinders.core.disturbance import Driver
 from flinders.errors import ArrayError, DocumentError, InputError, NotExportable, counted, figures
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
@@ -148,6 +148,14 @@ def of_six(diagonal: Floats, off_diagonal: Floats) -> Floats:
 def in_six(matrix: Floats) -> tuple[Floats, Floats]:
     """(3,) diagonal and (3,) entries xy, xz and yz of a symmetric matrix."""
     return np.diag(matrix), matrix[[0, 0, 1], [1, 2, 2]]
+
+
+def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
+    """Raise `NotExportable` for parameters, each with its value and what it would be, unless there are none."""
+    if beyond:
+        wanted = {name: value for name, (value, _) in beyond.items()}
+        told = "; ".join(f"{name} would be {words}" for name, (_, words) in beyond.items())
+        raise NotExportable(f"{told}{advice}", beyond=wanted, wanted=wanted)
 
 
 def inverse(matrix: Floats, words: str) -> Floats:

@@ -29,7 +29,7 @@ and the order of the formula were **not seen** there: verify them against your r
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -322,16 +322,8 @@ def _row(register: Register) -> str:
 
 def _as_dict(register: Register) -> dict[str, int | float | str]:
     """One register for programs."""
-    return {
-        "name": register.name,
-        "page": register.page,
-        "address": register.address,
-        "code": register.code,
-        "word": register.word,
-        "hex": f"0x{register.word:04X}",
-        "value": register.value,
-        "unit": register.unit,
-    }
+    more = {"word": register.word, "hex": f"0x{register.word:04X}", "value": register.value, "unit": register.unit}
+    return {**asdict(register), **more}
 
 
 ADIS16480: Final = Target(

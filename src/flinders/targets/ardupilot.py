@@ -51,6 +51,7 @@ from flinders.targets._autopilot import (
     of_six,
     parse,
     read_motor,
+    refuse_values,
     said,
     symmetric,
     turn_of,
@@ -397,14 +398,12 @@ class Parameters:
     def refuse_beyond(self) -> None:
         """Raise `NotExportable` for values that ArduPilot ignores, does not arm with, or its calibrator refuses."""
         digit = _digit(self.compass)
-        wanted: dict[str, float] = {}
-        told: list[str] = []
+        beyond: dict[str, tuple[float, str]] = {}
         length = float(np.linalg.norm(self.offset))
         if not length <= MOST_OFFSET:
-            wanted[f"COMPASS_OFS{digit}"] = length
-            told.append(
-                f"COMPASS_OFS{digit} would be {figures(length, 4)} mG long, and a vehicle arms with at most "
-                f"{MOST_OFFSET:,.0f} (COMPASS_OFFS_MAX)"
+            beyond[f"COMPASS_OFS{digit}"] = (
+                length,
+                f"{figures(length, 4)} mG long, and a vehicle arms with at most {MOST_OFFSET:,.0f} (COMPASS_OFFS_MAX)",
             )
         for name, values, low, high in (
             ("DIA", self.diagonal, LEAST_DIAGONAL, MOST_DIAGONAL),
@@ -412,25 +411,19 @@ class Parameters:
         ):
             for axis, value in zip("XYZ", values, strict=True):
                 if not low < value < high:
-                    wanted[f"COMPASS_{name}{digit}_{axis}"] = float(value)
-                    told.append(
-                        f"COMPASS_{name}{digit}_{axis} would be {figures(value, 4)}, and needs to lie between {low:g} "
-                        f"and {high:g}"
-                    )
+                    words = f"{figures(value, 4)}, and needs to lie between {low:g} and {high:g}"
+                    beyond[f"COMPASS_{name}{digit}_{axis}"] = float(value), words
         if not 1 / MOST_SCALE <= self.scale <= MOST_SCALE:
-            wanted[f"COMPASS_SCALE{digit}"] = self.scale
-            told.append(
-                f"COMPASS_SCALE{digit} would be {figures(self.scale, 4)}, and ArduPilot ignores what is not between "
-                f"{1 / MOST_SCALE:.3f} and {MOST_SCALE:g}: corrected readings would be {figures(1 / self.scale, 3)} "
-                "times as long. Check the unit of the recording and --field-strength"
+            words = (
+                f"{figures(self.scale, 4)}, and ArduPilot ignores what is not between {1 / MOST_SCALE:.3f} and "
+                f"{MOST_SCALE:g}: corrected readings would be {figures(1 / self.scale, 3)} times as long. Check the "
+                "unit of the recording and --field-strength"
             )
-        if wanted:
-            raise NotExportable(
-                "; ".join(told)
-                + ". Take away or demagnetise what is near the compass, mount it elsewhere, or check the recording",
-                beyond=wanted,
-                wanted=wanted,
-            )
+            beyond[f"COMPASS_SCALE{digit}"] = self.scale, words
+        refuse_values(
+            beyond,
+            ". Take away or demagnetise what is near the compass, mount it elsewhere, or check the recording",
+        )
 
     def _motor(self, drive: ArrayLike) -> Floats:
         """(..., 3) mG: MOT x, where COMPASS_MOTCT turns it on."""

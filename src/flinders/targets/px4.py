@@ -39,7 +39,7 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
-from flinders.errors import NotExportable, UnitError, UsageError, figures
+from flinders.errors import UnitError, UsageError, figures
 from flinders.targets._affine import Affine, driver_in_recorded_axes, in_recorded_axes, single
 from flinders.targets._autopilot import (
     MOTORS,
@@ -53,6 +53,7 @@ from flinders.targets._autopilot import (
     of_six,
     parse,
     read_motor,
+    refuse_values,
     said,
     symmetric,
     turn_of,
@@ -362,23 +363,22 @@ class Parameters:
 
     def refuse_beyond(self) -> None:
         """Raise `NotExportable` for values out of the ranges that PX4's parameters have."""
-        wanted = {
-            f"CAL_MAG{self.compass}_{axis}SCALE": float(value)
-            for axis, value in zip("XYZ", self.diagonal, strict=True)
-            if not LEAST_SCALE <= value <= MOST_SCALE
+        largest = float(np.finfo(np.float32).max)
+        checked = {
+            "SCALE": (self.diagonal, (self.diagonal >= LEAST_SCALE) & (self.diagonal <= MOST_SCALE)),
+            "OFF": (self.offset, np.abs(self.offset) < largest),
+            "ODIAG": (self.off_diagonal, np.abs(self.off_diagonal) < largest),
         }
-        for group, values in (("OFF", self.offset), ("ODIAG", self.off_diagonal)):
-            for axis, value in zip("XYZ", values, strict=True):
-                if not abs(value) < float(np.finfo(np.float32).max):
-                    wanted[f"CAL_MAG{self.compass}_{axis}{group}"] = float(value)
-        if wanted:
-            told = "; ".join(f"{name} would be {figures(value, 4)}" for name, value in wanted.items())
-            raise NotExportable(
-                f"{told}: PX4 takes a SCALE of {LEAST_SCALE:g} to {MOST_SCALE:g}, and float32 numbers. Check the unit "
-                "of the recording and --field-strength, and that the axes are those of the sensor",
-                beyond=wanted,
-                wanted=wanted,
-            )
+        refuse_values(
+            {
+                f"CAL_MAG{self.compass}_{axis}{group}": (float(value), figures(value, 4))
+                for group, (values, fits) in checked.items()
+                for axis, value, fit in zip("XYZ", values, fits, strict=True)
+                if not fit
+            },
+            f": PX4 takes a SCALE of {LEAST_SCALE:g} to {MOST_SCALE:g}, and float32 numbers. Check the unit of the "
+            "recording and --field-strength, and that the axes are those of the sensor",
+        )
 
 
 def mounting(rotation: int) -> Floats:
