@@ -30,7 +30,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
 from pathlib import Path
@@ -39,18 +39,22 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from benchmarks.emulations.magyc_ls import gyro_bias, magyc_ls
+from benchmarks.emulations.px4_observer import px4_observer
+from benchmarks.emulations.sar_kf import sar_kf
+from benchmarks.emulations.sar_ls import sar_ls
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
-from flinders.estimators import Estimator, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.aiding import solve
-from flinders.estimators.reference.gyro_windows import steps_of
-from flinders.estimators.reference.magyc_ls import Windows, settled
+from flinders.estimators.data import Readings
+from flinders.estimators.likelihood import Likelihood
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 SEED: Final = 20240915
 OFFSET_MG: Final = np.array([20.0, 120.0, 90.0])
@@ -150,29 +154,34 @@ def by_rate(samples: Samples, *, window_s: float) -> Answer:
     return Answer(found.parameters.offset, found.matrix, found.parameters.gyro_bias, seconds)
 
 
-def by_estimator(samples: Samples, *, estimator: Estimator) -> Answer:
-    """One of `flinders.estimators.METHODS`, and of MAGYC's own the bias that it found on the way."""
-    readings = Readings.of(samples)
+def by_ellipsoid(samples: Samples, *, method: Callable[[Samples], Ellipsoid]) -> Answer:
+    """One of `benchmarks.emulations`, or a method of Flinders."""
     begun = time.process_time()
-    ellipsoid = estimator.estimate(readings).ellipsoid
+    ellipsoid = method(samples)
     seconds = time.process_time() - begun
-    bias = None
-    if isinstance(estimator, MagycLs):
-        moments = readings.summary.moments
-        windows = Windows.of(steps_of(readings, estimator.name), moments.mean, moments.spread, estimator.window)
-        bias = settled(windows, estimator.name)[8:]
-    return Answer(ellipsoid.centre, np.linalg.inv(ellipsoid.shape), bias, seconds)
+    return Answer(ellipsoid.centre, np.linalg.inv(ellipsoid.shape), None, seconds)
+
+
+def by_magyc(samples: Samples, *, window: int) -> Answer:
+    """MAGYC's differentiated form, with the bias that it finds on the way."""
+    answer = by_ellipsoid(samples, method=partial(magyc_ls, window=window))
+    return replace(answer, gyro_bias=gyro_bias(samples, window))
+
+
+def likelihood(samples: Samples) -> Ellipsoid:
+    """The magnetometer alone."""
+    return Likelihood().estimate(Readings.of(samples)).ellipsoid
 
 
 CONTESTANTS: Final[Mapping[str, Callable[[Samples], Answer]]] = {
     "**`rate`**, windows of 5 s": partial(by_rate, window_s=5.0),
     "`rate`, windows of 10 s": partial(by_rate, window_s=10.0),
-    "`likelihood`, magnetometer alone": partial(by_estimator, estimator=Likelihood()),
-    "`magyc-ls`, medians of 25": partial(by_estimator, estimator=MagycLs()),
-    "`magyc-ls`, window=1": partial(by_estimator, estimator=MagycLs(1)),
-    "`sar-ls`": partial(by_estimator, estimator=SarLs()),
-    "`sar-kf`": partial(by_estimator, estimator=SarKf(gyro_noise=0.01)),
-    "`px4-observer`": partial(by_estimator, estimator=Px4Observer()),
+    "`likelihood`, magnetometer alone": partial(by_ellipsoid, method=likelihood),
+    "`magyc-ls`, medians of 25": partial(by_magyc, window=25),
+    "`magyc-ls`, window=1": partial(by_magyc, window=1),
+    "`sar-ls`": partial(by_ellipsoid, method=sar_ls),
+    "`sar-kf`": partial(by_ellipsoid, method=partial(sar_kf, gyro_noise=0.01)),
+    "`px4-observer`": partial(by_ellipsoid, method=px4_observer),
 }
 
 

@@ -3,7 +3,8 @@
     python -m benchmarks.recipes [--trials 40] [--sigma 0.5] [--methods auto,minmax] [--processes 2]
 
 First table: true heading error of a level turn (rms over trials and headings, its mean taken off) on the sets of
-`benchmarks.datasets`; in brackets how many of the trials gave no calibration at all, if any. Second table: real
+`benchmarks.datasets`; in brackets how many of the trials gave no calibration at all, if any. The emulations that need
+no gyro (`benchmarks.emulations`) are in it, too. Second table: real
 recordings, whose truth nobody knows: the cross-validated heading error (rms, ten blocks of time), and in brackets how
 far the heading is from that of `auto`. The recordings are looked for as `benchmarks.recordings` does. An angle of
 more than 90° is as good as none.
@@ -22,8 +23,10 @@ import numpy as np
 
 import flinders
 from benchmarks.datasets import dataset, heading_error_deg
+from benchmarks.emulations import EMULATIONS
 from benchmarks.recordings import FOLDER
 from flinders.comparison.methods import compare_methods
+from flinders.core.samples import Samples
 from flinders.errors import FitError
 from flinders.estimators import METHODS, Readings
 
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.comparison.methods import Entry
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 SETS: Final = ("S1", "S2", "S3", "S4", "S5", "S6", "S7", "S8")
 
@@ -43,6 +47,9 @@ RECORDINGS: Final = {
 }
 """Five sensors, by name and file."""
 
+EMULATED: Final = ("ladder", "forgetting")
+"""Emulations that look at the magnetometer alone."""
+
 HOPELESS: Final = 90.0
 NOTHING: Final = 1e-3
 
@@ -51,10 +58,23 @@ def error_deg(method: str, name: str, sigma: float, trial: int) -> float:
     """Heading error of one trial; NaN where the method gives nothing."""
     recording = dataset(name, trial, sigma)
     try:
-        found = METHODS[method]().estimate(Readings.of(recording.samples.field)).ellipsoid
+        found = ellipsoid_by(method, Samples(recording.samples.field))
     except FitError:
         return math.nan
     return heading_error_deg(found.radius * np.linalg.inv(found.shape), found.centre, recording)
+
+
+def ellipsoid_by(method: str, samples: Samples) -> Ellipsoid:
+    """What a method or an emulation finds.
+
+    Raises
+    ------
+    FitError
+        Where it finds nothing.
+    """
+    if method in EMULATIONS:
+        return EMULATIONS[method](samples)
+    return METHODS[method]().estimate(Readings.of(samples)).ellipsoid
 
 
 def true_rows(methods: Sequence[str], sigma: float, trials: int, processes: int) -> Iterator[str]:
@@ -87,17 +107,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser("python -m benchmarks.recipes", description="What simple recipes cost.")
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--sigma", type=float, default=0.5)
-    parser.add_argument("--methods", type=lambda text: text.split(","), default=list(METHODS), metavar="NAME,…")
+    parser.add_argument("--methods", type=lambda text: text.split(","), default=[*METHODS, *EMULATED], metavar="NAME,…")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args(arguments)
-    if unknown := [name for name in options.methods if name not in METHODS]:
-        sys.exit(f"no method {', '.join(unknown)}: there are {', '.join(METHODS)}")
+    if unknown := [name for name in options.methods if name not in (*METHODS, *EMULATED)]:
+        sys.exit(f"no method {', '.join(unknown)}: there are {', '.join((*METHODS, *EMULATED))}")
     for line in true_rows(options.methods, options.sigma, options.trials, options.processes):
         print(line, flush=True)
     if not FOLDER.is_dir():
         sys.exit(f"no recordings in {FOLDER}: set FLINDERS_DATA to the folder that holds them")
     print()
-    for line in real_rows(options.methods):
+    for line in real_rows([name for name in options.methods if name in METHODS]):
         print(line, flush=True)
 
 

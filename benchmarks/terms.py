@@ -32,13 +32,18 @@ import numpy as np
 
 from benchmarks import terms_recordings
 from benchmarks.datasets import FIELD_STRENGTH, dataset, heading_error_deg
+from benchmarks.emulations.magyc_ls import magyc_ls
+from benchmarks.emulations.px4_observer import px4_observer
+from benchmarks.emulations.sar_kf import sar_kf
+from benchmarks.emulations.sar_ls import sar_ls
 from benchmarks.magyc import MOTIONS as MOTIONS_DEG
-from benchmarks.magyc import OFFSET_MG, SEED, wrapped_rms
+from benchmarks.magyc import OFFSET_MG, SEED, likelihood, wrapped_rms
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FlindersError
-from flinders.estimators import Estimator, Level, Likelihood, MagycLs, Px4Observer, Readings, SarKf, SarLs
 from flinders.estimators.aiding import solve
+from flinders.estimators.data import Readings
+from flinders.estimators.level import Level
 from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
@@ -54,6 +59,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.estimators.aiding import Aided
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.parameters import Layout
     from flinders.simulate import Simulated, Turning
 
@@ -84,10 +90,15 @@ def sim(name: str, seed: int) -> Samples:
     return Samples(noisy, time=turning.time, rate=turning.rate + rng.normal(0.0, 0.005, raw.shape))
 
 
-def by_estimator(samples: Samples, *, estimator: Estimator) -> Answer:
-    """Offset and matrix of one of `flinders.estimators.METHODS`."""
-    ellipsoid = estimator.estimate(Readings.of(samples)).ellipsoid
+def by_ellipsoid(samples: Samples, *, method: Callable[[Samples], Ellipsoid]) -> Answer:
+    """Offset and matrix of one of `benchmarks.emulations`, or of a method of Flinders."""
+    ellipsoid = method(samples)
     return ellipsoid.centre, np.linalg.inv(ellipsoid.shape)
+
+
+def level_turn_alone(samples: Samples, *, dip_deg: float) -> Ellipsoid:
+    """The level turn by itself."""
+    return Level(dip_deg=dip_deg).estimate(Readings.of(samples)).ellipsoid
 
 
 def by_aids(samples: Samples, *, terms: Sequence[str], site: Site | None = None, window_s: float = 5.0) -> Answer:
@@ -97,12 +108,12 @@ def by_aids(samples: Samples, *, terms: Sequence[str], site: Site | None = None,
 
 
 CONTESTANTS: Final[Mapping[str, Callable[[Samples], Answer]]] = {
-    "likelihood, magnitude alone": partial(by_estimator, estimator=Likelihood()),
-    "`sar-ls`": partial(by_estimator, estimator=SarLs()),
-    "`sar-kf`": partial(by_estimator, estimator=SarKf(gyro_noise=0.01)),
-    "`px4-observer`": partial(by_estimator, estimator=Px4Observer()),
-    "`magyc-ls`": partial(by_estimator, estimator=MagycLs()),
-    "`magyc-ls`, window=1": partial(by_estimator, estimator=MagycLs(1)),
+    "likelihood, magnitude alone": partial(by_ellipsoid, method=likelihood),
+    "`sar-ls`": partial(by_ellipsoid, method=sar_ls),
+    "`sar-kf`": partial(by_ellipsoid, method=partial(sar_kf, gyro_noise=0.01)),
+    "`px4-observer`": partial(by_ellipsoid, method=px4_observer),
+    "`magyc-ls`": partial(by_ellipsoid, method=magyc_ls),
+    "`magyc-ls`, window=1": partial(by_ellipsoid, method=partial(magyc_ls, window=1)),
     "rate aid, 1 s": partial(by_aids, terms=("rate",), window_s=1.0),
     "rate aid, 5 s": partial(by_aids, terms=("rate",), window_s=5.0),
     "rate aid, 10 s": partial(by_aids, terms=("rate",), window_s=10.0),
@@ -390,7 +401,7 @@ def level_trial(title: str, number: int) -> list[float]:
     samples = replace(recording.samples, acceleration=simulate.specific_force(level, rng))
     strength, dip = FIELD_STRENGTH * (1.0 + rng.normal(0.0, 0.01)), 60.0 + rng.normal(0.0, 1.0)
     if title == "two-axis ellipse (`level`)":
-        answer = by_estimator(samples, estimator=Level(dip_deg=dip))
+        answer = by_ellipsoid(samples, method=partial(level_turn_alone, dip_deg=dip))
     else:
         answer = by_aids(samples, terms=("dip",), site=Site(strength=strength, inclination_deg=dip))
     return [tilted_error_deg(answer, recording, tilt) for tilt in TILTS_DEG]

@@ -24,11 +24,8 @@
     │   ├── Unmoved                  unmoved           4    a sensor that was hardly turned
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
-    │   │   └── NothingAccepted      not-an-ellipsoid  4    of all its trials the method `ladder` took none
     │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
-    │   ├── NeedsRate                needs-rate        4    a method that goes by the gyro has none, or no times
-    │   ├── OneAxisTurned            one-axis-turned   4    rates about one axis alone, where two are needed
     │   ├── Refused                  refused           4    a fit exists, its verdict is "refused"
     │   └── NotMerged                not-merged        4    calibrations that contradict each other
     ├── NotExportable                not-exportable    4    values that the target cannot hold
@@ -320,38 +317,6 @@ class NeedsSamples(FitError):
         super().__init__(
             f"{method!r} looks at each reading and was given a Summary: "
             "give it the readings, or use a method that needs only their sums, such as 'consistent'",
-            method=method,
-        )
-
-
-class NeedsRate(FitError):
-    """A method that goes by the angular rate was given a recording without one, or without times (`missing`)."""
-
-    code = "needs-rate"
-
-    def __init__(self, method: str, missing: str = "angular rate") -> None:
-        self.missing = missing
-        super().__init__(
-            f"the recording has no {missing}, and {method!r} goes by how the body turned: record time and gyro "
-            "beside the magnetometer, in rad/s and in its axes, or use a method that needs neither, such as 'auto'",
-            method=method,
-            missing=missing,
-        )
-
-
-class OneAxisTurned(FitError):
-    """Rates across the main axis of turning are too small a share (`found`) of those about it (`needed`)."""
-
-    code = "one-axis-turned"
-
-    def __init__(self, *, found: float, needed: float, method: str) -> None:
-        self.found, self.needed = found, needed
-        across = f"rates across its axis are {found:.1%} of those about it" if found else "no rate is across its axis"
-        super().__init__(
-            f"the body turned about one axis alone ({across}; {method!r} needs {needed:.0%}), which says nothing of "
-            "the offset along that axis: roll or pitch as well while recording",
-            found=found,
-            needed=needed,
             method=method,
         )
 

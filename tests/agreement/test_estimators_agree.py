@@ -25,8 +25,6 @@ from flinders.estimators import (
     Ekf,
     Ellipse,
     Estimator,
-    Forgetting,
-    Ladder,
     Level,
     Li,
     Likelihood,
@@ -52,7 +50,6 @@ GENERAL: Final[list[Estimator]] = [
     Robust(),
     Likelihood(prior=None, bias_correction=False),
     Consistent(),
-    Forgetting(memory=None),
     Li(),
     Li(k=4.0),
     Algebraic(),
@@ -69,7 +66,6 @@ SHAPES: Final = {
     "axes": np.diag([45.0, 50.0, 60.0]),
     "general": 50.0 * np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]),
 }
-WITH_A_GYRO: Final = ("sar-ls", "sar-kf", "px4-observer", "magyc-ls")
 MODELS: Final[dict[str, list[Estimator]]] = {
     "sphere": [
         Sphere(),
@@ -91,8 +87,8 @@ def recorded(shape: Floats, noise: float, *, n: int = 1000, seed: int = 1, half:
 
 
 def test_every_method_of_all_attitudes_takes_part() -> None:
-    """But what does not look at most readings, or not back at them, or looks at a plane alone, or needs a gyro."""
-    others = {Level, Ellipse, TwoAxisRecipe, MinMax, Ekf, Ladder, *(METHODS[name] for name in WITH_A_GYRO)}
+    """But what does not look at most readings, or not back at them, or looks at a plane alone."""
+    others = {Level, Ellipse, TwoAxisRecipe, MinMax, Ekf}
     assert {type(estimator) for estimator in MODELS["sphere"]} == set(METHODS.values()) - others
 
 

@@ -6,14 +6,21 @@ The settings are theirs. Of SIM1 and SIM2 the motions were not read: here one is
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
+from benchmarks.emulations.magyc_ls import magyc_ls
+from benchmarks.emulations.sar_kf import sar_kf
+from benchmarks.emulations.sar_ls import sar_ls
 
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.estimators import Estimator, MagycLs, Readings, SarKf, SarLs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 OFFSET_MG: Final = np.array([20.0, 120.0, 90.0])
 IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
@@ -42,21 +49,21 @@ def magyc(seed: int, amplitudes_deg: tuple[float, float, float]) -> Samples:
     return Samples.of(raw, unit="mG", time=turning.time, rate=rate)
 
 
-def off_mg(estimator: Estimator, samples: Samples) -> float:
-    offset = estimator.estimate(Readings.of(samples)).ellipsoid.centre  # µT
+def off_mg(emulation: Callable[[Samples], Ellipsoid], samples: Samples) -> float:
+    offset = emulation(samples).centre  # µT
     return float(np.linalg.norm(10.0 * offset - OFFSET_MG))
 
 
-@pytest.mark.parametrize("estimator", [SarLs(), SarKf()], ids=lambda one: one.name)
-def test_sim1_is_below_1_mg(estimator: Estimator) -> None:
+@pytest.mark.parametrize("emulation", [sar_ls, sar_kf])
+def test_sim1_is_below_1_mg(emulation: Callable[[Samples], Ellipsoid]) -> None:
     """Published: below 1 mG. Measured here: 0.1 and 0.08."""
-    assert float(np.median([off_mg(estimator, sim(seed, limited=False)) for seed in range(4)])) < 0.2
+    assert float(np.median([off_mg(emulation, sim(seed, limited=False)) for seed in range(4)])) < 0.2
 
 
-@pytest.mark.parametrize(("estimator", "limit"), [(SarLs(), 3.0), (SarKf(), 1.0)], ids=["sar-ls", "sar-kf"])
-def test_sim2_with_limited_motion_is_below_3_mg(estimator: Estimator, limit: float) -> None:
+@pytest.mark.parametrize(("emulation", "limit"), [(sar_ls, 3.0), (sar_kf, 1.0)])
+def test_sim2_with_limited_motion_is_below_3_mg(emulation: Callable[[Samples], Ellipsoid], limit: float) -> None:
     """Published: below 2 to 3 mG, where fits of an ellipsoid are off by more than 10."""
-    assert max(off_mg(estimator, sim(seed, limited=True)) for seed in range(4)) < limit
+    assert max(off_mg(emulation, sim(seed, limited=True)) for seed in range(4)) < limit
 
 
 @pytest.mark.parametrize(
@@ -68,7 +75,7 @@ def test_the_differentiated_form_of_magyc_is_as_far_off_as_in_the_notes(
     amplitudes_deg: tuple[float, float, float], published_mg: float
 ) -> None:
     """Median of five runs, within a fifth of the notes' median: theirs and ours are few runs of a wide scatter."""
-    found = float(np.median([off_mg(MagycLs(), magyc(seed, amplitudes_deg)) for seed in range(5)]))
+    found = float(np.median([off_mg(magyc_ls, magyc(seed, amplitudes_deg)) for seed in range(5)]))
     assert abs(found / published_mg - 1.0) < 0.2
 
 
@@ -76,7 +83,7 @@ def test_magycs_soft_iron_on_its_wide_motion() -> None:
     """Frobenius norm of the difference of matrix logarithms, determinants taken out: 0.099 in the notes."""
     logs = []
     for seed in range(5):
-        shape = MagycLs().estimate(Readings.of(magyc(seed, (5.0, 45.0, 360.0)))).ellipsoid.shape
+        shape = magyc_ls(magyc(seed, (5.0, 45.0, 360.0))).shape
         apart = [np.linalg.eigh(matrix / np.cbrt(np.linalg.det(matrix))) for matrix in (shape, IRON)]
         one, other = ((vectors * np.log(values)) @ vectors.T for values, vectors in apart)
         logs.append(float(np.linalg.norm(one - other)))

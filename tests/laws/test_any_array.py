@@ -87,8 +87,8 @@ def attempt(field: Floats, method: str) -> Fit | None:
         return None
 
 
-def test_twenty_three_methods_are_tried() -> None:
-    assert len(METHODS) == 23
+def test_seventeen_methods_are_tried() -> None:
+    assert len(METHODS) == 17
     assert {"level", "ellipse", "two-axis"} < set(METHODS)
 
 

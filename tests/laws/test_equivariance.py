@@ -59,13 +59,6 @@ LEVEL_TURNS: Final = [
     simulate.tumble(seed=11, motion="level", n=200, noise=1.0).samples.field,
     simulate.tumble(seed=12, motion="level", n=300, noise=0.3).samples.field,
 ]
-GYRO: Final = {"sar-ls", "sar-kf", "px4-observer", "magyc-ls"}
-"""Methods that go by how the body turned, which want its rate and the time."""
-
-TURNED: Final = [simulate.tumble(seed=13, motion="swayed", n=1000, noise=0.3).samples]
-LONG: Final = [simulate.tumble(seed=11, motion="uniform", n=800, noise=0.5).samples.field]
-"""For methods that want many readings."""
-
 QUARTERS: Final = [np.eye(3)[[1, 2, 0]], np.eye(3)[[1, 0, 2]] * [1.0, 1.0, -1.0], np.diag([1.0, -1.0, -1.0])]
 """Axes that are swapped and change sign."""
 
@@ -76,17 +69,12 @@ few = settings(max_examples=8)
 
 
 def recordings(name: str) -> list[Samples]:
-    if name in GYRO:
-        return TURNED
-    fields = LEVEL_TURNS if name in PLANES else TUMBLES if METHODS[name].unknowns < 20 else LONG
-    return [Samples.of(field) for field in fields]
+    return [Samples.of(field) for field in (LEVEL_TURNS if name in PLANES else TUMBLES)]
 
 
 def changed(recording: Samples, matrix: Floats, shift: Floats) -> Samples:
-    """x → M x + t, M a rotation times a size; what the gyro reads turns with the axes."""
-    size = float(np.cbrt(abs(np.linalg.det(matrix))))
-    rate = None if recording.rate is None else recording.rate @ matrix.T / size
-    return dataclasses.replace(recording, field=recording.field @ matrix.T + shift, rate=rate)
+    """x → M x + t, M a rotation times a size."""
+    return dataclasses.replace(recording, field=recording.field @ matrix.T + shift)
 
 
 def made(name: str, strength: float) -> Estimator:

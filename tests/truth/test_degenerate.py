@@ -19,8 +19,7 @@ from flinders.heading.error_propagation import level_turn
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-NAMES: Final = set(METHODS) - {"sar-ls", "sar-kf", "px4-observer", "magyc-ls"}
-"""Of methods that need no gyro."""
+NAMES: Final = set(METHODS)
 ANY: Final = pytest.mark.parametrize("method", sorted(NAMES))
 SIMPLER: Final = {"sphere", "axes", "minmax", "two-step", "sequential"}
 GENERAL: Final = pytest.mark.parametrize("method", sorted(NAMES - {"sphere", "axes"}))
@@ -186,7 +185,7 @@ def test_readings_without_noise_that_leave_the_ellipsoid_open_are_never_good_wit
     assert fit is None or fit.verdict == "limited" or heading_error(fit, shape) < 1.0
 
 
-@pytest.mark.parametrize("method", sorted(NAMES - SIMPLER - PLANAR - {"ladder", "ekf"}))
+@pytest.mark.parametrize("method", sorted(NAMES - SIMPLER - PLANAR - {"ekf"}))
 def test_three_rings_are_enough(method: str) -> None:
     """But for simpler models, and for a filter, which the first ring alone leads astray."""
     field = read(np.concatenate([ring(0.6), ring(0.0), ring(-0.6)]), SKEW, 0.3)

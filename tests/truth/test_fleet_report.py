@@ -103,7 +103,7 @@ def of_rows() -> Iterator[type[FlindersError]]:
 
 
 NEVER: frozenset[str] = frozenset({
-    "fit", "input", "array", "link", "needs-samples", "needs-rate", "one-axis-turned", "not-merged", "no-accelerometer",
+    "fit", "input", "array", "link", "needs-samples", "not-merged", "no-accelerometer",
     "not-validated", "collapsed", "constant-strength",
 })  # fmt: skip
 """Of bases, of connections, and of methods that a fleet does not call."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from benchmarks.terms_recordings import clusters
 
 import flinders
 from flinders.errors import FitError, InputError
@@ -153,3 +154,14 @@ def test_four_sessions_of_one_board_agree(recordings: Callable[[str], Path]) -> 
     spread = np.linalg.norm(offsets - offsets.mean(axis=0), axis=1).max() / fits[0].calibration.field_strength
     assert spread < 0.006
     npt.assert_allclose([fit.calibration.field_strength for fit in fits], fits[0].calibration.field_strength, rtol=0.03)
+
+
+def test_headings_in_three_groups_are_found_whichever_way_they_point() -> None:
+    """As `benchmarks.terms_recordings` looks for them."""
+    rng = np.random.default_rng(10)
+    for north in (5.0, 200.0, 330.0):
+        headings = (north + np.repeat([0.0, 47.0, 91.0], 300) + rng.normal(scale=2.0, size=900)) % 360.0
+        middles, spreads = np.transpose(clusters(headings))
+        npt.assert_allclose(middles - middles[0], [0.0, 47.0, 91.0], atol=0.6)
+        assert abs((middles[0] - north + 180.0) % 360.0 - 180.0) < 0.6
+        npt.assert_allclose(spreads, 2.0, atol=0.4)

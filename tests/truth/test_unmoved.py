@@ -171,7 +171,7 @@ def test_a_turn_of_another_unit_is_not_called_still() -> None:
         assert unmoved_deg(Summary.of(simulate.tumble(seed=seed).samples.field / 100.0), "uT") is None
 
 
-@pytest.mark.parametrize("method", ["auto", "consistent", "sphere", "robust", "ladder", "li", "minmax"])
+@pytest.mark.parametrize("method", ["auto", "consistent", "sphere", "robust", "li", "minmax"])
 def test_every_method_says_so_and_nothing_else(method: str) -> None:
     with pytest.raises(Unmoved) as caught:
         flinders.fit(Samples.of(handled(1)[0], unit="uT"), method=method)

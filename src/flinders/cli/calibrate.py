@@ -339,11 +339,10 @@ def _check(recordings: tuple[str, ...], options: dict[str, Any]) -> None:
         For options that are not known or contradict each other, or a recording given twice.
     """
     from flinders.core.units import Unit
-    from flinders.estimators import METHODS
+    from flinders.estimators import METHODS, method_of
 
     method, prior = options["method"], "prior" in options
-    if method not in METHODS:
-        raise UsageError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
+    method_of(method)
     with_prior = [name for name, kind in METHODS.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
     if prior and method not in with_prior:
         raise UsageError(f"--prior goes with --method {' or '.join(with_prior)}: {method} has none, leave --prior out")

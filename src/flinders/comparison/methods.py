@@ -20,7 +20,7 @@ import numpy as np
 from flinders.comparison.comparison import compare
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
 from flinders.errors import FitError, NeedsSamples, UsageError
-from flinders.estimators import METHODS, Auto, Readings, within_range
+from flinders.estimators import METHODS, Auto, Readings, method_of, within_range
 from flinders.estimators.cache import concatenated
 from flinders.findings import VERDICTS
 from flinders.fitting.calibrate import estimator_of, fit
@@ -257,9 +257,8 @@ def known(methods: Sequence[str] | None) -> Sequence[str]:
         For one that is not known, or named twice.
     """
     names = list(METHODS) if methods is None else list(methods)
-    unknown = [name for name in names if name not in METHODS]
-    if unknown:
-        raise UsageError(f"method {unknown[0]!r} is not known: use some of {', '.join(METHODS)}")
+    for name in names:
+        method_of(name)
     if len(set(names)) < len(names) or not names:
         raise UsageError(f"methods are {', '.join(names) or 'none'}: name each once, and one at the least")
     return names

@@ -20,12 +20,6 @@ two-step        7          parity with Gebre-Egziabher, Elkaim and Foster
 alonso-shuster  10         TWOSTEP: the field's strength is known at each reading and varies
 sequential      5          the same reading by reading: the offset, or all where the strength varies
 ekf             10         how a Kalman filter on board would settle
-forgetting      10         a stream whose offset wanders: old readings fade
-ladder          40         parity with firmware of NXP's and Freescale's, and when it takes what
-sar-ls          5          field and gyro, the offset alone: parity with Troni and Whitcomb
-sar-kf          5          the same by a Kalman filter
-px4-observer    5          field and gyro: what PX4's online observer would learn
-magyc-ls        13         field and gyro, offset and soft iron: parity with MAGYC's differentiated form
 ellipse         6          one plane, of any axis: uneven turns, arcs
 two-axis        6          one plane, points equally spaced: parity with the ADIS recipe
 ==============  =========  ==============================================================================
@@ -34,15 +28,15 @@ Each file holds the formula, when to use it and when not, its source and an exam
 names to classes.
 
 >>> sorted(METHODS)
-['algebraic', 'alonso-shuster', 'auto', 'axes', 'consistent', 'ekf', 'ellipse', 'ellipsoid', 'forgetting', \
-'ladder', 'level', 'li', 'likelihood', 'magyc-ls', 'minmax', 'px4-observer', 'robust', 'sar-kf', 'sar-ls', \
-'sequential', 'sphere', 'two-axis', 'two-step']
+['algebraic', 'alonso-shuster', 'auto', 'axes', 'consistent', 'ekf', 'ellipse', 'ellipsoid', 'level', 'li', \
+'likelihood', 'minmax', 'robust', 'sequential', 'sphere', 'two-axis', 'two-step']
 """
 
 from __future__ import annotations
 
 from typing import Final
 
+from flinders.errors import UsageError
 from flinders.estimators.algebraic import Algebraic, fit_error
 from flinders.estimators.auto import Auto
 from flinders.estimators.base import Estimate, Estimator
@@ -58,14 +52,8 @@ from flinders.estimators.reference.attitude_independent import at_one_strength
 from flinders.estimators.reference.axes import AxisAligned
 from flinders.estimators.reference.ekf import Ekf
 from flinders.estimators.reference.ellipsoid import Constrained
-from flinders.estimators.reference.forgetting import Forgetting
-from flinders.estimators.reference.ladder import Ladder
 from flinders.estimators.reference.li import Li
-from flinders.estimators.reference.magyc_ls import MagycLs
 from flinders.estimators.reference.minmax import MinMax
-from flinders.estimators.reference.px4_observer import Px4Observer
-from flinders.estimators.reference.sar_kf import SarKf
-from flinders.estimators.reference.sar_ls import SarLs
 from flinders.estimators.reference.sequential import Sequential
 from flinders.estimators.reference.sphere import Sphere
 from flinders.estimators.reference.trace import Convergence
@@ -94,17 +82,41 @@ METHODS: Final[dict[str, type[Estimator]]] = {
         Ekf,
         Ellipse,
         TwoAxisRecipe,
-        Forgetting,
-        Ladder,
-        SarLs,
-        SarKf,
-        Px4Observer,
-        MagycLs,
     )
 }
 """Every method by name, the one to try first at the top."""
 
+EMULATED: Final[dict[str, str]] = {
+    "ladder": "'auto', or 'algebraic' with normalisation='nxp'",
+    "forgetting": "'consistent' on the latest readings",
+    "sar-ls": "'auto' with the aiding sensor 'rate'",
+    "sar-kf": "'auto' with the aiding sensor 'rate'",
+    "px4-observer": "'auto' with the aiding sensor 'rate'",
+    "magyc-ls": "'auto' with the aiding sensor 'rate'",
+}
+"""Algorithms of other projects that were methods once, and what to use instead."""
+
+
+def method_of(name: str) -> type[Estimator]:
+    """Look a method up.
+
+    Raises
+    ------
+    UsageError
+        For a name that does not exist.
+    """
+    if name in EMULATED:
+        raise UsageError(
+            f"method {name!r} is another project's algorithm: use {EMULATED[name]}; its emulation is in "
+            "benchmarks/emulations of the source repository"
+        )
+    if name not in METHODS:
+        raise UsageError(f"method {name!r} is not known: use one of {', '.join(METHODS)}")
+    return METHODS[name]
+
+
 __all__ = [
+    "EMULATED",
     "METHODS",
     "Algebraic",
     "AlonsoShuster",
@@ -117,18 +129,12 @@ __all__ = [
     "Ellipse",
     "Estimate",
     "Estimator",
-    "Forgetting",
-    "Ladder",
     "Level",
     "Li",
     "Likelihood",
-    "MagycLs",
     "MinMax",
-    "Px4Observer",
     "Readings",
     "Robust",
-    "SarKf",
-    "SarLs",
     "Sequential",
     "Sphere",
     "TwoAxisRecipe",
@@ -136,6 +142,7 @@ __all__ = [
     "as_correlated",
     "at_one_strength",
     "fit_error",
+    "method_of",
     "strays_of",
     "with_bias",
     "within_range",

@@ -25,11 +25,11 @@ from flinders.diagnostics.unmodelled import unfollowed_of
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, UsageError
 from flinders.estimators import (
-    METHODS,
     Auto,
     Readings,
     as_correlated,
     at_one_strength,
+    method_of,
     with_bias,
     within_range,
 )
@@ -255,11 +255,10 @@ def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> 
     UsageError
         For a name or an option that does not exist.
     """
-    if method not in METHODS:
-        raise UsageError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
-    known = [option.name for option in dataclasses.fields(cast("Any", METHODS[method]))]
+    kind = cast("Any", method_of(method))
+    known = [option.name for option in dataclasses.fields(kind)]
     try:
-        return METHODS[method](**{name: value for name, value in site.items() if name in known}, **options)
+        return cast("Estimator", kind(**{name: value for name, value in site.items() if name in known}, **options))
     except TypeError:
         own = [name for name in known if name not in site]
         unknown = [name for name in options if name not in own]

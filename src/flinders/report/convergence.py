@@ -1,13 +1,13 @@
 """How an estimate settles while readings come in: as a drawing (SVG) and as a table (CSV).
 
->>> from flinders.estimators import Forgetting, Readings
+>>> from flinders.estimators import Readings, Sequential
 >>> from flinders.simulate import tumble
->>> settling = Forgetting().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
->>> settled = Settling(settling, "forgetting", unit="uT")
+>>> settling = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
+>>> settled = Settling(settling, "sequential", unit="uT")
 >>> drawing(settled).startswith("<svg"), len(table(settled).splitlines())
 (True, 9)
 >>> table(settled).splitlines()[0][:60]
-'readings,stage,heading_off_deg,offset_x_uT,offset_y_uT,offse'
+'readings,heading_off_deg,offset_x_uT,offset_y_uT,offset_z_uT'
 """
 
 from __future__ import annotations
@@ -37,9 +37,6 @@ PARAMETERS: Final = (
     "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz",
 )  # fmt: skip
 """What each parameter is called, in their order."""
-
-STAGES: Final = {"4": "sphere", "7": "along axes", "10": "ellipsoid"}
-"""What the rungs of the ladder are called; other stages by their own names."""
 
 WIDE, LEFT, RIGHT, BELOW = 560, 58, 12, 46
 """Of the drawing and its margins, in its own units: letters are 13 of them, and so can be read on a telephone."""
@@ -112,18 +109,17 @@ class Settling:
 
 
 def table(settling: Settling) -> str:
-    """A line for each step: readings seen, stage, how far the heading is off the last, parameters and their 1 σ.
+    """A line for each step: readings seen, how far the heading is off the last, parameters and their 1 σ.
 
     What is not known yet is left empty.
     """
     steps = settling.steps
     columns = [f"{name}_{settling.unit}" for name in PARAMETERS]
-    header = ["readings", "stage", "heading_off_deg", *columns, *(f"sigma_{name}" for name in columns)]
+    header = ["readings", "heading_off_deg", *columns, *(f"sigma_{name}" for name in columns)]
     numbers = np.concatenate([settling.heading_off_deg[:, np.newaxis], steps.parameters, steps.sigmas], axis=1)
-    stages = steps.stages or ("",) * len(steps)
     lines = [
-        ",".join([str(count), stage, *("" if math.isnan(number) else f"{number:.9g}" for number in row)])
-        for count, stage, row in zip(steps.counts.tolist(), stages, numbers.tolist(), strict=True)
+        ",".join([str(count), *("" if math.isnan(number) else f"{number:.9g}" for number in row)])
+        for count, row in zip(steps.counts.tolist(), numbers.tolist(), strict=True)
     ]
     return "\n".join([",".join(header), *lines]) + "\n"
 
@@ -189,7 +185,6 @@ def _parameters(settling: Settling, title: str, which: range, top: float) -> tup
     frame = _Frame(below, -end, end, int(steps.counts[-1]))
     parts += _grid(frame, [(value, f"{value:+g}" if value else "0") for value in (-end, -end / 2, 0.0, end / 2, end)])
     parts += _clipped(frame, _bands(settling, which, frame))
-    parts += _stages(settling, frame, named=which[0] == 0)
     return parts, below + PLOT + GAP
 
 
@@ -237,7 +232,6 @@ def _headings(settling: Settling, top: float) -> tuple[list[str], float]:
         points = _points(frame, settling.steps.counts[run], np.log10(np.maximum(off, 1e-9)))
         lines.append(f'<polyline class="heading" points="{points}" fill="none" stroke="#18181b" stroke-width="1.8"/>')
     parts += _clipped(frame, iter(lines))
-    parts += _stages(settling, frame, named=False)
     for count in sorted({round(frame.readings * (share / 4) ** 2) for share in range(5)}):
         anchor = "start" if count == 0 else "end" if count == frame.readings else "middle"
         parts.append(_text(frame.x(count), frame.top + PLOT + 16, f"{count:,}", anchor=anchor))
@@ -286,23 +280,6 @@ def _grid(frame: _Frame, ticks: list[tuple[float, str]]) -> list[str]:
             _line(LEFT, y, WIDE - RIGHT, y, "zero" if is_zero else "grid", "#71717a" if is_zero else "#e4e4e7")
         )
         parts.append(_text(LEFT - 6, y + 4, shown.replace("-", "−"), anchor="end"))
-    return parts
-
-
-def _stages(settling: Settling, frame: _Frame, *, named: bool) -> list[str]:
-    """Lines up and down where another stage begins, with its name on the first plot."""
-    parts = []
-    stages = settling.steps.stages
-    for step, stage in enumerate(stages):
-        if not stage or (step and stages[step - 1] == stage):
-            continue
-        x = frame.x(float(settling.steps.counts[step]))
-        bottom = frame.top + PLOT
-        parts.append(_line(x, frame.top, x, bottom, "zero", "#71717a", ' stroke-dasharray="3 3"'))
-        if named:
-            parts.append(
-                _text(x + 4, bottom - 6 - LINE * 0.8 * (len(parts) // 2 % 3), STAGES.get(stage, stage), quiet=True)
-            )
     return parts
 
 

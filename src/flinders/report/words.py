@@ -1,7 +1,7 @@
 """What is found about a recording in plain words, without a word that only those know who fit ellipsoids.
 
->>> REFUSALS["one-axis-turned"].remedy
-'Roll or pitch as well while recording.'
+>>> REFUSALS["unmoved"].remedy
+'Turn it slowly through all directions while recording.'
 """
 
 from __future__ import annotations
@@ -54,14 +54,6 @@ REFUSALS: Final = {
     "wrong-strength": Words(
         "The strength of the field that the recording tells beside its readings cannot be right.",
         "Check where that column comes from, or take it out.",
-    ),
-    "needs-rate": Words(
-        "The method that was asked for goes by how the body turned, and the recording has no {missing}.",
-        "Record the gyro and the time beside the magnetometer, or use another method.",
-    ),
-    "one-axis-turned": Words(
-        "The body turned about one axis alone.",
-        "Roll or pitch as well while recording.",
     ),
     "collapsed": Words(
         "The method that was asked for finds no correction near these readings.",

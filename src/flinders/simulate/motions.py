@@ -354,7 +354,7 @@ def rocked(
 
     References
     ----------
-    S. Rodríguez-Martínez and G. Troni (2024), see `flinders.estimators.reference.magyc_ls`; numbers as in their code.
+    S. Rodríguez-Martínez and G. Troni (2024), see `benchmarks.emulations.magyc_ls`; numbers as in their code.
 
     Examples
     --------

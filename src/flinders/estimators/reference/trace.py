@@ -31,17 +31,14 @@ class Convergence:
         b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the unit of the readings; NaN where there was no ellipsoid yet.
     sigmas : (K, 9) float
         Standard deviation that the method claims of each.
-    stages : tuple of str
-        What was run at each step, where the method climbs from a simple model to richer ones; empty otherwise.
     """
 
     counts: NDArray[np.int64]
     parameters: Floats
     sigmas: Floats
-    stages: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, counts: Sequence[int], estimates: Sequence[Estimate | None], stages: Sequence[str] = ()) -> Self:
+    def of(cls, counts: Sequence[int], estimates: Sequence[Estimate | None]) -> Self:
         """Put together what was found after so many readings; None where there was no ellipsoid yet.
 
         >>> from flinders.estimators import Estimate
@@ -60,7 +57,6 @@ class Convergence:
             np.array(counts, dtype=np.int64).reshape(-1),
             np.array(parameters).reshape(-1, 9),
             np.array(sigmas).reshape(-1, 9),
-            tuple(stages),
         )
 
     @property
@@ -98,7 +94,7 @@ class Watched(Protocol):
 
     >>> from flinders.estimators import METHODS
     >>> [name for name, method in METHODS.items() if issubclass(method, Watched)]
-    ['sequential', 'ekf', 'forgetting', 'ladder']
+    ['sequential', 'ekf']
     """
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:

@@ -1,0 +1,54 @@
+"""Least squares with exponential forgetting: the consistent ellipsoid of sums in which old readings fade.
+
+A reading of age a, in readings, weighs exp(−a/m) for a memory of m readings: Σ wᵢ xᵢʲyᵢᵏzᵢˡ in place of the sums of
+`flinders.estimators.consistent`. A recursion gives the same: multiply all sums by exp(−1/m) before each new reading.
+
+The offset moves by 30 in the middle of a recording:
+
+>>> from flinders import Samples
+>>> rng = np.random.default_rng(1)
+>>> directions = rng.normal(size=(6000, 3))
+>>> field = 50.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True) + rng.normal(size=(6000, 3))
+>>> field[3000:, 0] += 30.0
+>>> for memory in (None, 300.0):
+...     print(forgetting(Samples(field), memory).centre.round(0) + 0.0)
+[15.  0.  0.]
+[30.  0.  0.]
+
+L. Ljung, "System Identification" (2nd ed. 1999), 11.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.estimators.consistent import adjusted
+from flinders.estimators.data import Readings
+from flinders.summary.moments import Moments
+from flinders.summary.summary import Summary
+
+if TYPE_CHECKING:
+    from flinders.core.samples import Samples
+    from flinders.geometry.ellipsoid import Ellipsoid
+
+
+def forgetting(samples: Samples, memory: float | None = None) -> Ellipsoid:
+    """The ellipsoid of what is remembered in the end.
+
+    Parameters
+    ----------
+    samples : Samples
+    memory : float, optional
+        Readings after which a weight has fallen to 1/e; None remembers all.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        If the quadric is open.
+    """
+    ages = np.arange(len(samples))[::-1]
+    weights = np.exp(-ages / memory) if memory else np.ones(len(samples))
+    return adjusted(Readings(replace(Summary.empty(), moments=Moments.of(samples.field, weight=weights))))[0]

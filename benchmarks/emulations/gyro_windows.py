@@ -1,0 +1,156 @@
+"""Readings beside the rate at which the body turned: what the emulations with a gyro look at.
+
+A field that is fixed in the world turns in the body, ẋ = −ω × (x − b). From one reading to the next, with the rate
+constant in between, u = x − b turns by the angle θ = |ω| Δt:
+
+    x⁺ − x = −ω' Δt × ((x⁺ + x)/2 − b),     ω' = ω · tan(θ/2) / (θ/2)
+
+which is exact (Cayley's form of a rotation), so that no error of the difference quotient is left. The noise of the
+difference and that of the mean of two readings are independent, too.
+
+Time is used as it was recorded; where it stands still, goes back or jumps by more than three usual steps, one segment
+ends and the next begins.
+
+>>> from flinders import simulate
+>>> recording = simulate.tumble(seed=1, n=500, noise=0.0, imu=simulate.Imu(gyro_noise=0.0), sensor=simulate.Sensor())
+>>> [steps] = steps_of(recording.samples)
+>>> moved = steps.slope + np.cross(steps.rate, steps.middle)
+>>> len(steps), float(np.abs(moved).max()) < 1e-9
+(499, True)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import FitError, NotAnEllipsoid
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.summary.moments import Moments
+
+if TYPE_CHECKING:
+    from flinders import Samples
+    from flinders.arrays import Floats
+
+GAP: Final = 3.0
+"""Usual steps of time beyond which two readings do not follow each other."""
+
+ACROSS: Final = 0.05
+"""Rates across the main axis of turning, over those about it, below which noise of the gyro passes for them."""
+
+
+class NeedsRate(FitError):
+    """The recording has no angular rate, no times, or no two readings that follow each other."""
+
+
+class OneAxisTurned(FitError):
+    """The body turned about one axis alone, and the offset along it is unknown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steps:
+    """Consecutive pairs of readings.
+
+    Attributes
+    ----------
+    first : (3,) float
+        Reading before the first step, in the unit of the readings.
+    last : (M, 3) float
+        Reading at the end of each step.
+    seconds : (M,) float, s
+        How long each takes.
+    turn : (M, 3) float, rad/s
+        Angular rate, constant over the step: what the gyro read at its beginning.
+    """
+
+    first: Floats
+    last: Floats
+    seconds: Floats
+    turn: Floats
+
+    def __len__(self) -> int:
+        return len(self.last)
+
+    @property
+    def begin(self) -> Floats:
+        """(M, 3) reading at the beginning of each step."""
+        return np.concatenate([self.first[np.newaxis], self.last[:-1]])
+
+    @property
+    def middle(self) -> Floats:
+        """(M, 3) mean of the two readings."""
+        middle: Floats = (self.begin + self.last) / 2.0
+        return middle
+
+    @property
+    def slope(self) -> Floats:
+        """(M, 3) difference of the two readings, a second."""
+        slope: Floats = (self.last - self.begin) / self.seconds[:, np.newaxis]
+        return slope
+
+    @property
+    def rate(self) -> Floats:
+        """(M, 3) ω' of the head of this module, rad/s."""
+        half = np.linalg.norm(self.turn, axis=1) * self.seconds / 2.0
+        stretched: Floats = self.turn * np.where(half > 1e-8, np.tan(half) / np.maximum(half, 1e-8), 1.0)[:, np.newaxis]
+        return stretched
+
+
+def steps_of(samples: Samples) -> list[Steps]:
+    """Take the steps out of a recording, without gaps; readings without a rate are left out.
+
+    Raises
+    ------
+    NeedsRate
+        Without an angular rate, without times, or where no two readings follow each other.
+    OneAxisTurned
+        If the root mean square rate across the main axis is below a twentieth of that about it.
+    """
+    if samples.rate is None or samples.time is None:
+        raise NeedsRate("the emulations with a gyro need an angular rate and times")
+    known = np.isfinite(samples.time) & np.isfinite(samples.rate).all(axis=1)
+    steps = _split(samples.field[known], samples.time[known], samples.rate[known])
+    if not steps:
+        raise NeedsRate("no two readings follow each other in time")
+    _require_two_axes(steps)
+    return steps
+
+
+def sphere_about(centre: Floats, samples: Samples) -> Ellipsoid:
+    """The sphere about a centre (3,), with the root mean square distance of the readings for its radius.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        For a centre that is no number, as of an observer that ran away.
+    """
+    moments = Moments.of(samples.field)
+    with np.errstate(over="ignore"):
+        radius = float(np.hypot(moments.spread, np.linalg.norm(moments.mean - centre)))
+    if not np.isfinite(radius):
+        raise NotAnEllipsoid((np.nan,) * 3)
+    return Ellipsoid(centre, radius * np.eye(3))
+
+
+def _require_two_axes(steps: list[Steps]) -> None:
+    """Refuse rates that are all about one axis."""
+    square = sum((np.asarray(one.turn.T @ one.turn) for one in steps), np.zeros((3, 3)))
+    values = np.maximum(np.linalg.eigvalsh(square), 0.0)
+    across = float(np.sqrt(values[1] / values[2])) if values[2] > 0.0 else 0.0
+    if not across >= ACROSS:
+        raise OneAxisTurned(f"rates across the main axis are {across:.1%} of those about it: {ACROSS:.0%} are needed")
+
+
+def _split(field: Floats, time: Floats, rate: Floats) -> list[Steps]:
+    """Consecutive readings, cut where time does not go on."""
+    seconds = np.diff(time)
+    if not np.any(seconds > 0.0):
+        return []
+    usual = float(np.median(seconds[seconds > 0.0]))
+    broken = np.flatnonzero((seconds <= 0.0) | (seconds > GAP * usual)) + 1
+    rows = np.split(np.arange(len(time)), broken)
+    return [
+        Steps(field[some[0]], field[some[1:]], seconds[some[:-1]], rate[some[:-1]]) for some in rows if len(some) > 1
+    ]

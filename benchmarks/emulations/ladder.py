@@ -1,0 +1,270 @@
+"""NXP's ladder: a sphere of few readings, an ellipsoid along the axes of more, a general one of many (4, 7, 10).
+
+What the Freescale and NXP sensor fusion libraries and MotionCal run on a microcontroller while the sensor is carried
+about. A buffer keeps up to 240 readings that are unlike each other. Every 20 readings the richest solver that the
+buffer allows is tried: 4 elements (a sphere, from 40 readings), 7 (an ellipsoid along the axes, from 100), 10 (a
+general one, from 150). A trial is accepted if its field is one of the earth's (22 to 67 µT, where the unit is
+known) and one of these holds:
+
+* nothing was accepted yet;
+* its fit error ε is no larger than that of what is in use, which grows by 2 % with each trial;
+* it comes from a higher rung, and ε is at most 4 %.
+
+ε is `fit_error`. A trial of 4 elements is credited with 12 % at the least, one of 7 with 7.5 %, and what is in use
+with 2 %, so that richer solvers and fresh readings take over.
+
+Reproduced of ``magnetic.c``: the 12 × 24 bins by the tangents x/z and y/z of readings corrected with what is in
+use, the 240 latest of them, the mesh of 5 µT while the buffer fills [1]_; the numbers of readings, the interval,
+the floors, the aging and the rules as MotionCal has them [2]_; the first reading of the buffer taken off and 50 µT
+for unit, and eigenvectors of unit length for 7 and 10 elements (AN4246, AN5019).
+
+Not reproduced: integer counts and their rounding; time slices, during which the buffer is closed; MotionCal's own
+buffer of 650 readings. Other editions have other numbers (50 or 100 readings for the sphere, 10 to 90 µT, aging
+by the clock, 3.5 % in place of 4 %, nothing above 15 %, a buffer that is emptied after a failure). 12 % and 7.5 %
+are at times quoted as ceilings beyond which nothing is accepted: in the source they are floors.
+
+Where ``magnetic.c`` changes the sign of a quadric with a negative determinant and takes roots of absolute values,
+and so lets an open surface pass for an ellipsoid, all three eigenvalues are looked at here, and such a
+trial is not accepted. Without a unit any field is, and the mesh is a tenth of the spread of all readings.
+
+.. [1] Freescale Sensor Fusion Library 5.00 (2015), ``magnetic.c``; NXP AN4246 and AN5019.
+.. [2] P. Stoffregen, MotionCal (2016), ``magcal.c``, after Freescale's of 2014.
+
+>>> directions = np.random.default_rng(1).normal(size=(2000, 3))
+>>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+>>> from flinders import Samples
+>>> samples = Samples(directions * [45, 50, 55] + [20, 120, 90])
+>>> found = ladder(samples)
+>>> found.centre.round(6), found.semi_axes.round(6)
+(array([ 20., 120.,  90.]), array([45., 50., 55.]))
+>>> list(dict.fromkeys(accepted.elements for _, accepted in climbed(samples) if accepted))
+[4, 7, 10]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.core.units import MICROTESLA
+from flinders.errors import FitError, NotAnEllipsoid
+from flinders.estimators.algebraic import fit_error
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.summary.moments import Moments
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One of the solvers.
+
+    Attributes
+    ----------
+    elements : int
+        Its coefficients, and its name.
+    least : int
+        Readings in the buffer from which on it is run.
+    floor : float
+        Fit error that it is credited with at the least, so that a richer one takes its place.
+    """
+
+    elements: int
+    least: int
+    floor: float
+
+
+RUNGS: Final = (Rung(4, 40, 0.12), Rung(7, 100, 0.075), Rung(10, 150, 0.0))
+"""From the lowest to the highest."""
+
+BINS, FULL = 12, 240
+"""Bins of a ratio of two axes (there are 12 × 24), and readings that the buffer holds."""
+
+MESH_UT, MESH_SHARE = 5.0, 0.1
+"""Readings nearer than that to another, |Δx| + |Δy| + |Δz|, are no new ones while the buffer fills: in µT; and as a
+share of the spread, where there is no unit."""
+
+INTERVAL: Final = 20
+"""Readings from one trial to the next."""
+
+AGING: Final = 1.02
+"""Factor by which the fit error of what is in use grows with each trial."""
+
+WEAKEST_UT, STRONGEST_UT = 22.0, 67.0
+"""The earth's field; outside nothing is accepted."""
+
+BETTER, GOOD_ENOUGH = 0.04, 0.02
+"""Fit error at which a higher rung is taken whatever the lower one had; and below which none is remembered."""
+
+DEFAULT_UT: Final = 50.0
+"""What readings are divided by, as eigenvectors of unit length depend on it."""
+
+TANGENTS: Final = np.tan(np.pi * (np.arange(1, BINS) / BINS - 0.5))
+
+
+class NothingAccepted(FitError):
+    """No trial was accepted: too few unlike readings, an open surface, or no field of the earth's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Accepted:
+    """A calibration in use, and the solver that it comes from."""
+
+    ellipsoid: Ellipsoid
+    elements: int
+
+
+def ladder(samples: Samples) -> Ellipsoid:
+    """What has been accepted at the end of the recording.
+
+    Raises
+    ------
+    NothingAccepted
+        If no trial was accepted.
+    """
+    *_, (_, accepted) = climbed(samples)
+    if accepted is None:
+        raise NothingAccepted("no trial was accepted")
+    return accepted.ellipsoid
+
+
+def climbed(samples: Samples) -> Iterator[tuple[int, Accepted | None]]:
+    """Go through the recording: after each trial, and at the end, how many readings were seen and what is in use."""
+    is_known = samples.unit.inside == MICROTESLA
+    spread = Moments.of(samples.field).spread
+    climb = _Climb(MESH_UT if is_known else MESH_SHARE * spread, DEFAULT_UT if is_known else spread, is_known=is_known)
+    for count in range(INTERVAL, len(samples) + 1, INTERVAL):
+        climb.take(samples.field[count - INTERVAL : count])
+        climb.try_one()
+        yield count, climb.accepted
+    if len(samples) % INTERVAL:
+        yield len(samples), climb.accepted
+
+
+class _Climb:
+    """Buffer, what is in use, and its fit error as it ages."""
+
+    def __init__(self, mesh: float, scale: float, *, is_known: bool) -> None:
+        self.accepted: Accepted | None = None
+        self._buffer = _Buffer(mesh)
+        self._scale, self._is_known = scale, is_known
+        self._error = np.inf
+
+    def take(self, field: Floats) -> None:
+        """Let the buffer look at some readings, corrected with what is in use."""
+        corrected = field
+        if self.accepted is not None:
+            found = self.accepted.ellipsoid
+            corrected = found.radius * np.linalg.solve(found.shape, (field - found.centre).T).T
+        self._buffer.take(field, bins_of(corrected))
+
+    def try_one(self) -> None:
+        """Run the richest solver that the buffer allows, and see whether it is to be accepted."""
+        field = self._buffer.held
+        rung = next((rung for rung in reversed(RUNGS) if len(field) >= rung.least), None)
+        if rung is None:
+            return
+        self._error *= AGING
+        try:
+            ellipsoid, error = solved(field, rung.elements, self._scale)
+        except (NotAnEllipsoid, np.linalg.LinAlgError):
+            return
+        if self._is_known and not WEAKEST_UT <= ellipsoid.radius <= STRONGEST_UT:
+            return
+        error = max(error, rung.floor)
+        higher = self.accepted is not None and rung.elements > self.accepted.elements
+        if self.accepted is None or error <= self._error or (higher and error <= BETTER):
+            self.accepted = Accepted(ellipsoid, rung.elements)
+            self._error = max(error, GOOD_ENOUGH)
+
+
+class _Buffer:
+    """Readings in 12 × 24 bins, the latest of each bin; while it fills, also elsewhere where they are far from all."""
+
+    def __init__(self, mesh: float) -> None:
+        self._mesh = mesh
+        self._field = np.zeros((2 * BINS * BINS, 3))
+        self._stamps = np.full(2 * BINS * BINS, -1)
+        self._seen = 0
+
+    @property
+    def held(self) -> Floats:
+        """(M, 3) readings in the order of the bins."""
+        return self._field[self._stamps >= 0]
+
+    def take(self, field: Floats, bins: NDArray[np.int64]) -> None:
+        """Take (N, 3) readings whose (N,) bins are known; those without one, −1, are passed over."""
+        for reading, place in zip(field, bins.tolist(), strict=True):
+            self._seen += 1
+            if place >= 0:
+                self._put(reading, place)
+
+    def _put(self, reading: Floats, place: int) -> None:
+        held = np.flatnonzero(self._stamps >= 0)
+        is_free = self._stamps[place] < 0
+        if len(held) >= FULL:
+            if is_free:
+                self._stamps[held[np.argmin(self._stamps[held])]] = -1
+        elif not is_free and self._is_far(reading, np.array([place])):
+            if not self._is_far(reading, held):
+                return
+            place = int(np.flatnonzero(self._stamps < 0)[-1])  # the last bin that is free
+        self._field[place], self._stamps[place] = reading, self._seen
+
+    def _is_far(self, reading: Floats, places: NDArray[np.int64]) -> bool:
+        """Whether a reading is a mesh or more away from all in these places."""
+        return bool(np.abs(self._field[places] - reading).sum(axis=1).min() >= self._mesh)
+
+
+def bins_of(corrected: Floats) -> NDArray[np.int64]:
+    """(N,) bins of (N, 3) corrected readings: x/z in twelve, y/z in twelve, each twice for the sign of x; −1 for z = 0.
+
+    >>> bins_of(np.array([[2.0, 2.0, 1.0], [-2.0, 2.0, 1.0], [1.0, 1.0, 0.0]]))
+    array([250,  46,  -1])
+    """
+    x, y, z = corrected.T
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        row = np.searchsorted(TANGENTS, x / z, side="right")
+        column = np.searchsorted(TANGENTS, y / z, side="right") + BINS * (x < 0)
+    return np.where(z == 0.0, -1, row * 2 * BINS + column)
+
+
+def solved(field: Floats, elements: int, scale: float) -> tuple[Ellipsoid, float]:
+    """The ellipsoid of 4, 7 or 10 elements through (M, 3) readings, and its fit error.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        If the surface is open.
+    LinAlgError
+        If the readings lie in one plane, and any sphere through their circle would do.
+
+    Examples
+    --------
+    The worked example of AN4246:
+
+    >>> turned = np.array([[167.4, -242.4, 91.7], [140.3, -221.9, 86.8], [152.4, -230.4, -0.6],
+    ...                    [180.3, -270.6, 71.0], [190.9, -212.4, 62.7], [192.9, -242.4, 17.1]])
+    >>> sphere, error = solved(turned, 4, 50.0)
+    >>> sphere.centre.round(2), round(sphere.radius, 3), round(100 * error, 3)
+    (array([ 155.74, -239.12,   45.83]), 47.236, 0.298)
+    """
+    moments, origin = Moments.of(field), field[0]
+    scatter = moments.about(origin, scale)
+    if elements == 4:
+        slopes = np.linalg.solve(scatter[6:, 6:], scatter[6:, :3].sum(axis=1))
+        coefficients = np.concatenate([[1.0, 1, 1, 0, 0, 0], -slopes])
+    else:
+        places = np.array([0, 1, 2, 6, 7, 8, 9] if elements == 7 else range(10))
+        coefficients = np.zeros(10)
+        coefficients[places] = np.linalg.eigh(scatter[np.ix_(places, places)])[1][:, 0]
+    ellipsoid = Ellipsoid.from_quadric(coefficients, method="ladder").in_frame(origin, scale)
+    return ellipsoid, fit_error(moments, ellipsoid)

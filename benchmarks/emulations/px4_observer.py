@@ -1,0 +1,61 @@
+"""PX4's online observer of the offset: a first-order recursion driven by the gyro, as PX4 runs it before take-off.
+
+At each reading, with ω the rate and Δt the time since the last one
+
+    p = x⁻ − ω × (x⁻ − b) Δt,     b⁺ = b + g Δt · (−ω × (x − p))
+
+x⁻ being the last reading: the field's half of the state of the published observer is replaced by what was measured. An
+error of the offset across ω decays at the rate g Δt |ω|², so PX4's gain is one for its rate of readings: at 50 Hz and
+1 rad/s it takes two and a half seconds, at 0.1 rad/s four minutes. It begins at zero; soft iron and the gyro's bias are
+not in it, and its straight step in place of a rotation leaves an error that grows with the square of |ω| Δt.
+
+Left out are PX4's guards, which need gauss: it takes an offset for learnt once it is above 0.04 G and hardly moves
+while the vehicle turns, and starts again from zero beyond 5 G.
+
+PX4 Autopilot, ``FieldSensorBiasEstimator.hpp``, ``updateEstimate``; after G. Troni, L. L. Whitcomb, "Adaptive
+estimation of measurement bias in three-dimensional field sensors with angular-rate sensors", Robotics: Science and
+Systems IX (2013), eq. 11. An edition of the file leaves Δt out of b⁺.
+
+>>> from flinders import simulate
+>>> bare = simulate.Sensor(offset=[20.0, 12.0, -9.0], noise=0.0)
+>>> recording = simulate.tumble(seed=1, motion="swayed", n=9000, sensor=bare, imu=simulate.Imu(gyro_noise=0.0))
+>>> px4_observer(recording.samples).centre.round(1)
+array([20., 12., -9.])
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from benchmarks.emulations.gyro_windows import sphere_about, steps_of
+
+if TYPE_CHECKING:
+    from flinders import Samples
+    from flinders.geometry.ellipsoid import Ellipsoid
+
+GAIN: Final = 20.0
+"""1/s, PX4's learning gain."""
+
+
+def px4_observer(samples: Samples, gain: float = GAIN) -> Ellipsoid:
+    """A sphere about the offset at the end of the recording; `gain` is g, in 1/s.
+
+    Raises
+    ------
+    NeedsRate, OneAxisTurned
+        See `benchmarks.emulations.gyro_windows.steps_of`.
+    NotAnEllipsoid
+        If the gain is too large for these rates, and the observer runs away.
+    """
+    offset = np.zeros(3)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for steps in steps_of(samples):
+            rate, weight = steps.turn, gain * steps.seconds[:, np.newaxis]
+            across = np.einsum("ni,ni,jk->njk", rate, rate, np.eye(3)) - np.einsum("nj,nk->njk", rate, rate)  # WᵀW
+            decays = np.eye(3) - (weight * steps.seconds[:, np.newaxis])[:, :, np.newaxis] * across
+            innovation = steps.last - steps.begin + np.cross(rate, steps.begin) * steps.seconds[:, np.newaxis]
+            for decay, pull in zip(decays, -np.cross(rate, innovation) * weight, strict=True):
+                offset = decay @ offset + pull  # the step is linear in b
+        return sphere_about(offset, samples)

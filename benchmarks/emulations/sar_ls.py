@@ -1,0 +1,55 @@
+"""SAR-LS: the offset by linear least squares from how readings change while the body turns.
+
+Minimises ``Σ |ẋ + ω × (x − b)|²``. With W = [ω]× and y = ẋ + ω × x each reading says y = W b, so
+
+    b = (Σ WᵀW)⁻¹ Σ Wᵀy                                             (section IV.A)
+
+ẋ is the difference of consecutive readings, as `benchmarks.emulations.gyro_windows` has it: exact without noise.
+Differences of readings are nearly all noise at high rates, a bias of the gyro moves the answer by about
+bias × field / rate, and soft iron is not in the model.
+
+G. Troni, L. L. Whitcomb, "Field sensor bias calibration with angular-rate sensors: theory and experimental evaluation
+with application to magnetometer calibration", IEEE/ASME Trans. Mechatronics 24 (2019) 1698–1710. The equations as in an
+implementation by its first author, whose element-wise square of W is no WᵀW and is not repeated.
+
+A vehicle that tilts by 35° at most, without noise:
+
+>>> from flinders import simulate
+>>> calm = simulate.Imu(gyro_noise=0.0)
+>>> bare = simulate.Sensor(offset=[20.0, 120.0, 90.0])
+>>> recording = simulate.tumble(seed=1, motion="swayed", n=500, sensor=bare, imu=calm)
+>>> sar_ls(recording.samples).centre.round(6)
+array([ 20., 120.,  90.])
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from benchmarks.emulations.gyro_windows import sphere_about, steps_of
+from flinders.summary.moments import Moments
+
+if TYPE_CHECKING:
+    from flinders import Samples
+    from flinders.geometry.ellipsoid import Ellipsoid
+
+
+def sar_ls(samples: Samples) -> Ellipsoid:
+    """A sphere about the offset.
+
+    Raises
+    ------
+    NeedsRate, OneAxisTurned
+        See `benchmarks.emulations.gyro_windows.steps_of`.
+    """
+    steps = steps_of(samples)
+    moments = Moments.of(samples.field)
+    origin, scale = moments.mean, moments.spread
+    rate = np.concatenate([one.rate for one in steps])
+    middle = np.concatenate([(one.middle - origin) / scale for one in steps])
+    slope = np.concatenate([one.slope / scale for one in steps])
+    matrix = np.sum(rate**2) * np.eye(3) - rate.T @ rate  # Σ WᵀW
+    vector = -np.cross(rate, slope + np.cross(rate, middle)).sum(axis=0)  # Σ Wᵀy
+    return sphere_about(origin + scale * np.linalg.solve(matrix, vector), samples)
