@@ -284,3 +284,15 @@ def test_a_calibration_names_the_file_that_was_printed_and_not_the_table_made_of
     (file,) = json.loads(out.read_text(encoding="utf-8"))["provenance"]["files"]
     assert file["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert (file["bytes"], file["rows"]) == (path.stat().st_size, len(rows))
+
+
+def test_numbers_of_columns_count_what_is_printed_also_live() -> None:
+    """Nine numbers without names: the recording has a time before them."""
+    gravity = [(0.1 * number, -9.0, 3.0) for number in range(len(FIELD))]
+    lines = [
+        ",".join(f"{value:.2f}" for value in (*g, *g, *row)) for g, row in zip(gravity, FIELD.tolist(), strict=True)
+    ]
+    transcript = Transcript("the board", columns="7,8,9", unit="uT")
+    taken = transcript.take("".join(f"{line}\n" for line in lines).encode(), at=1.0)
+    np.testing.assert_allclose([reading.field for reading in taken.readings], np.round(FIELD[1:], 2), atol=1e-9)
+    assert any("c7, c8, c9" in event.words for event in taken.events)

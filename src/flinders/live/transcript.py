@@ -334,10 +334,18 @@ class Transcript:
     def _recognised(self, lines: list[str]) -> tuple[Layout, Unit] | None:
         """How `flinders.read` will read the text; None where it will need to be told more."""
         try:
-            layout = sniff(self._name, lines, self._columns)
+            layout = sniff(self._name, lines, self._named())
             return layout, unit_of(layout.columns, self._name, self._unit, self._scale)
         except FlindersError:
             return None
+
+    def _named(self) -> str | None:
+        """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
+        form, asked = self.told.form, (self._columns or "").split(",")
+        if form is None or form.is_timed or not all(one.strip().isdigit() for one in asked):
+            return self._columns
+        names = form.header.split(form.delimiter)
+        return ",".join(names[int(one)] for one in asked) if max(map(int, asked)) < len(names) else self._columns
 
     def _flush(self, rows: list[str]) -> str:
         """Turn the lines that are held into text, and add its rows to `rows`."""
