@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders.core.samples import Samples
-from flinders.estimators import Readings, Robust, strays_of
+from flinders.estimators import Readings, strays_of
 from flinders.estimators.inliers import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, dense_in, left_out
+from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
 from flinders.simulate import tumble
