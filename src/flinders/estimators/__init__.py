@@ -3,10 +3,10 @@
 Each file of a method ends with its row, ``METHOD``, by which it is found here: a new method is a new file and nothing
 else. `METHODS` maps names to classes, and the rows make the lists of docs and command line.
 
->>> METHODS["li"](k=4.0)
-Li(k=4.0)
->>> print(ROWS["li"].use)
-always an ellipsoid, as Magneto fits it; pulls towards spheres
+>>> METHODS["consistent"]()
+Consistent()
+>>> print(ROWS["consistent"].use)
+general ellipsoid without bias from sums alone: streams, fleets, saved summaries
 """
 
 from __future__ import annotations
