@@ -43,7 +43,8 @@ from benchmarks.recordings import FOLDER, text_recordings
 from flinders import simulate
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FlindersError
-from flinders.estimators import Auto, Readings
+from flinders.estimators import Readings
+from flinders.estimators.auto import Auto
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg

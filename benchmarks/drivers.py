@@ -32,8 +32,9 @@ from flinders.core.calibration import Calibration
 from flinders.core.compensation import Settler
 from flinders.core.disturbance import lagged, motors
 from flinders.core.samples import Samples
-from flinders.estimators import Likelihood, Readings
+from flinders.estimators import Readings
 from flinders.estimators.disturbance import driving_of
+from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.static_bench import still
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid

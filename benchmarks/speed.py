@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import flinders
-from flinders.estimators import Likelihood, Readings
+from flinders.estimators import Readings
+from flinders.estimators.likelihood import Likelihood
 from flinders.simulate import tumble
 from flinders.summary.moments import Moments
 from flinders.summary.summary import Summary

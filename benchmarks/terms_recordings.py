@@ -22,8 +22,9 @@ import numpy as np
 
 import flinders
 from benchmarks.recordings import FOLDER
-from flinders.estimators import Auto, Readings
+from flinders.estimators import Readings
 from flinders.estimators.aiding import solve
+from flinders.estimators.auto import Auto
 from flinders.fitting.result import Refused
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_error, level_turn

@@ -26,7 +26,8 @@ from benchmarks.datasets import heading_error_deg
 from flinders import open_log, read, simulate
 from flinders.comparison.agreement import departures
 from flinders.comparison.multi_sensor import fit_together
-from flinders.estimators import Auto, Readings
+from flinders.estimators import Readings
+from flinders.estimators.auto import Auto
 from flinders.estimators.multi_sensor import Several, solve
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper

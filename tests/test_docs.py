@@ -82,8 +82,8 @@ def test_every_public_name_is_documented() -> None:
 def test_every_method_is_documented() -> None:
     from flinders.estimators import METHODS
 
-    missing = [name for name in METHODS if f"| `{name}` |" not in page("methods.md")]
-    assert not missing, f"docs/methods.md lacks rows for {missing}"
+    missing = [name for name in METHODS if f"\n**`{name}`** " not in page("methods.md")]
+    assert not missing, f"docs/methods.md lacks paragraphs on {missing}"
 
 
 def test_every_finding_is_documented() -> None:

@@ -14,28 +14,24 @@ import pytest
 from scipy.optimize import least_squares
 
 from flinders import simulate
-from flinders.estimators import (
-    METHODS,
-    Algebraic,
-    AlonsoShuster,
-    Auto,
-    AxisAligned,
-    Consistent,
-    Constrained,
-    Ekf,
-    Ellipse,
-    Estimator,
-    Level,
-    Li,
-    Likelihood,
-    MinMax,
-    Readings,
-    Robust,
-    Sequential,
-    Sphere,
-    TwoAxisRecipe,
-    TwoStep,
-)
+from flinders.estimators import METHODS, Estimator, Readings
+from flinders.estimators.algebraic import Algebraic
+from flinders.estimators.auto import Auto
+from flinders.estimators.consistent import Consistent
+from flinders.estimators.ellipse import Ellipse
+from flinders.estimators.level import Level
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.reference.alonso_shuster import AlonsoShuster
+from flinders.estimators.reference.axes import AxisAligned
+from flinders.estimators.reference.ekf import Ekf
+from flinders.estimators.reference.ellipsoid import Constrained
+from flinders.estimators.reference.li import Li
+from flinders.estimators.reference.minmax import MinMax
+from flinders.estimators.reference.sequential import Sequential
+from flinders.estimators.reference.sphere import Sphere
+from flinders.estimators.reference.two_step import TwoStep
+from flinders.estimators.robust import Robust
+from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 
 if TYPE_CHECKING:

@@ -13,18 +13,14 @@ import numpy.testing as npt
 import pytest
 
 import flinders
-from flinders.estimators import (
-    Algebraic,
-    Consistent,
-    Constrained,
-    Estimator,
-    Li,
-    Likelihood,
-    MinMax,
-    Readings,
-    Sphere,
-    fit_error,
-)
+from flinders.estimators import Estimator, Readings, fit_error
+from flinders.estimators.algebraic import Algebraic
+from flinders.estimators.consistent import Consistent
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.reference.ellipsoid import Constrained
+from flinders.estimators.reference.li import Li
+from flinders.estimators.reference.minmax import MinMax
+from flinders.estimators.reference.sphere import Sphere
 from flinders.fitting.axis_extremes import from_extremes
 from flinders.simulate import hemisphere
 

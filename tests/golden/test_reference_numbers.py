@@ -17,7 +17,12 @@ from scipy.optimize import least_squares
 import flinders
 from flinders import simulate
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators import Algebraic, Consistent, Estimator, Li, Likelihood, Readings, Sphere
+from flinders.estimators import Estimator, Readings
+from flinders.estimators.algebraic import Algebraic
+from flinders.estimators.consistent import Consistent
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.reference.li import Li
+from flinders.estimators.reference.sphere import Sphere
 from flinders.geometry.ellipsoid import symmetric, upper
 
 if TYPE_CHECKING:

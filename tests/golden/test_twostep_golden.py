@@ -11,7 +11,8 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.estimators import AlonsoShuster, Readings
+from flinders.estimators import Readings
+from flinders.estimators.reference.alonso_shuster import AlonsoShuster
 from flinders.estimators.reference.attitude_independent import (
     Collapsed,
     Reference,

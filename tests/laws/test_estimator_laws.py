@@ -13,21 +13,17 @@ from hypothesis.extra.numpy import arrays
 
 from flinders import simulate
 from flinders.errors import NeedsSamples
-from flinders.estimators import (
-    METHODS,
-    Algebraic,
-    Auto,
-    AxisAligned,
-    Consistent,
-    Constrained,
-    Estimator,
-    Li,
-    Likelihood,
-    MinMax,
-    Readings,
-    Robust,
-    Sphere,
-)
+from flinders.estimators import METHODS, Estimator, Readings
+from flinders.estimators.algebraic import Algebraic
+from flinders.estimators.auto import Auto
+from flinders.estimators.consistent import Consistent
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.reference.axes import AxisAligned
+from flinders.estimators.reference.ellipsoid import Constrained
+from flinders.estimators.reference.li import Li
+from flinders.estimators.reference.minmax import MinMax
+from flinders.estimators.reference.sphere import Sphere
+from flinders.estimators.robust import Robust
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders.core.samples import Samples
-from flinders.estimators import Readings, Robust, strays_of
-from flinders.estimators.inliers import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, left_out
+from flinders.estimators import Readings, strays_of
+from flinders.estimators.inliers import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, dense_in, left_out
+from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
 from flinders.simulate import tumble
@@ -126,3 +127,8 @@ def test_every_far_reading_is_in_one_run_and_no_run_is_empty(lengths: Floats) ->
     inside = [row for run in runs for row in far if run.first <= row <= run.last]
     assert inside == far.tolist()
     assert all(later.first > run.last for run, later in pairwise(runs))
+
+
+def test_a_run_that_all_other_readings_lie_around_leaves_no_share_to_count() -> None:
+    """Eleven of 28, and the margin reaches to the end."""
+    assert LEAST <= dense_in(np.arange(28) < WINDOW, 28) <= NO_RUN

@@ -21,8 +21,9 @@ from flinders.cli import main
 from flinders.comparison.evaluation import evaluate
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsSamples, UsageError
-from flinders.estimators import AlonsoShuster, Ekf, Estimator, Readings, Sequential, at_one_strength
+from flinders.estimators import Estimator, Readings, at_one_strength
 from flinders.estimators.reference import ekf as filters
+from flinders.estimators.reference.alonso_shuster import AlonsoShuster
 from flinders.estimators.reference.attitude_independent import (
     Collapsed,
     ConstantStrength,
@@ -34,7 +35,8 @@ from flinders.estimators.reference.attitude_independent import (
     regressors,
     theta_of,
 )
-from flinders.estimators.reference.sequential import State
+from flinders.estimators.reference.ekf import Ekf
+from flinders.estimators.reference.sequential import Sequential, State
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper

@@ -21,7 +21,8 @@ import numpy.testing as npt
 import pytest
 
 from flinders import simulate
-from flinders.estimators import Estimator, Likelihood, Readings
+from flinders.estimators import Estimator, Readings
+from flinders.estimators.likelihood import Likelihood
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import level_error, level_turn
 

@@ -11,7 +11,11 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
-from flinders.estimators import Algebraic, AxisAligned, Constrained, Readings, Sphere, fit_error
+from flinders.estimators import Readings, fit_error
+from flinders.estimators.algebraic import Algebraic
+from flinders.estimators.reference.axes import AxisAligned
+from flinders.estimators.reference.ellipsoid import Constrained
+from flinders.estimators.reference.sphere import Sphere
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:

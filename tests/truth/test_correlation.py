@@ -12,8 +12,10 @@ from benchmarks.claims import by_hand, remembering
 from benchmarks.datasets import parameter_error
 
 import flinders
-from flinders.estimators import Auto, Likelihood, Readings
+from flinders.estimators import Readings
+from flinders.estimators.auto import Auto
 from flinders.estimators.autocorrelation import correlation_of
+from flinders.estimators.likelihood import Likelihood
 from flinders.simulate import Sensor, tumble
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ from benchmarks.claims import by_hand
 import flinders
 from flinders.core.samples import Joined, Samples
 from flinders.diagnostics.drift import drift_of
-from flinders.estimators import Likelihood, Readings, autocorrelation
+from flinders.estimators import Readings, autocorrelation
+from flinders.estimators.likelihood import Likelihood
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import RATE_HZ, Sensor, tumble

@@ -25,8 +25,9 @@ from flinders.core.disturbance import Driver
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import InputError, NotTurned, UsageError
-from flinders.estimators import Likelihood, Readings
+from flinders.estimators import Readings
 from flinders.estimators.disturbance import driving_of
+from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.static_bench import still
 from flinders.fitting.disturbance_selection import earned
 from flinders.fitting.result import Refused

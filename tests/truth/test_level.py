@@ -13,7 +13,8 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
-from flinders.estimators import Level, Readings, cache
+from flinders.estimators import Readings, cache
+from flinders.estimators.level import Level
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.heading.error_propagation import level_error

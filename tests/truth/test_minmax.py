@@ -18,7 +18,8 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
-from flinders.estimators import MinMax, Readings
+from flinders.estimators import Readings
+from flinders.estimators.reference.minmax import MinMax
 from flinders.fitting.axis_extremes import from_extremes
 from flinders.fitting.judged import Judged
 from flinders.geometry.ellipsoid import Ellipsoid

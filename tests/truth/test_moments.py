@@ -14,8 +14,8 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
-from flinders.estimators import Consistent, Readings
-from flinders.estimators.consistent import adjusted_quadric
+from flinders.estimators import Readings
+from flinders.estimators.consistent import Consistent, adjusted_quadric
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.simulate import uniform
 from flinders.summary.moments import EXPONENTS, Moments, unpacked

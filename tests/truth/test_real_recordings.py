@@ -17,7 +17,8 @@ from benchmarks.terms_recordings import clusters
 
 import flinders
 from flinders.errors import FitError, InputError
-from flinders.estimators import Li, Readings
+from flinders.estimators import Readings
+from flinders.estimators.reference.li import Li
 from flinders.fitting.result import Fit, Refused
 
 if TYPE_CHECKING:

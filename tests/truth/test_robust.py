@@ -12,8 +12,10 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators import Auto, Likelihood, Readings, Robust, cache, likelihood
-from flinders.estimators.robust import asks_for_it
+from flinders.estimators import Readings, cache, likelihood
+from flinders.estimators.auto import Auto
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.robust import Robust, asks_for_it
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
 from flinders.summary.coverage import Coverage

@@ -10,8 +10,10 @@ import pytest
 
 import flinders
 from flinders.core.samples import Joined, Samples, Wrapped
-from flinders.estimators import Likelihood, Readings, Robust, cache
+from flinders.estimators import Readings, cache
 from flinders.estimators.autocorrelation import correlation_of
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.robust import Robust
 from flinders.simulate import Sensor, tumble
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ from click.testing import CliRunner, Result
 import flinders
 from flinders.cli import main
 from flinders.core.samples import Samples
-from flinders.estimators import Level, Readings
+from flinders.estimators import Readings
 from flinders.estimators.known_dip import Heights, conditioned, sited
-from flinders.estimators.level import turned_level
+from flinders.estimators.level import Level, turned_level
 from flinders.fitting.result import Refused
 from flinders.likelihood.site_field import Site
 

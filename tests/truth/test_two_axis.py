@@ -18,7 +18,9 @@ from flinders.cli import main
 from flinders.cli import two_axis as cli_two_axis
 from flinders.comparison.composition import Composed, refuse_unloaded, rotation_error
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
-from flinders.estimators import Ellipse, Readings, TwoAxisRecipe
+from flinders.estimators import Readings
+from flinders.estimators.ellipse import Ellipse
+from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root

@@ -13,8 +13,8 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.estimators import Readings, TwoStep
-from flinders.estimators.reference.two_step import triangular
+from flinders.estimators import Readings
+from flinders.estimators.reference.two_step import TwoStep, triangular
 
 OFFSET: Final = np.array([20.0, 120.0, 90.0])
 LEANING: Final = np.array([[1.0, 0.0, 0.0], [0.10, 1.1, 0.0], [0.02, -0.05, 0.9]])

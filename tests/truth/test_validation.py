@@ -14,7 +14,12 @@ from flinders import simulate
 from flinders.comparison.cross_validation import NotValidated, cross_validated
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.estimators import METHODS, Consistent, Level, Likelihood, MinMax, Readings, Sphere
+from flinders.estimators import METHODS, Readings
+from flinders.estimators.consistent import Consistent
+from flinders.estimators.level import Level
+from flinders.estimators.likelihood import Likelihood
+from flinders.estimators.reference.minmax import MinMax
+from flinders.estimators.reference.sphere import Sphere
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -208,7 +208,8 @@ def _turn(source: Recording, plane: Any, method: str) -> Turn:  # noqa: ANN401 -
     FitError
         Where no ellipse goes through them.
     """
-    from flinders.estimators import Ellipse, Readings, within_range
+    from flinders.estimators import Readings, within_range
+    from flinders.estimators.ellipse import Ellipse
     from flinders.estimators.in_plane import require_turn
     from flinders.estimators.likelihood import ENOUGH
     from flinders.geometry.plane import PlaneEllipse, Turn, order_of

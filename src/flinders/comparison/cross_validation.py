@@ -10,7 +10,8 @@ Blocks are stretches of time and not rows drawn at random: neighbouring readings
 place and their moment, and would vouch for each other.
 
 >>> from flinders import simulate
->>> from flinders.estimators import Auto, Sphere
+>>> from flinders.estimators.auto import Auto
+>>> from flinders.estimators.reference.sphere import Sphere
 >>> swept = simulate.tumble(seed=1, n=800, motion="uniform").samples
 >>> good, simple = (cross_validated(method, swept) for method in (Auto(), Sphere()))
 >>> good.heading_error_deg, simple.bias_deg > 20 * good.heading_error_deg.rms

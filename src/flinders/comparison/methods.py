@@ -20,7 +20,8 @@ import numpy as np
 from flinders.comparison.comparison import compare
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
 from flinders.errors import FitError, NeedsSamples, UsageError
-from flinders.estimators import METHODS, Auto, Readings, method_of, within_range
+from flinders.estimators import METHODS, Readings, method_of, within_range
+from flinders.estimators.auto import Auto
 from flinders.estimators.cache import concatenated
 from flinders.findings import VERDICTS
 from flinders.fitting.calibrate import estimator_of, fit

@@ -1,89 +1,50 @@
-"""Ways of finding the ellipsoid, one file each.
+"""Ways of finding the ellipsoid, one file each: the formula, when to use it and when not, its source and an example.
 
-What to use when
-----------------
-==============  =========  ==============================================================================
-method          unknowns   when
-==============  =========  ==============================================================================
-auto            10         always, unless there is a reason not to
-likelihood      10         to set the prior or switch off the bias correction
-robust          12         strays are known to be there, however quiet
-level           6          a level turn: the vehicle cannot be turned over
-consistent      10         there are only sums: a stream, a fleet, a saved summary
-li              10         parity with Magneto; something closed at any price
-algebraic       10         parity with NXP, MATLAB and MotionCal
-ellipsoid       10         constraints that are known to hold; parity with ellipsoid_fit and magcal
-axes            7          unequal gains, no soft iron; few readings
-sphere          5          a bare sensor; a base line
-minmax          7          parity with the recipe of the tutorials; no algebra
-two-step        7          parity with Gebre-Egziabher, Elkaim and Foster
-alonso-shuster  10         TWOSTEP: the field's strength is known at each reading and varies
-sequential      5          the same reading by reading: the offset, or all where the strength varies
-ekf             10         how a Kalman filter on board would settle
-ellipse         6          one plane, of any axis: uneven turns, arcs
-two-axis        6          one plane, points equally spaced: parity with the ADIS recipe
-==============  =========  ==============================================================================
+Each file of a method ends with its row, ``METHOD``, by which it is found here: a new method is a new file and nothing
+else. `METHODS` maps names to classes, and the rows make the lists of docs and command line.
 
-Each file holds the formula, when to use it and when not, its source and an example. `METHODS` maps
-names to classes.
-
->>> sorted(METHODS)
-['algebraic', 'alonso-shuster', 'auto', 'axes', 'consistent', 'ekf', 'ellipse', 'ellipsoid', 'level', 'li', \
-'likelihood', 'minmax', 'robust', 'sequential', 'sphere', 'two-axis', 'two-step']
+>>> METHODS["consistent"]()
+Consistent()
+>>> print(ROWS["consistent"].use)
+general ellipsoid without bias from sums alone: streams, fleets, saved summaries
 """
 
 from __future__ import annotations
 
-from typing import Final
+from importlib import import_module
+from pkgutil import walk_packages
+from textwrap import indent
+from typing import Any, Final
 
 from flinders.errors import UsageError
-from flinders.estimators.algebraic import Algebraic, fit_error
-from flinders.estimators.auto import Auto
-from flinders.estimators.base import Estimate, Estimator
+from flinders.estimators.algebraic import fit_error
+from flinders.estimators.base import Estimate, Estimator, Method
 from flinders.estimators.bias_inflation import as_correlated, with_bias
-from flinders.estimators.consistent import Consistent
 from flinders.estimators.data import Readings
-from flinders.estimators.ellipse import Ellipse
-from flinders.estimators.level import Level
-from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.outliers import strays_of
-from flinders.estimators.reference.alonso_shuster import AlonsoShuster
 from flinders.estimators.reference.attitude_independent import at_one_strength
-from flinders.estimators.reference.axes import AxisAligned
-from flinders.estimators.reference.ekf import Ekf
-from flinders.estimators.reference.ellipsoid import Constrained
-from flinders.estimators.reference.li import Li
-from flinders.estimators.reference.minmax import MinMax
-from flinders.estimators.reference.sequential import Sequential
-from flinders.estimators.reference.sphere import Sphere
 from flinders.estimators.reference.trace import Convergence
-from flinders.estimators.reference.two_step import TwoStep
-from flinders.estimators.robust import Robust
 from flinders.estimators.saturation import within_range
-from flinders.estimators.two_axis import TwoAxisRecipe
 
-METHODS: Final[dict[str, type[Estimator]]] = {
-    method.name: method
-    for method in (
-        Auto,
-        Likelihood,
-        Robust,
-        Level,
-        Consistent,
-        Li,
-        Algebraic,
-        Constrained,
-        AxisAligned,
-        Sphere,
-        MinMax,
-        TwoStep,
-        AlonsoShuster,
-        Sequential,
-        Ekf,
-        Ellipse,
-        TwoAxisRecipe,
-    )
-}
+FIRST: Final = (
+    "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",
+    "two-step", "alonso-shuster", "sequential", "ekf", "ellipse", "two-axis",
+)  # fmt: skip
+"""Methods in the order in which they are listed, the one to try first at the top; all others come after them."""
+
+
+def _found() -> dict[str, Method]:
+    """The row of each file that has one, by the name of its method."""
+    modules = (import_module(module.name) for module in walk_packages(__path__, f"{__name__}."))
+    rows = {row.kind.name: row for module in modules if (row := getattr(module, "METHOD", None))}
+    listed = [name for name in FIRST if name in rows]
+    return {name: rows[name] for name in (*listed, *sorted(rows.keys() - listed))}
+
+
+ROWS: Final = _found()
+"""What each method is for and whom it follows, by name."""
+
+METHODS: Final[dict[str, type[Estimator]]] = {name: row.kind for name, row in ROWS.items()}
 """Every method by name, the one to try first at the top."""
 
 EMULATED: Final[dict[str, str]] = {
@@ -115,35 +76,38 @@ def method_of(name: str) -> type[Estimator]:
     return METHODS[name]
 
 
+def table() -> str:
+    """The methods as a Markdown table, as in docs/methods.md."""
+    rows = [(f"`{name}`", str(row.kind.unknowns), row.use, row.source) for name, row in ROWS.items()]
+    lines = "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
+    return f"| method | unknowns | when to use it | source |\n|---|---:|---|---|\n{lines}"
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    """The class of a method by its own name: ``flinders.estimators.Likelihood``."""
+    for kind in METHODS.values():
+        if kind.__name__ == name:
+            return kind
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+__doc__ = f"{__doc__}\n::\n\n{indent(table(), '    ')}"
+
 __all__ = [
     "EMULATED",
     "METHODS",
-    "Algebraic",
-    "AlonsoShuster",
-    "Auto",
-    "AxisAligned",
-    "Consistent",
-    "Constrained",
+    "ROWS",
     "Convergence",
-    "Ekf",
-    "Ellipse",
     "Estimate",
     "Estimator",
-    "Level",
-    "Li",
-    "Likelihood",
-    "MinMax",
+    "Method",
     "Readings",
-    "Robust",
-    "Sequential",
-    "Sphere",
-    "TwoAxisRecipe",
-    "TwoStep",
     "as_correlated",
     "at_one_strength",
     "fit_error",
     "method_of",
     "strays_of",
+    "table",
     "with_bias",
     "within_range",
 ]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
@@ -68,7 +68,6 @@ class Algebraic:
 
     name: ClassVar[str] = "algebraic"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "general ellipsoid as NXP, MATLAB and MotionCal fit it; biased by noise"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -114,3 +113,10 @@ def fit_error(moments: Moments, ellipsoid: Ellipsoid) -> float:
     quadric = Ellipsoid(np.zeros(3), ellipsoid.shape / scale).as_quadric()
     mean_square = float(quadric @ moments.about(ellipsoid.centre, scale) @ quadric) / moments.count
     return 0.5 * float(np.sqrt(max(mean_square, 0.0)))
+
+
+METHOD: Final = Method(
+    Algebraic,
+    use="general ellipsoid as NXP, MATLAB and MotionCal fit it; biased by noise",
+    source="NXP AN4246 and AN5019, ten elements",
+)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NeedsSamples, NotAnEllipsoid
+from flinders.estimators.base import Method
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood
@@ -76,9 +77,6 @@ class Auto:
     name: ClassVar[str] = "auto"
     unknowns: ClassVar[int] = 10
     is_biased: ClassVar[bool] = False
-    use: ClassVar[str] = (
-        "the default: likelihood, or robust where residuals ask for it; consistent where there are only sums"
-    )
 
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing."""
@@ -157,3 +155,10 @@ def _covariance(readings: Readings, found: Estimate) -> Floats:
         across = np.abs(local @ np.linalg.eigh(local.T @ local)[1][:, 0])
         field = field[across <= np.quantile(across, 1.0 - TRIMMED)]
     return np.cov(field.T)
+
+
+METHOD: Final = Method(
+    Auto,
+    use="the default: likelihood, or robust where residuals ask for it; consistent where there are only sums",
+    source="the likelihood, after `robust` where residuals ask for it",
+)

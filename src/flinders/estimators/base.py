@@ -88,15 +88,12 @@ class Estimator(Protocol):
         What `flinders.fit(method=…)` calls it.
     unknowns : int
         What it finds, the noise among it, and so the least number of readings.
-    use : str
-        When to use it, in one line.
     is_biased : bool
         Its model or its equation leaves an error that more readings do not take away.
     """
 
     name: ClassVar[str]
     unknowns: ClassVar[int]
-    use: ClassVar[str]
     is_biased: ClassVar[bool]
 
     def estimate(self, readings: Readings) -> Estimate:
@@ -107,3 +104,22 @@ class Estimator(Protocol):
         FitError
             If these readings give no ellipsoid.
         """
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """A row of the table of methods, at the end of the file of each.
+
+    Attributes
+    ----------
+    kind : type of Estimator
+        With its name and unknowns.
+    use : str
+        When to use it, in one line.
+    source : str
+        Paper or program that it follows.
+    """
+
+    kind: type[Estimator]
+    use: str
+    source: str

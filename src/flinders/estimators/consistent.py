@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.uncertainty import algebraic_covariance
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.summary.moments import EXPONENTS, packed, unpacked
@@ -72,7 +72,6 @@ class Consistent:
 
     name: ClassVar[str] = "consistent"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "general ellipsoid without bias from sums alone: streams, fleets, saved summaries"
     is_biased: ClassVar[bool] = False
 
     def estimate(self, readings: Readings) -> Estimate:
@@ -132,3 +131,10 @@ def adjusted_quadric(scatter: Floats) -> tuple[Floats, float]:
             break
         variance = proposed
     return coefficients, max(variance, 0.0)
+
+
+METHOD: Final = Method(
+    Consistent,
+    use="general ellipsoid without bias from sums alone: streams, fleets, saved summaries",
+    source="Kukush, Markovsky and Van Huffel (2004)",
+)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.errors import UsageError
+from flinders.estimators.base import Method
 from flinders.estimators.in_plane import fitted_flat, laid_flat, raised, require_turn
 from flinders.geometry.plane import Plane, order_of
 from flinders.likelihood import prior
@@ -67,7 +68,6 @@ class Ellipse:
 
     name: ClassVar[str] = "ellipse"
     unknowns: ClassVar[int] = 6
-    use: ClassVar[str] = "least-squares ellipse of one plane, for uneven turns and arcs; a sweep of any axis"
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -104,3 +104,10 @@ class Ellipse:
             field_strength=self.field_strength,
             beside=float(readings.summary.moments.mean[order_of(self.plane)[2]]),
         )
+
+
+METHOD: Final = Method(
+    Ellipse,
+    use="least-squares ellipse of one plane, for uneven turns and arcs; a sweep of any axis",
+    source="the likelihood in a plane",
+)

@@ -87,7 +87,8 @@ def dense_in(far: NDArray[np.bool_], rows: int) -> int:
     """
     dense = NO_RUN
     for _ in range(LOOKS):
-        dense = dense_enough(float(far[~_around_runs(far, dense)].mean()), rows)
+        rest = far[~_around_runs(far, dense)]
+        dense = dense_enough(float(rest.mean()), rows) if len(rest) else NO_RUN
     return dense
 
 

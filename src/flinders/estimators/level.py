@@ -10,6 +10,7 @@ import numpy as np
 
 from flinders.core.samples import Wrapped
 from flinders.errors import NotAnEllipsoid, UsageError
+from flinders.estimators.base import Method
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED, Robust, asks_for_it
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -80,7 +81,6 @@ class Level:
 
     name: ClassVar[str] = "level"
     unknowns: ClassVar[int] = 6
-    use: ClassVar[str] = "ellipse of a level turn, x and y only: vehicles that cannot be turned over"
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -252,3 +252,10 @@ def _carried(covariance: Floats, raised: Floats, field: float) -> Floats:
     carried: Floats = raised @ known @ raised.T
     carried[2, 2] += field**2
     return carried
+
+
+METHOD: Final = Method(
+    Level,
+    use="ellipse of a level turn, x and y only: vehicles that cannot be turned over",
+    source="the likelihood in a plane; Rousseeuw (1984) for its start",
+)

@@ -11,7 +11,7 @@ import numpy as np
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
 from flinders.estimators.autocorrelation import FEW, Correlation, correlation_of
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.consistent import adjusted
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood import magnitude, prior
@@ -102,7 +102,6 @@ class Likelihood:
 
     name: ClassVar[str] = "likelihood"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "general ellipsoid at the statistical limit; needs the readings themselves"
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -371,3 +370,10 @@ def _is_closed(ellipsoid: Ellipsoid) -> bool:
 
 def _moved(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
     return Ellipsoid(ellipsoid.centre + step[:3], ellipsoid.shape + symmetric(step[3:]))
+
+
+METHOD: Final = Method(
+    Likelihood,
+    use="general ellipsoid at the statistical limit; needs the readings themselves",
+    source="Sampson (1982); Kok and Schön (2016)",
+)

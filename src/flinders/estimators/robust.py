@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
+from flinders.estimators.base import Method
 from flinders.estimators.inliers import NO_RUN, dense_in
 from flinders.estimators.least_median import subset_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
@@ -113,7 +114,6 @@ class Robust:
 
     name: ClassVar[str] = "robust"
     unknowns: ClassVar[int] = 12
-    use: ClassVar[str] = "general ellipsoid of the majority: rejects readings that do not belong"
     is_biased: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -220,3 +220,10 @@ def asks_for_it(readings: Readings, ellipsoid: Ellipsoid) -> bool:
     except NotAnEllipsoid:
         return False
     return typical_distance(np.abs(magnitude.distances(spread, other))) < MASKED * sigma
+
+
+METHOD: Final = Method(
+    Robust,
+    use="general ellipsoid of the majority: rejects readings that do not belong",
+    source="Rousseeuw (1984)",
+)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
+from flinders.estimators.base import Method
 from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, raised, require_turn
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import upper
@@ -78,7 +79,6 @@ class TwoAxisRecipe:
 
     name: ClassVar[str] = "two-axis"
     unknowns: ClassVar[int] = 6
-    use: ClassVar[str] = "mean and scatter of points equally spaced in heading, in one plane: the ADIS recipe"
     needs_even_turn: ClassVar[bool] = True
     is_biased: ClassVar[bool] = False  # it is, where points are uneven: seen in the plane, and claimed already
 
@@ -143,3 +143,10 @@ def _noise(points: Floats, ellipsoid: Ellipsoid) -> float:
     """Standard deviation of the points' distance from the ellipse, in their unit; five parameters were found."""
     distances = magnitude.distances(points, ellipsoid)
     return float(np.sqrt(distances @ distances / max(len(distances) - 5, 1)))
+
+
+METHOD: Final = Method(
+    TwoAxisRecipe,
+    use="mean and scatter of points equally spaced in heading, in one plane: the ADIS recipe",
+    source="the recipe for the ADIS16480 and ADIS16488",
+)

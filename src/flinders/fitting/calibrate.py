@@ -24,16 +24,9 @@ from flinders.diagnostics.repeatability import Part, compared
 from flinders.diagnostics.unmodelled import unfollowed_of
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, UsageError
-from flinders.estimators import (
-    Auto,
-    Readings,
-    as_correlated,
-    at_one_strength,
-    method_of,
-    with_bias,
-    within_range,
-)
+from flinders.estimators import Readings, as_correlated, at_one_strength, method_of, with_bias, within_range
 from flinders.estimators.aiding import refuse_without
+from flinders.estimators.auto import Auto
 from flinders.estimators.cache import concatenated
 from flinders.estimators.disturbance import following
 from flinders.estimators.known_dip import sited

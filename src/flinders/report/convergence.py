@@ -1,6 +1,7 @@
 """How an estimate settles while readings come in: as a drawing (SVG) and as a table (CSV).
 
->>> from flinders.estimators import Readings, Sequential
+>>> from flinders.estimators import Readings
+>>> from flinders.estimators.reference.sequential import Sequential
 >>> from flinders.simulate import tumble
 >>> settling = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
 >>> settled = Settling(settling, "sequential", unit="uT")

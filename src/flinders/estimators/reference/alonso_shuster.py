@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, Undetermined
+from flinders.estimators.base import Method
 from flinders.estimators.reference.attitude_independent import (
     COLLAPSED,
     ENOUGH_EXPLAINED,
@@ -115,7 +116,6 @@ class AlonsoShuster:
 
     name: ClassVar[str] = "alonso-shuster"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "TWOSTEP, from a strength of the field that is known at each reading and varies"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -227,3 +227,10 @@ def _improved(sums: Sums, theta: Floats, step: Floats, cost: float) -> tuple[Flo
             return moved, less
         step = step / 2.0
     return None
+
+
+METHOD: Final = Method(
+    AlonsoShuster,
+    use="TWOSTEP, from a strength of the field that is known at each reading and varies",
+    source="Alonso and Shuster (2002)",
+)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.uncertainty import AXES_ALIGNED, algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
@@ -42,7 +42,6 @@ class AxisAligned:
 
     name: ClassVar[str] = "axes"
     unknowns: ClassVar[int] = 7
-    use: ClassVar[str] = "offset and a scale for each axis: unequal gains, no soft iron"
     is_biased: ClassVar[bool] = True
 
     def estimate(self, readings: Readings) -> Estimate:
@@ -67,3 +66,10 @@ class AxisAligned:
         ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
         noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, AXES_ALIGNED), noise, self.name)
+
+
+METHOD: Final = Method(
+    AxisAligned,
+    use="offset and a scale for each axis: unequal gains, no soft iron",
+    source="NXP AN4246 and AN5019, seven elements",
+)

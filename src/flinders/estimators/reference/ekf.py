@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlia
 import numpy as np
 
 from flinders.errors import UsageError
+from flinders.estimators.base import Method
 from flinders.estimators.reference.attitude_independent import (
     BASIS,
     ENOUGH_EXPLAINED,
@@ -107,7 +108,6 @@ class Ekf:
 
     name: ClassVar[str] = "ekf"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "an extended Kalman filter, as one on board would settle; depends on order and start"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -259,3 +259,10 @@ def _by_distortion(field: Floats) -> Floats:
     """(m, 3, 6) ∂(Dx)/∂(D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃) at (m, 3) x."""
     moves: Floats = np.einsum("kij,mj->mik", BASIS, field)
     return moves
+
+
+METHOD: Final = Method(
+    Ekf,
+    use="an extended Kalman filter, as one on board would settle; depends on order and start",
+    source="Crassidis, Lai and Harman (2005)",
+)

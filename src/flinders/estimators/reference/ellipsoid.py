@@ -12,7 +12,7 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.algebraic import fit_error
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
@@ -107,7 +107,6 @@ class Constrained:
 
     name: ClassVar[str] = "ellipsoid"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "radii, axes or centre are known to be constrained; parity with ellipsoid_fit and magcal"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -188,3 +187,10 @@ def _free(entries: Floats, *, centred: bool) -> Floats:
     free = np.zeros((10, traceless.shape[1] + linear.shape[1]))
     free[:6, : traceless.shape[1]], free[6:, traceless.shape[1] :] = traceless, linear
     return free
+
+
+METHOD: Final = Method(
+    Constrained,
+    use="radii, axes or centre are known to be constrained; parity with ellipsoid_fit and magcal",
+    source="Petrov (2009, 2015); MathWorks, magcal",
+)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
@@ -61,7 +61,6 @@ class Li:
 
     name: ClassVar[str] = "li"
     unknowns: ClassVar[int] = 10
-    use: ClassVar[str] = "always an ellipsoid, as Magneto fits it; pulls towards spheres"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -121,3 +120,10 @@ def _ellipsoid(scatter: Floats, k: float) -> Ellipsoid:
     values, vectors = np.linalg.eig(np.linalg.solve(constraint, quadratic - mixed @ back))
     form = np.real(vectors[:, np.argmax(np.real(values))])
     return Ellipsoid.from_quadric(np.concatenate([form, -back @ form]), method="li")
+
+
+METHOD: Final = Method(
+    Li,
+    use="always an ellipsoid, as Magneto fits it; pulls towards spheres",
+    source="Li and Griffiths (2004), eq. 7–15; Magneto",
+)

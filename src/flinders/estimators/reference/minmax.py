@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from flinders.errors import NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.inliers import NO_RUN
 from flinders.estimators.outliers import strays_among
 from flinders.estimators.robust import Robust
@@ -92,7 +92,6 @@ class MinMax:
 
     name: ClassVar[str] = "minmax"
     unknowns: ClassVar[int] = 7
-    use: ClassVar[str] = "the recipe of the tutorials, from the extremes of each axis: parity with a sketch"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -162,3 +161,10 @@ def spanned(low: Floats, high: Floats) -> Ellipsoid:
 def strength_of(half: Floats, variant: Variant) -> float:
     """Length of corrected readings, of (3,) half-ranges."""
     return {"mean": float(half.mean()), "largest": float(half.max()), "full-range": HALF}[variant]
+
+
+METHOD: Final = Method(
+    MinMax,
+    use="the recipe of the tutorials, from the extremes of each axis: parity with a sketch",
+    source="Winer, wiki of kriswiner/MPU6050",
+)

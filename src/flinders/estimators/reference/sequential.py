@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlia
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
+from flinders.estimators.base import Method
 from flinders.estimators.reference.attitude_independent import (
     ENOUGH_EXPLAINED,
     MOST,
@@ -110,7 +111,6 @@ class Sequential:
 
     name: ClassVar[str] = "sequential"
     unknowns: ClassVar[int] = 5
-    use: ClassVar[str] = "centred, reading by reading: the offset; all where the field's strength is known and varies"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -306,3 +306,10 @@ def rescaled(state: State) -> tuple[Floats, Floats]:
 def _taken(count: int) -> int:
     """Of so many readings, how many are gone through one by one."""
     return -(-count // max(1, -(-count // MOST)))
+
+
+METHOD: Final = Method(
+    Sequential,
+    use="centred, reading by reading: the offset; all where the field's strength is known and varies",
+    source="Crassidis, Lai and Harman (2005)",
+)

@@ -6,12 +6,12 @@ Minimises Σ (|x|² − 2bᵀx − β)², which is linear in b and β = R² − 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.uncertainty import SPHERICAL, algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
@@ -47,7 +47,6 @@ class Sphere:
 
     name: ClassVar[str] = "sphere"
     unknowns: ClassVar[int] = 5
-    use: ClassVar[str] = "offset and radius only: a bare sensor, few readings, a base line"
     is_biased: ClassVar[bool] = True
 
     def estimate(self, readings: Readings) -> Estimate:
@@ -75,3 +74,10 @@ class Sphere:
         ellipsoid = Ellipsoid(centre, radius * np.eye(3)).in_frame(origin, scale)
         noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, SPHERICAL), noise, self.name)
+
+
+METHOD: Final = Method(
+    Sphere,
+    use="offset and radius only: a bare sensor, few readings, a base line",
+    source="NXP AN4246, eq. 11–22; Kåsa (1976)",
+)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlia
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.estimators.base import Estimate
+from flinders.estimators.base import Estimate, Method
 from flinders.estimators.uncertainty import AXES_ALIGNED, EVERYTHING, algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
@@ -83,7 +83,6 @@ class TwoStep:
 
     name: ClassVar[str] = "two-step"
     unknowns: ClassVar[int] = 7
-    use: ClassVar[str] = "parity with Gebre-Egziabher and Elkaim, or Foster and Elkaim; relative to the x axis"
     is_biased: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -160,3 +159,10 @@ def triangular(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
     )
     a, b, c = (float(np.linalg.norm(row)) for row in root)
     return Triangular(a, b, c, *(float(angle) for angle in angles))
+
+
+METHOD: Final = Method(
+    TwoStep,
+    use="parity with Gebre-Egziabher and Elkaim, or Foster and Elkaim; relative to the x axis",
+    source="Gebre-Egziabher and others (2001, 2006); Foster and Elkaim (2008)",
+)
