@@ -15,7 +15,7 @@ from flinders.cli import main
 from flinders.geometry.angles import folded
 from flinders.heading.deviation import fit
 from flinders.report.curve import drawing
-from flinders.report.swing import card
+from flinders.report.swing_page import card
 
 if TYPE_CHECKING:
     from pathlib import Path

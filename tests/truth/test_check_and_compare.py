@@ -20,7 +20,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
-from flinders.report.comparison import page
+from flinders.report.comparison_pages import of_comparison
 from flinders.targets._autopilot import euler
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
     found = flinders.compare(flinders.Judged.load("monday.json"), flinders.Judged.load("tuesday.json"))
     tiny = replace(found, heading_mean_deg=-0.001, scale_difference=-0.00001)
     with StringIO() as out:
-        Console(file=out, width=100, color_system=None).print(page(tiny))
+        Console(file=out, width=100, color_system=None).print(of_comparison(tiny))
         shown = out.getvalue()
     assert "-0.00" not in shown
     assert "0.00°" in shown

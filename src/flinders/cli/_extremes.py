@@ -115,9 +115,9 @@ def _check_output(output: str | None, *, force: bool, as_json: bool) -> None:
 
 def _show(found: Extremes, *, err: bool) -> None:
     """Print the page; on stderr where the calibration goes to standard output."""
-    from flinders.report.extremes import page
+    from flinders.report.fit_pages import of_extremes
 
-    text = drawn(page(found), sys.stderr if err else sys.stdout)
+    text = drawn(of_extremes(found), sys.stderr if err else sys.stdout)
     if err:
         say(text)
     else:

@@ -140,13 +140,12 @@ def calibrate(
 
 def _page(outcomes: Sequence[tuple[str, Outcome]], found: Together | None, target_deg: float) -> RenderableType:
     """What a terminal shows."""
-    from flinders.report.info import fits
-    from flinders.report.together import page
+    from flinders.report.fit_pages import of_sensors, of_several
 
     if found is not None:
-        return page(found, target_deg)
+        return of_several(found, target_deg)
     rows = [(name, outcome if _is_known(outcome) else FitError(str(outcome))) for name, outcome in outcomes]
-    return fits(cast("list[tuple[str, Fit | FitError]]", rows), target_deg)
+    return of_sensors(cast("list[tuple[str, Fit | FitError]]", rows), target_deg)
 
 
 def _is_known(outcome: Outcome) -> bool:

@@ -44,9 +44,9 @@ def print_json(fields: dict[str, Any]) -> None:
 
 def print_fit(fit: Fit, *, err: bool = False) -> None:
     """Print a fit for people; on stderr where it is no result, because it was refused."""
-    from flinders.report.text import page
+    from flinders.report.fit_pages import of_fit
 
-    text = drawn(page(fit), sys.stderr if err else sys.stdout)
+    text = drawn(of_fit(fit), sys.stderr if err else sys.stdout)
     if err:
         say(text)
     else:

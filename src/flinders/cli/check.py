@@ -68,7 +68,7 @@ def command(
     from flinders.core.compensation import settled
     from flinders.fitting.calibrate import fit
     from flinders.fitting.result import Refused
-    from flinders.report.comparison import page
+    from flinders.report.comparison_pages import of_comparison
 
     known, settler = _drivers.settler_of(load("check", calibration, recordings), held)
     with progress("reading") as watch:
@@ -109,7 +109,7 @@ def command(
             }
         )
     else:
-        click.echo(drawn(page(comparison, fresh=fresh, strengths=(found, renewed), own=own), sys.stdout))
+        click.echo(drawn(of_comparison(comparison, fresh=fresh, strengths=(found, renewed), own=own), sys.stdout))
         if walk is not None:
             unit, dip = fresh.calibration.unit, fresh.heading_error_deg.dip_deg
             click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip))

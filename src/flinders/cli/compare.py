@@ -44,7 +44,7 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     taken as exact.
     """
     from flinders.comparison.comparison import compare
-    from flinders.report.comparison import page
+    from flinders.report.comparison_pages import of_comparison
 
     a, b = _load(first, second), _load(second, first)
     comparison = compare(a, b, dip_deg=dip_deg, target_deg=target_deg)
@@ -57,7 +57,7 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     if as_json:
         print_json(comparison.as_dict())
     else:
-        click.echo(drawn(page(comparison), sys.stdout))
+        click.echo(drawn(of_comparison(comparison), sys.stdout))
     if comparison.verdict == "contradict":
         return REFUSED
     firm = comparison.is_telling and not comparison.is_turned

@@ -73,7 +73,7 @@ def command(
     from flinders.comparison.methods import compare_methods, known
     from flinders.core.samples import Joined, singles
     from flinders.readers import open_recording
-    from flinders.report.contest import page
+    from flinders.report.comparison_pages import of_methods
 
     known(methods)
     _options.refuse_twice(recordings)
@@ -93,5 +93,5 @@ def command(
     if as_json:
         print_json(contest.as_dict())
     else:
-        click.echo(drawn(page(contest), sys.stdout))
+        click.echo(drawn(of_methods(contest), sys.stdout))
     return EXITS[contest.verdict]

@@ -95,9 +95,9 @@ def command(
     if as_json:
         print_json(drift.as_dict())
     else:
-        from flinders.report.drift import page
+        from flinders.report.drift_page import of_drift
 
-        click.echo(drawn(page(drift), sys.stdout))
+        click.echo(drawn(of_drift(drift), sys.stdout))
     for path in (out, report):
         if path is not None:
             say(f"written to {path}")

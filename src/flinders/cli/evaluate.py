@@ -51,7 +51,7 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     ratio: about 1 where the claims are true. A rotation that no magnetometer can see is given on its own.
     """
     from flinders.comparison.evaluation import evaluate
-    from flinders.report.evaluation import page
+    from flinders.report.comparison_pages import of_evaluation
 
     found, known = _load(calibration, truth)
     _drivers.say_references(found)
@@ -61,7 +61,7 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     if as_json:
         print_json(told.as_dict())
     else:
-        click.echo(drawn(page(told), sys.stdout))
+        click.echo(drawn(of_evaluation(told), sys.stdout))
     faults = (not told.is_on_target) + (told.verdict == "worse than claimed")
     return (GOOD, LIMITED, REFUSED)[faults]
 

@@ -191,11 +191,11 @@ def summary(
 
 def _tell(log: _compass.Log, voyage: Voyage, told: dict[str, Any], *, plausible: bool) -> None:
     """Say on standard error how good the headings are, and what to know about them."""
-    from flinders.report.heading import page
+    from flinders.report.heading_page import of_headings
 
     say(
         drawn(
-            page(
+            of_headings(
                 voyage,
                 formula=log.compass.formula,
                 site=log.site,

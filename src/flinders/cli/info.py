@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
     from flinders.readers import Instrument, Log
-    from flinders.report.info import Sensor
+    from flinders.report.recording_page import Sensor
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Summary
 
@@ -54,7 +54,7 @@ def command(log: str, place: str | None, date: str | None, as_json: bool, **read
     directions were seen, and the command to type next. LOG is any recording that `flinders calibrate` takes.
     """
     from flinders.readers import open_log
-    from flinders.report.info import page
+    from flinders.report.recording_page import of_contents
 
     if is_calibration(log):
         raise UsageError(f"{log} is a calibration: give a recording; flinders compare shows what a calibration says")
@@ -66,7 +66,7 @@ def command(log: str, place: str | None, date: str | None, as_json: bool, **read
     if as_json:
         print_json(contents.as_dict())
     else:
-        click.echo(drawn(page(contents), sys.stdout))
+        click.echo(drawn(of_contents(contents), sys.stdout))
 
 
 def _contents(held: Log, path: str, place: str | None, date: str | None, reading: dict[str, Any]) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
@@ -79,7 +79,7 @@ def _contents(held: Log, path: str, place: str | None, date: str | None, reading
     UsageError
         For a topic that there is not.
     """
-    from flinders.report.info import Contents, commands_for
+    from flinders.report.recording_page import Contents, commands_for
 
     site = _site(held, place, date)
     wanted = _wanted(held, reading["topic"])
@@ -150,7 +150,7 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
 
 def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: str | None) -> Sensor:
     """Go through one magnetometer; where nobody has said its unit or columns, its strength may tell."""
-    from flinders.report.info import ENOUGH_SEEN, GAP, Sensor, unit_remark
+    from flinders.report.recording_page import ENOUGH_SEEN, GAP, Sensor, unit_remark
     from flinders.summary.summary import Summary
 
     watched = _Watched(instrument)
@@ -202,7 +202,7 @@ def _likeness(instrument: Instrument, first: Samples | None) -> str:
 
 def _silent(number: int, instrument: Instrument, error: InputError) -> Sensor:
     """A magnetometer without a reading."""
-    from flinders.report.info import Sensor
+    from flinders.report.recording_page import Sensor
 
     unit = instrument.unit
     notes = (str(error), *instrument.notes)

@@ -133,9 +133,9 @@ def _tell(refusal: NotMerged, *, as_json: bool) -> None:
 
 def _show(merged: Merged, *, err: bool) -> None:
     """Print the page; on stderr where it is no result."""
-    from flinders.report.merged import page
+    from flinders.report.fit_pages import of_merged
 
-    text = drawn(page(merged), sys.stderr if err else sys.stdout)
+    text = drawn(of_merged(merged), sys.stderr if err else sys.stdout)
     if err:
         say(text)
     else:

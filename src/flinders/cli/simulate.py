@@ -241,7 +241,7 @@ def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, 
     used, the table is printed all the same, and the exit code is 4. The recording has a third column that reads
     nothing; calibrate it with flinders two-axis.
     """
-    from flinders.report.recovery import page
+    from flinders.report.comparison_pages import of_recovery
 
     output = "" if output == "-" else output
     if polar and Path(polar).suffix.lower() == ".svg":
@@ -255,7 +255,7 @@ def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, 
     if as_json:
         print_json(found.as_dict())
     else:
-        click.echo(drawn(page(found.compass, found.recovered, found.polar), sys.stdout))
+        click.echo(drawn(of_recovery(found.compass, found.recovered, found.polar), sys.stdout))
     if found.refusal is not None:
         say(f"refused: this would be no calibration to use; {found.refusal}")
         return REFUSED
@@ -294,12 +294,12 @@ class _Swung:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        from flinders.report.recovery import rows
+        from flinders.report.comparison_pages import recovery_rows
 
         names = ("scale_x", "scale_y", "offset_x", "offset_y", "skew_deg", "noise")
         pairs = {
             name: {"true": true, "found": found}
-            for name, (_, true, found, _) in zip(names, rows(self.compass, self.recovered), strict=True)
+            for name, (_, true, found, _) in zip(names, recovery_rows(self.compass, self.recovered), strict=True)
         }
         verdict = "limited" if self.refusal is None else "refused"
         return {"verdict": verdict, "recovery": pairs, "polar": self.polar.as_dict(), "unit": "uT"}

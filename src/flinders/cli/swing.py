@@ -127,7 +127,7 @@ def command(context: click.Context, /, inputs: tuple[str, ...], as_json: bool, *
 
 def _code(swing: Swing, target_deg: float) -> int:
     """How it ends."""
-    from flinders.report.swing import limits
+    from flinders.report.swing_page import limits
 
     missed = any(abs(half.off_deg) > target_deg for half in swing.halves)
     if swing.deviation is None:
@@ -334,7 +334,7 @@ def _write(
     """
     from flinders.core.files import write_text
     from flinders.report.curve import drawing
-    from flinders.report.swing import card
+    from flinders.report.swing_page import card
 
     if deviation is None:
         if output or svg:
@@ -349,9 +349,9 @@ def _write(
 
 def _show(swing: Swing, options: dict[str, Any]) -> None:
     """Print the page; on standard error, where the card or the curve has standard output."""
-    from flinders.report.swing import page
+    from flinders.report.swing_page import of_swing
 
-    content = page(
+    content = of_swing(
         swing.deviation,
         site=swing.site,
         rests=swing.rests,
@@ -372,7 +372,7 @@ def _show(swing: Swing, options: dict[str, Any]) -> None:
 def _as_dict(swing: Swing, target_deg: float) -> dict[str, Any]:
     """JSON-ready."""
     from flinders.heading.stationary import hard_iron
-    from flinders.report.swing import limits
+    from flinders.report.swing_page import limits
 
     deviation, halves = swing.deviation, swing.halves
     return {

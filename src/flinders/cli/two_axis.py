@@ -250,7 +250,7 @@ def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str,
     from dataclasses import replace
 
     from flinders.fitting.calibrate import fit
-    from flinders.report.two_axis import trust
+    from flinders.report.fit_pages import spacing_words
 
     given = {name: options[name] for name in ("method", "plane", "target_deg", "dip_deg", "sensor")}
     strength = options["field_strength"] if first is None else first.calibration.field_strength
@@ -258,7 +258,7 @@ def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str,
         found = fit(source, field_strength=strength, **given)
     except FitError:
         if not as_json:
-            say(trust(turn, options["target_deg"], is_mean=options["method"] == "two-axis"))
+            say(spacing_words(turn, options["target_deg"], is_mean=options["method"] == "two-axis"))
         raise
     if first is None:
         return found
@@ -309,14 +309,14 @@ def _draw(turn: Turn, fit: Fit, polar: str | None, *, force: bool) -> None:
 
 def _show(fit: Fit, turn: Turn, composed: Composed | None, options: dict[str, Any], *, as_json: bool) -> None:
     """Print the page; on standard error, where a result has standard output."""
-    from flinders.report.two_axis import page
+    from flinders.report.fit_pages import of_turn
 
     output, polar = options["output"], options["polar"]
     if as_json:
         print_json(_as_dict(fit, turn, composed))
     else:
         taken = "-" in {output, polar}
-        text = drawn(page(fit, turn, composed=composed, after=options["after"]), sys.stderr if taken else sys.stdout)
+        text = drawn(of_turn(fit, turn, composed=composed, after=options["after"]), sys.stderr if taken else sys.stdout)
         if taken:
             say(text)
         else:

@@ -1,11 +1,7 @@
-"""A deviation curve as plain characters and as SVG, without a plotting library.
+"""A deviation curve as SVG, without a plotting library.
 
 >>> from flinders.heading.deviation import fit
 >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
->>> scale(swing)
-25.0
->>> dotted(10.5, 25.0, 21, seen=10.0)
-'          |   o      '
 >>> drawing(swing).startswith("<svg"), drawing(swing).count("<circle")
 (True, 8)
 """
@@ -25,9 +21,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.heading.deviation import Deviation
-
-STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 180.0)
-"""Degrees at the ends of the axis of deviation."""
 
 GRID: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0)
 """Degrees between the lines of the drawing."""
@@ -52,33 +45,6 @@ circle { stroke: #ffffff; stroke-width: 1.5 }
 .band { fill-opacity: 0.22 } .off { stroke: #ff9d57 } circle { stroke: #18181b }
 }"""
 """Light or dark as the reader's screen is; on a narrow one letters are larger and every second number is left out."""
-
-
-def scale(deviation: Deviation) -> float:
-    """Degrees at the ends of the axis of characters: the least step beyond curve and observations."""
-    largest = max(deviation.largest_deg, float(np.abs(deviation.observed_deg).max()))
-    return next((step for step in STEPS if step >= largest), STEPS[-1])
-
-
-def dotted(value: float, end: float, width: int, *, seen: float | None = None) -> str:
-    """One line of a curve: ``|`` at zero, ``*`` at the value, ``o`` where it was seen.
-
-    Parameters
-    ----------
-    value, seen : float, degrees
-        West is left.
-    end : float, degrees
-        At the ends of the line.
-    width : int
-        Characters; odd, so that zero has one of its own.
-    """
-    middle = width // 2
-    line = [" "] * width
-    line[middle] = "|"
-    for sign, angle in (("*", value), ("o", seen)):
-        if angle is not None:
-            line[round(middle + middle * max(-1.0, min(1.0, angle / end)))] = sign
-    return "".join(line)
 
 
 def drawing(deviation: Deviation) -> str:

@@ -48,6 +48,39 @@ def degrees(angle: float) -> str:
     return f"{figures(angle)}°" if angle < 10 else f"{angle:.0f}°" if angle < 100 else "> 100°"
 
 
+def angle(degrees_off: float) -> str:
+    """Write a difference of angles, without the digits of rounding errors.
+
+    >>> angle(0.0321), angle(-1.234), angle(1e-9)
+    ('0.032°', '-1.2°', '0°')
+    """
+    if abs(degrees_off) <= 1e-6:
+        return "0°"
+    return f"{'-' if degrees_off < 0 else ''}{degrees(abs(degrees_off))}"
+
+
+def p_value(value: float) -> str:
+    """Write how often chance does as much.
+
+    >>> p_value(0.4312), p_value(1e-9)
+    ('p = 0.43', 'p < 0.0001')
+    """
+    return f"p = {value:.2g}" if value >= 1e-4 else "p < 0.0001"
+
+
+def written_time(seconds: float) -> str:
+    """Write a length of time for people.
+
+    >>> written_time(0.5), written_time(75.0), written_time(7325.0)
+    ('0.50 s', '1 min 15 s', '2 h 2 min 5 s')
+    """
+    if seconds < 60:
+        return f"{figures(seconds, 3 if seconds >= 1 else 2)} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return " ".join(f"{count} {unit}" for count, unit in ((hours, "h"), (minutes, "min"), (rest, "s")) if count)
+
+
 def on_the_point(numbers: Sequence[str]) -> list[str]:
     """Pad numbers so that they stand below each other at their decimal points."""
     cut = [(number, _point(number)) for number in numbers]

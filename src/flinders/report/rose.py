@@ -16,8 +16,8 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import figures
+from flinders.report.fit_pages import evenness, is_mean
 from flinders.report.formatting import degrees
-from flinders.report.two_axis import evenness, is_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

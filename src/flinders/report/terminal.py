@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
+    from flinders.heading.deviation import Deviation
     from flinders.report.drawn import Drawn
     from flinders.report.view import View
 
@@ -44,6 +45,9 @@ DRAWN: Final = f"⣿{MARKS[False]}"
 """Letters that a terminal must have for the first."""
 
 COLOURS: Final = ("green", "green", "yellow", "red")
+
+STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 180.0)
+"""Degrees at the ends of the axis of deviation."""
 
 
 def plot(drawn: Drawn, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
@@ -130,3 +134,33 @@ def _map(view: View, fit: Fit) -> Iterator[list[int]]:
             (0 if error is not None and error <= fit.target_deg else 2) + (0 if seen else 1)
             for error, seen in zip(errors, is_seen.tolist(), strict=True)
         ]
+
+
+def axis_end(deviation: Deviation) -> float:
+    """Degrees at the ends of the axis of characters: the least step beyond curve and observations."""
+    largest = max(deviation.largest_deg, float(np.abs(deviation.observed_deg).max()))
+    return next((step for step in STEPS if step >= largest), STEPS[-1])
+
+
+def dotted(value: float, end: float, width: int, *, seen: float | None = None) -> str:
+    """One line of a curve: ``|`` at zero, ``*`` at the value, ``o`` where it was seen.
+
+    Parameters
+    ----------
+    value, seen : float, degrees
+        West is left.
+    end : float, degrees
+        At the ends of the line.
+    width : int
+        Characters; odd, so that zero has one of its own.
+
+    >>> dotted(10.5, 25.0, 21, seen=10.0)
+    '          |   o      '
+    """
+    middle = width // 2
+    line = [" "] * width
+    line[middle] = "|"
+    for sign, angle in (("*", value), ("o", seen)):
+        if angle is not None:
+            line[round(middle + middle * max(-1.0, min(1.0, angle / end)))] = sign
+    return "".join(line)

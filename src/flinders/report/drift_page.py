@@ -11,17 +11,22 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+from rich.console import Group
+from rich.table import Column
+
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.report.fleet import about_order, chance, when
 from flinders.report.fleet_view import STATES
 from flinders.report.formatting import degrees
+from flinders.report.layout import page, styled, table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import RenderableType
     from rich.table import Table
+    from rich.text import Text
 
     from flinders.report.fleet_view import BatchDrift, Drift
 
@@ -34,18 +39,13 @@ LONGEST: Final = 17
 """Characters of a recording's name that are shown."""
 
 
-def page(drift: Drift) -> RenderableType:
+def of_drift(drift: Drift) -> RenderableType:
     """Lay out a drift for a rich console."""
-    from rich.console import Group
-
-    parts: list[RenderableType] = ["", _states(drift)]
-    if drift.listed:
-        parts += ["", _units(drift)]
-    if drift.steps:
-        parts += ["", _steps(drift)]
-    if drift.batches:
-        parts += ["", _batches(drift)]
-    return Group(*parts, "", *_remarks(drift))
+    units, steps, batches = (
+        make(drift) if known else None
+        for make, known in ((_units, drift.listed), (_steps, drift.steps), (_batches, drift.batches))
+    )
+    return page(_states(drift), units, steps, batches, Group(*_remarks(drift)))
 
 
 def shown_when(seconds: float, recording: str) -> str:
@@ -55,59 +55,52 @@ def shown_when(seconds: float, recording: str) -> str:
     return recording if len(recording) <= LONGEST else f"…{recording[1 - LONGEST :]}"
 
 
-def _table(*headings: str, texts: int = 1) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=True, header_style="")
-    for place, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if place < texts else "right", no_wrap=place < texts)
-    return table
-
-
-def _states(drift: Drift) -> RenderableType:
-    table = _table("units", "", "")
-    table.columns[2].justify = "left"
-    for name, words in STATES.items():
-        if drift.states[name]:
-            table.add_row(name, f"{drift.states[name]:,}", words, style=COLOURS.get(name, "dim"))
-    return table
+def _states(drift: Drift) -> Table:
+    rows = [
+        styled(COLOURS.get(name, "dim"), name, f"{drift.states[name]:,}", words)
+        for name, words in STATES.items()
+        if drift.states[name]
+    ]
+    return table((Column("units", no_wrap=True), "", Column("")), rows, is_dense=True)
 
 
-def _units(drift: Drift) -> RenderableType:
-    table = _table("worst first", "state", "heading", "1 σ", "offset", "matrix", drift.against, "newest", texts=2)
-    for one in drift.listed[:SHOWN]:
-        numbers = (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)
-        days = shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest)
-        table.add_row(one.unit, one.state, *map(degrees, numbers), *days)
-    if len(drift.listed) > SHOWN:
-        more = drift.states["recalibrate"] + drift.states["unsure"] - SHOWN
-        table.add_row(f"and {more:,} more", "")
-    return table
+def _units(drift: Drift) -> Table:
+    names = (Column("worst first", no_wrap=True), Column("state", no_wrap=True))
+    rows = [
+        (one.unit, one.state, *map(degrees, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
+         shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest))
+        for one in drift.listed[:SHOWN]
+    ]  # fmt: skip
+    count = drift.states["recalibrate"] + drift.states["unsure"] if len(drift.listed) > SHOWN else 0
+    headings = (*names, "heading", "1 σ", "offset", "matrix", drift.against, "newest")
+    return table(headings, [*rows, *_more(count)], is_dense=True)
 
 
-def _steps(drift: Drift) -> RenderableType:
-    table = _table("moved", "heading", "offset by", "chance", "after", "before")
-    for one in drift.steps[:SHOWN]:
-        moved = f"{figures(sum(value**2 for value in one.moved) ** 0.5)} {label(one.unit_of_field)}"
-        days = shown_when(one.before_s, one.before), shown_when(one.after_s, one.after)
-        table.add_row(one.unit, degrees(one.worst_deg), moved, chance(one.p_value), *days)
-    if drift.step_count > SHOWN:
-        table.add_row(f"and {drift.step_count - SHOWN:,} more")
-    return table
+def _steps(drift: Drift) -> Table:
+    headings = (Column("moved", no_wrap=True), "heading", "offset by", "chance", "after", "before")
+    rows = [
+        (one.unit, degrees(one.worst_deg), f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}",
+         chance(one.p_value), shown_when(one.before_s, one.before), shown_when(one.after_s, one.after))
+        for one in drift.steps[:SHOWN]
+    ]  # fmt: skip
+    return table(headings, [*rows, *_more(drift.step_count)], is_dense=True)
 
 
-def _batches(drift: Drift) -> RenderableType:
-    table = _table("batch", "units", "recalibrate", "changed", "steps", "not good", "stands out by")
-    table.columns[-1].justify = "left"
-    for one in shown_batches(drift.batches, SHOWN):
-        counts = (one.units, one.states.get("recalibrate", 0), one.states.get("changed", 0), one.stepped)
-        style = "yellow" if one.stands_out else None
-        told = ", ".join(one.stands_out)
-        table.add_row(one.batch or "not known", *(f"{n:,}" for n in counts), percent(*one.not_good), told, style=style)
-    if len(drift.batches) > SHOWN:
-        table.add_row(f"and {len(drift.batches) - SHOWN:,} more")
-    return table
+def _batches(drift: Drift) -> Table:
+    headings = (Column("batch", no_wrap=True), "units", "recalibrate", "changed", "steps", "not good")
+    rows = [_batch_row(one) for one in shown_batches(drift.batches, SHOWN)]
+    return table((*headings, Column("stands out by")), [*rows, *_more(len(drift.batches))], is_dense=True)
+
+
+def _batch_row(one: BatchDrift) -> list[Text]:
+    counts = (one.units, one.states.get("recalibrate", 0), one.states.get("changed", 0), one.stepped)
+    cells = (*(f"{count:,}" for count in counts), percent(*one.not_good), ", ".join(one.stands_out))
+    return styled("yellow" if one.stands_out else "", one.batch or "not known", *cells)
+
+
+def _more(count: int) -> list[tuple[str]]:
+    """A row that says how many are not shown, if there are any."""
+    return [(f"and {count - SHOWN:,} more",)] if count > SHOWN else []
 
 
 def shown_batches(batches: Sequence[BatchDrift], most: int) -> list[BatchDrift]:

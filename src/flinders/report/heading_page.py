@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from rich.console import Group
 
 from flinders.core.axes import Axes
 from flinders.errors import counted
 from flinders.heading.axis_consistency import OPPOSITE, remedy
 from flinders.heading.compass import AS_THEY_ARE, LEVEL
 from flinders.report.formatting import degrees
-from flinders.report.text import MARKS
+from flinders.report.layout import facts, notes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -27,7 +28,7 @@ MANY: Final = 0.05
 """Share of shaken readings from which on they are mentioned."""
 
 
-def page(
+def of_headings(
     voyage: Voyage,
     *,
     formula: str,
@@ -54,25 +55,17 @@ def page(
     turned : Axes
         How the acceleration was turned.
     """
-    from rich.console import Group
-    from rich.table import Table
-    from rich.text import Text
-
     how = "from x and y alone, level" if formula == LEVEL else f"tilt taken off ({formula})"
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(no_wrap=True, style="dim")
-    grid.add_column()
-    grid.add_row("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}")
-    grid.add_row("good to", _error(claims))
+    known = [
+        ("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}"),
+        ("good to", _error(claims)),
+    ]
     if declination_deg is not None:
-        grid.add_row("north", _north(site, declination_deg))
+        known.append(("north", _north(site, declination_deg)))
     if voyage.frames.readings and formula != LEVEL:
-        grid.add_row("dip", _dip(voyage, site))
-    notes = Table.grid(padding=(0, 1))
-    for severity, words in _notes(voyage, formula, site, claims, plausible=plausible, turned=turned):
-        mark, style = MARKS[severity]
-        notes.add_row(Text(f"  {mark}", style=style), Text(words, style="dim" if style == "dim" else ""))
-    return Group(grid, notes)
+        known.append(("dip", _dip(voyage, site)))
+    said = _notes(voyage, formula, site, claims, plausible=plausible, turned=turned)
+    return Group(facts(known), notes(said))
 
 
 def _error(claims: Mapping[str, Any]) -> str:

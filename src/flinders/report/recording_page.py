@@ -1,7 +1,5 @@
-"""What a recording holds, as a page for the terminal; and the table of a run over all magnetometers of a log.
+"""What a recording holds, as a page for the terminal.
 
->>> written_time(0.5), written_time(75.0), written_time(7325.0)
-('0.50 s', '1 min 15 s', '2 h 2 min 5 s')
 >>> likely_unit(48.0, "counts"), likely_unit(480.0, "counts"), likely_unit(3.0, "counts"), likely_unit(48.0, "uT")
 ('uT', 'mG', '', '')
 """
@@ -12,10 +10,14 @@ import shlex
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from rich.console import Group
+from rich.padding import Padding
+from rich.text import Text
+
 from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
-from flinders.errors import FitError, counted, figures
-from flinders.report.formatting import degrees
-from flinders.report.text import COLOURS
+from flinders.errors import counted, figures
+from flinders.report.formatting import written_time
+from flinders.report.layout import facts, notes, page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +25,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.core.geomag import SiteField
-    from flinders.fitting.result import Fit
 
 GAP: Final = 5.0
 """Usual steps from one reading to the next that make a gap."""
@@ -32,7 +33,8 @@ STALE: Final = 0.02
 OFF: Final = 0.25
 """Of the field there: what a measured strength may differ by, with iron on board, before it is worth a word."""
 TITLES: Final = 11
-MARKED: Final = {"!": "yellow", "·": "dim"}
+MARKED: Final = {"!": "limits", "·": "note"}
+"""Severity of what has a mark in place of a title."""
 ENOUGH_SEEN: Final = 0.5
 """Of all directions, below which the size of an ellipsoid is a guess, and not shown."""
 
@@ -135,44 +137,13 @@ class Contents:
         return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
-def page(contents: Contents) -> RenderableType:
-    """Lay out what a file holds."""
-    from rich.console import Group
-    from rich.text import Text
-
-    parts: list[RenderableType] = [_grid(_of_the_file(contents))]
-    for sensor in contents.sensors:
-        parts += ["", _grid(_of_a_sensor(sensor, contents.site))]
-    if contents.commands:
-        title = "next" if len(contents.commands) == 1 else "next, one of"
-        parts += ["", Text(title, "bold")]
-        parts += [Text(f"   {command}", no_wrap=True, overflow="ignore") for command in contents.commands]
-    return Group(*parts)
-
-
-def fits(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
-    """Lay out what a run over all magnetometers of a log found: a row each."""
-    from rich import box
-    from rich.console import Group
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    table.add_column("")
-    table.add_column("magnetometer", overflow="fold")
-    for heading in ("readings", "seen", "worst heading"):
-        table.add_column(heading, justify="right")
-    table.add_column("verdict")
-    reasons: list[RenderableType] = []
-    for number, (name, outcome) in enumerate(outcomes, 1):
-        fit: Fit | None = getattr(outcome, "fit", None) if isinstance(outcome, FitError) else outcome
-        verdict = "refused" if fit is None else fit.verdict
-        error = "" if fit is None or verdict == "refused" else degrees(fit.heading_error_deg.worst)
-        cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
-        table.add_row(str(number), name, *cells, error, Text(verdict, COLOURS[verdict]))
-        why = _why(outcome)
-        reasons += [Text(f"  {number} {why}")] * bool(why)
-    return Group("", table, "", *reasons, f"worst heading error, 1 σ, held level; the target is {target_deg:g}°")
+def of_contents(contents: Contents) -> RenderableType:
+    """Lay out what a file holds, and what to type next."""
+    sensors = [_block(_of_a_sensor(sensor, contents.site)) for sensor in contents.sensors]
+    title = Text("next" if len(contents.commands) == 1 else "next, one of", "bold")
+    commands = [Text(f"   {command}", no_wrap=True, overflow="ignore") for command in contents.commands]
+    said = Group(title, *commands) if commands else None
+    return Group(_block(_of_the_file(contents)), page(*sensors, said))
 
 
 def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -> tuple[str, ...]:
@@ -218,15 +189,6 @@ def unit_remark(strength: float | None, inside: str) -> str:
         f"as {name} the strength would be the earth's: add --unit {name} if that is their unit, or --scale with the µT "
         "of a count"
     )
-
-
-def written_time(seconds: float) -> str:
-    """Write a length of time for people."""
-    if seconds < 60:
-        return f"{figures(seconds, 3 if seconds >= 1 else 2)} s"
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return " ".join(f"{count} {unit}" for count, unit in ((hours, "h"), (minutes, "min"), (rest, "s")) if count)
 
 
 def _of_the_file(contents: Contents) -> list[tuple[str, str]]:
@@ -306,32 +268,13 @@ def _of_values(sensor: Sensor) -> list[str]:
     return found
 
 
-def _why(outcome: Fit | FitError) -> str:
-    """Why a fit was refused, in a line."""
-    if not isinstance(outcome, FitError):
-        return ""
-    fit: Fit | None = getattr(outcome, "fit", None)
-    if fit is None:
-        return str(outcome)
-    return "; ".join(finding.advice.partition(":")[0] for finding in fit.findings if finding.severity == "refuses")
-
-
-def _grid(rows: Sequence[tuple[str, str]]) -> RenderableType:
+def _block(rows: Sequence[tuple[str, str]]) -> RenderableType:
     """A title in bold, what is known in two columns, and what to know with its mark before it."""
-    from rich.console import Group
-    from rich.padding import Padding
-    from rich.table import Table
-    from rich.text import Text
-
-    facts, notes = Table.grid(padding=(0, 2)), Table.grid(padding=(0, 1))
-    facts.add_column(width=TITLES, no_wrap=True)
-    for title, text in rows[1:]:
-        if title in MARKED:
-            notes.add_row(Text(title, MARKED[title]), Text(text, "" if title == "!" else "dim"))
-        else:
-            facts.add_row(Text(title, "dim"), Text(text))
-    parts = [Padding(grid, (0, 0, 0, 3)) for grid in (facts, notes) if grid.row_count]
-    return Group(Text.assemble((rows[0][0], "bold"), f"  {rows[0][1]}"), *parts)
+    (name, words), *known = rows
+    shown = facts([row for row in known if row[0] not in MARKED], TITLES)
+    said = notes((MARKED[mark], text) for mark, text in known if mark in MARKED)
+    parts = [Padding(shown, (0, 0, 0, 3))] * bool(shown.row_count)
+    return Group(Text.assemble((name, "bold"), f"  {words}"), *parts, Padding(said, (0, 0, 0, 1)))
 
 
 def _written_size(size: int) -> str:

@@ -5,20 +5,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from rich.console import Group
+from rich.table import Column
+from rich.text import Text
 
 from flinders.errors import counted
 from flinders.geometry.angles import folded, shown_heading
 from flinders.heading.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.heading.stationary import hard_iron
-from flinders.report.curve import dotted, scale
 from flinders.report.formatting import with_uncertainty
-from flinders.report.text import COLOURS, MARKS
+from flinders.report.layout import notes, page, table, verdict
+from flinders.report.terminal import axis_end, dotted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from rich.console import RenderableType
+    from rich.table import Table
 
+    from flinders.arrays import Floats
     from flinders.core.geomag import SiteField
     from flinders.heading.deviation import Deviation, Expected
     from flinders.heading.stationary import HalfTurn, Rest
@@ -37,7 +42,7 @@ LARGE_A_DEG: Final = 1.0
 """A beyond this, and three times its 1 σ, asks for another look at how the compass sits."""
 
 
-def page(
+def of_swing(
     deviation: Deviation | None,
     *,
     site: SiteField | None,
@@ -48,17 +53,13 @@ def page(
     expected: Expected | None = None,
 ) -> RenderableType:
     """Lay out a swing for a rich console."""
-    from rich.console import Group
-
-    parts: list[RenderableType] = []
-    if rests:
-        parts += ["", _rests(rests)]
+    blocks: list[RenderableType | None] = [_rests_table(rests) if rests else None]
     if deviation is not None:
-        parts += ["", _coefficients(deviation, expected), "", _card(deviation, step_deg), ""]
-        parts.append(_verdict(deviation, site, expected, target_deg))
+        blocks += [_coefficients(deviation, expected), _card(deviation, step_deg)]
+        blocks.append(_swing_verdict(deviation, site, expected, target_deg))
     if halves:
-        parts += ["", _half_turns(halves, target_deg)]
-    return Group(*parts)
+        blocks += [_half_turns_table(halves), _half_turns_verdict(halves, target_deg)]
+    return page(*blocks)
 
 
 def card(deviation: Deviation, step_deg: float) -> str:
@@ -119,28 +120,21 @@ def _sigma(deviation: Deviation) -> float | None:
     return None if sigma is None else float(sigma.max())
 
 
-def _coefficients(deviation: Deviation, expected: Expected | None) -> RenderableType:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    table.add_column("coefficient")
-    table.add_column("least squares", justify="right")
-    eight, sigmas = deviation.eight, deviation.sigmas_deg
-    if eight is not None:
-        table.add_column("eight points", justify="right")
-    if expected is not None:
-        table.add_column("claimed", justify="right")
-    table.add_column("what makes it", style="dim")
+def _coefficients(deviation: Deviation, expected: Expected | None) -> Table:
+    """Each coefficient by least squares, from eight points and as claimed, as far as there is each; what makes it."""
     rough = None if deviation.sigma_deg is None else eight_points_sigma(deviation.sigma_deg)
-    for place, (name, meaning) in enumerate(zip(NAMES, MEANINGS, strict=True)):
-        cells = [_angle(deviation.coefficients_deg[place], None if sigmas is None else sigmas[place])]
-        if eight is not None:
-            cells.append(_angle(eight[place], None if rough is None else rough[place]))
-        if expected is not None:
-            cells.append(f"± {max(expected.sigmas_deg[place - 1], 0.001):.2g}°" if place else "")
-        table.add_row(name, *cells, meaning)
-    return table
+    columns = {"coefficient": list(NAMES), "least squares": _angles(deviation.coefficients_deg, deviation.sigmas_deg)}
+    if deviation.eight is not None:
+        columns["eight points"] = _angles(deviation.eight, rough)
+    if expected is not None:
+        columns["claimed"] = ["", *(f"± {max(sigma, 0.001):.2g}°" for sigma in expected.sigmas_deg)]
+    rows = zip(*columns.values(), MEANINGS, strict=True)
+    return table((*columns, Column("what makes it", style="dim")), rows)
+
+
+def _angles(values: Floats, sigmas: Floats | None) -> list[str]:
+    known = [None] * len(values) if sigmas is None else sigmas.tolist()
+    return [_angle(*pair) for pair in zip(values.tolist(), known, strict=True)]
 
 
 def _angle(value: float, sigma: float | None) -> str:
@@ -150,23 +144,20 @@ def _angle(value: float, sigma: float | None) -> str:
     return f"{with_uncertainty(float(value), float(sigma))}°"
 
 
-def _card(deviation: Deviation, step_deg: float) -> RenderableType:
+def _card(deviation: Deviation, step_deg: float) -> Text:
     """Headings below each other, as on a card, the curve to the right of its numbers."""
-    from rich.text import Text
-
     headings, values, sigmas = deviation.card(step_deg)
-    magnetic = deviation.magnetic(headings)
-    end = scale(deviation)
-    half = CURVE_WIDTH // 2
+    end, half = axis_end(deviation), CURVE_WIDTH // 2
     ends = f"{f'{end:g}° W':<{half}}0{f'{end:g}° E':>{half}}"
     text = Text(no_wrap=True, overflow="ignore")
     text.append(f"compass   deviation {'± 1 σ' if sigmas is not None else '':7} magnetic   {ends}\n", "dim")
-    for place, heading in enumerate(headings):
-        seen = _seen(deviation, float(heading), step_deg)
-        sigma = f"± {sigmas[place]:<4.2f}°" if sigmas is not None else ""
-        text.append(f"{shown_heading(float(heading)):>7}  {_sided(float(values[place])):>10} {sigma:7} ")
-        text.append(f"{shown_heading(float(magnetic[place])):>8}   ")
-        text.append(dotted(float(values[place]), end, CURVE_WIDTH, seen=seen).rstrip() + "\n")
+    known = [""] * len(headings) if sigmas is None else [f"± {sigma:<4.2f}°" for sigma in sigmas]
+    rows = zip(headings.tolist(), values.tolist(), known, deviation.magnetic(headings).tolist(), strict=True)
+    for heading, value, sigma, magnetic in rows:
+        curve = dotted(value, end, CURVE_WIDTH, seen=_seen(deviation, heading, step_deg)).rstrip()
+        text.append(
+            f"{shown_heading(heading):>7}  {_sided(value):>10} {sigma:7} {shown_heading(magnetic):>8}   {curve}\n"
+        )
     text.rstrip()
     return text
 
@@ -189,26 +180,14 @@ def _sided(angle: float) -> str:
     return f"{abs(rounded):.1f}° {side}"
 
 
-def _verdict(
+def _swing_verdict(
     deviation: Deviation, site: SiteField | None, expected: Expected | None, target_deg: float
 ) -> RenderableType:
-    from rich.table import Table
-    from rich.text import Text
-
     found = limits(deviation, target_deg)
     name = "limited" if found else "good"
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(no_wrap=True)
-    grid.add_column()
-    grid.add_row(Text(name.upper(), f"bold {COLOURS[name]}"), _words(deviation))
-    if site is not None:
-        grid.add_row("", Text(str(site), "dim"))
-    mark = " " * (len(name) - 1)
-    for limit in found:
-        grid.add_row(Text(f"{mark}{MARKS['limits'][0]}", MARKS["limits"][1]), limit)
-    for note in (*_notes(deviation), *_claims(deviation, expected)):
-        grid.add_row(Text(f"{mark}{MARKS['note'][0]}", "dim"), Text(note, "dim"))
-    return grid
+    said = [("limits", limit) for limit in found]
+    said += [("note", note) for note in (*_notes(deviation), *_claims(deviation, expected))]
+    return Group(verdict(name.upper(), name, _words(deviation), *([] if site is None else [str(site)])), notes(said))
 
 
 def _words(deviation: Deviation) -> str:
@@ -251,20 +230,13 @@ def _claims(deviation: Deviation, expected: Expected | None) -> Iterator[str]:
     )
 
 
-def _rests(found: Sequence[Rest]) -> RenderableType:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    table.add_column("rest")
-    for name in ("heading", "1 σ", "scatter", "readings"):
-        table.add_column(name, justify="right")
-    for place, rest in enumerate(found, 1):
-        table.add_row(
-            str(place), shown_heading(rest.heading_deg, 2), f"{rest.sigma_deg:.2f}°", f"{rest.spread_deg:.2f}°",
-            f"{rest.stop - rest.start:,}",
-        )  # fmt: skip
-    return table
+def _rests_table(found: Sequence[Rest]) -> Table:
+    rows = [
+        (str(place), shown_heading(rest.heading_deg, 2), f"{rest.sigma_deg:.2f}°", f"{rest.spread_deg:.2f}°",
+         f"{rest.stop - rest.start:,}")
+        for place, rest in enumerate(found, 1)
+    ]  # fmt: skip
+    return table(("rest", "heading", "1 σ", "scatter", "readings"), rows)
 
 
 def _blame(halves: Sequence[HalfTurn]) -> str:
@@ -275,30 +247,23 @@ def _blame(halves: Sequence[HalfTurn]) -> str:
     return f"hard iron is left (B {found[0]:+.1f}°, C {found[1]:+.1f}°)"
 
 
-def _half_turns(halves: Sequence[HalfTurn], target_deg: float) -> RenderableType:
-    from rich import box
-    from rich.console import Group
-    from rich.table import Table
-    from rich.text import Text
+def _half_turns_table(halves: Sequence[HalfTurn]) -> Table:
+    rows = [
+        (shown_heading(half.first.heading_deg, 2), shown_heading(half.second.heading_deg, 2),
+         f"{180.0 + half.off_deg:.2f}°", f"{half.off_deg:+.2f} ± {half.sigma_deg:.2f}°")
+        for half in halves
+    ]  # fmt: skip
+    return table((Column("turned by 180°, from", justify="right"), "to", "the heading by", "off by"), rows)
 
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    for name in ("turned by 180°, from", "to", "the heading by", "off by"):
-        table.add_column(name, justify="right")
-    for half in halves:
-        table.add_row(
-            shown_heading(half.first.heading_deg, 2), shown_heading(half.second.heading_deg, 2),
-            f"{180.0 + half.off_deg:.2f}°", f"{half.off_deg:+.2f} ± {half.sigma_deg:.2f}°",
-        )  # fmt: skip
+
+def _half_turns_verdict(halves: Sequence[HalfTurn], target_deg: float) -> Table:
     worst = max(abs(half.off_deg) for half in halves)
     passed = worst <= target_deg
-    grid = Table.grid(padding=(0, 2))
     words = (
         f"half a turn is measured to {worst:.2f}°, within the target of {target_deg:g}°"
         if passed
         else f"half a turn is off by {worst:.2f}°, more than the target of {target_deg:g}°: {_blame(halves)}, or the "
         "turn was not 180°; calibrate again"
     )
-    grid.add_row(Text("PASSES" if passed else "FAILS", f"bold {COLOURS['good' if passed else 'refused']}"), words)
-    if len(halves) < 2:
-        grid.add_row("", Text("one pair of headings sees one direction of hard iron: add a pair at 90° to it", "dim"))
-    return Group(table, "", grid)
+    advice = ["one pair of headings sees one direction of hard iron: add a pair at 90° to it"] * (len(halves) < 2)
+    return verdict("PASSES" if passed else "FAILS", "good" if passed else "refused", words, *advice)

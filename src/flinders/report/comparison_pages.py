@@ -1,0 +1,384 @@
+"""Comparisons as pages for the terminal: of two calibrations, with a recording, with the truth, of several methods.
+
+>>> chance_words(0.43), chance_words(1e-9)
+('no more than chance explains (p = 0.43)', 'more than chance explains (p < 0.0001)')
+>>> duration(0.00421), duration(12.5), duration(90)
+('4.2 ms', '12 s', '90 s')
+>>> from flinders.simulate import TwoAxis
+>>> [name for name, *_ in recovery_rows(TwoAxis(), TwoAxis())]
+['scale x', 'scale y', 'offset x', 'offset y', 'skew', 'noise']
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from rich.console import Group
+from rich.table import Column
+from rich.text import Text
+
+from flinders.comparison.comparison import CHANCE
+from flinders.core.units import label
+from flinders.errors import counted, figures
+from flinders.findings import VERDICTS
+from flinders.geometry.ellipsoid import upper
+from flinders.report.formatting import FINEST, angle, degrees, on_the_point, p_value, with_uncertainty
+from flinders.report.layout import COLOURS, lines, notes, page, styled, table, verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from flinders.arrays import Floats
+    from flinders.comparison.comparison import Comparison, Strength
+    from flinders.comparison.evaluation import Evaluation
+    from flinders.comparison.methods import Contest, Entry
+    from flinders.core.calibration import Calibration
+    from flinders.findings import Severity, Verdict
+    from flinders.fitting.result import Fit
+    from flinders.heading.error_propagation import HeadingError
+    from flinders.simulate.two_axis import Polar, TwoAxis
+
+AGREEMENT: Final = {
+    "agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS"),
+}  # fmt: skip
+"""Titles of two calibrations, and of one on another recording."""
+
+UNCHECKED: Final = "NO CHECK"
+"""Of a calibration that agrees with its own recording."""
+
+TURNED: Final = (
+    "their rotations into the body differ by more than chance explains: the sensor was turned in its mounting, or an "
+    "instrument beside it"
+)
+
+EVALUATED: Final = {"as claimed": "AS CLAIMED", "worse than claimed": "WORSE THAN CLAIMED", "unclaimed": "NO CLAIM"}
+
+ROUNDING_DEG: Final = 1e-4
+"""Degrees of heading that come from rounding alone."""
+
+
+def of_comparison(
+    comparison: Comparison,
+    *,
+    fresh: Fit | None = None,
+    strengths: tuple[Strength, Strength] | None = None,
+    own: Sequence[str] = (),
+) -> RenderableType:
+    """Lay out two calibrations side by side: the difference, what chance explains, the verdict.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    fresh : Fit, optional
+        Of the recording that a calibration is checked on: what limits it is said below.
+    strengths : pair of Strength, optional
+        Of that recording, under the calibration and under the fresh fit.
+    own : sequence of str
+        Names of the recordings, if any, that went into the calibration: agreement with those proves nothing.
+    """
+    limits = [] if fresh is None else [finding.advice for finding in fresh.findings if finding.severity == "limits"]
+    said = _comparison_verdict(comparison, fresh, own, limits)
+    if own:
+        limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
+    if comparison.is_turned:
+        limits.insert(0, TURNED)
+    blocks = (_differences(comparison), _parameters(comparison), None if strengths is None else _strengths(*strengths))
+    return Group(page(*blocks, said), notes(("limits", limit) for limit in limits))
+
+
+def of_evaluation(evaluation: Evaluation) -> RenderableType:
+    """Lay out a calibration against the truth: true errors, claimed ones, their ratio, the verdict."""
+    return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
+
+
+def of_recovery(true: TwoAxis, found: TwoAxis, polar: Polar) -> RenderableType:
+    """Lay out a swung two-axis compass: what is true, what was found, the headings before and after."""
+    rows = [
+        (name, f"{expected:.4f}{unit}", f"{value:.4f}{unit}", f"{round(value - expected, 4) + 0.0:+.4f}{unit}")
+        for name, expected, value, unit in recovery_rows(true, found)
+    ]
+    headings = [
+        ("raw", *_heading_cells(polar.raw_error_deg, polar.raw_radius)),
+        ("corrected", *_heading_cells(polar.corrected_error_deg, polar.corrected_radius)),
+    ]
+    return page(
+        table(("parameter", "true", "found", "error"), rows),
+        table(("heading", "error, rms", "worst", "radius"), headings),
+    )
+
+
+def of_methods(contest: Contest) -> RenderableType:
+    """Lay out all methods on one recording: worth, numbers, and why some are not to be trusted.
+
+    Numbers of refused calibrations are here, dim, because they are compared with those of a spreadsheet or a paper;
+    nothing is written.
+    """
+    entries = [entry for entry in contest.entries if entry.fit is not None]
+    found = _method_numbers(entries) if entries else None
+    return page(Group(_worth(contest), _basis(contest)), found, notes(_reasons(contest)))
+
+
+# --------------------------------------------------------------------------------------------------- two calibrations
+
+
+def chance_words(value: float | None) -> str:
+    """Say whether chance explains a difference."""
+    if value is None:
+        return "no uncertainty is stated, so nothing is left to chance"
+    return f"{'no more' if value >= CHANCE else 'more'} than chance explains ({p_value(value)})"
+
+
+def _differences(comparison: Comparison) -> Table:
+    heading, claimed, rotation = (
+        comparison.heading_difference_deg,
+        comparison.claimed_deg,
+        comparison.rotation,
+    )
+    mean = f"{round(comparison.heading_mean_deg, 2) + 0.0:.2f}°"
+    rows: list[Sequence[RenderableType]] = [styled("bold", "heading", angle(heading.rms), angle(heading.worst), mean)]
+    if claimed is not None:
+        rows.append(("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst)))
+    rows.append(("direction", angle(comparison.direction_difference_deg)))
+    if rotation is not None:
+        rows.append(("rotation in the body", angle(rotation.angle_deg)))
+    if rotation is not None and rotation.angle_sigma_deg is not None:
+        rows.append(("  claimed, 1 σ", degrees(rotation.angle_sigma_deg)))
+    return table(("difference", "rms", "worst", "mean"), rows)
+
+
+def _offset_cells(offset: Floats, sigma: Floats | None) -> str:
+    """Offset along x, y and z, with its uncertainty where one is known."""
+    sigmas = np.zeros(3) if sigma is None else sigma
+    return "   ".join(with_uncertainty(*pair) for pair in zip(offset + 0.0, sigmas, strict=True))
+
+
+def _parameters(comparison: Comparison) -> Text:
+    offset = _offset_cells(comparison.offset_difference, comparison.offset_sigma)
+    share = _percent(comparison.offset_share)
+    scale = "" if comparison.is_scale_known else "of sensor and field together"
+    return lines(
+        [
+            ("offset", offset, f"{label(comparison.unit)}, {share} of the field"),
+            ("scale", _percent(comparison.scale_difference), scale),
+        ]
+    )
+
+
+def _strengths(known: Strength, fresh: Strength) -> Table:
+    pairs = (("the calibration", known), ("a fresh fit", fresh))
+    rows = [(name, figures(one.mean, 4), _percent(one.spread)) for name, one in pairs]
+    return table(("corrected with", "strength", "spread"), rows)
+
+
+def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence[str], limits: Sequence[str]) -> Table:
+    """What to make of it, and what it rests on."""
+    basis = _square_basis(comparison.heading_difference_deg, comparison.chi_square, comparison.freedom)
+    if comparison.left_out_deg is not None:
+        basis += f"; the rotation into the body of {degrees(comparison.left_out_deg)}, known to one alone, is left out"
+    if fresh is not None:
+        basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere seen"
+    is_firm = comparison.is_telling and not limits and not own and not comparison.is_turned
+    colour = {"agree": "good" if is_firm else "limited", "differ": "limited", "contradict": "refused"}
+    title, words = AGREEMENT[comparison.verdict][fresh is not None], _words(comparison, is_limited=bool(limits))
+    if own and comparison.verdict == "agree":
+        title = UNCHECKED
+        words = "a calibration fits its own readings, however the sensor has changed: this proves nothing"
+    return verdict(title, colour[comparison.verdict], words, basis)
+
+
+def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
+    """For which dip a heading error holds, and χ² where there is one."""
+    level = f"held level, dip {abs(error.dip_deg):g}°"
+    if square is None:
+        return level
+    return f"{level}; χ² {f'= {square:.3g}' if square < 1000.0 else '> 1000'} for {freedom} degrees of freedom"
+
+
+def _words(comparison: Comparison, *, is_limited: bool) -> str:
+    chance, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
+    worst = angle(comparison.heading_difference_deg.worst)
+    if comparison.verdict == "agree":
+        vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}: record for longer"
+        limits = ", with these limits of the recording:" if is_limited else ""
+        if comparison.p_value is None:
+            return "the same calibration twice"
+        return f"heading within {worst}, {chance}{vague}{limits}"
+    side, advice = {
+        "differ": ("less", "good enough for that, and a new calibration will be better"),
+        "contradict": ("more", "the sensor or what is near it has changed, calibrate again"),
+    }[comparison.verdict]
+    return f"headings up to {worst} apart, {side} than the target of {target} and {chance}: {advice}"
+
+
+def _percent(share: float) -> str:
+    """Write a fraction as a percentage.
+
+    >>> _percent(0.00126), _percent(-0.00001), _percent(0.2), _percent(float("inf"))
+    ('0.13%', '0.00%', '20%', '> 1000%')
+    """
+    if not abs(share) < 10.0:
+        return "> 1000%"
+    decimals = 2 if abs(share) < 0.1 else 0
+    return f"{round(share, decimals + 2) + 0.0:.{decimals}%}"
+
+
+# ---------------------------------------------------------------------------------------------------- with the truth
+
+
+def _true_errors(evaluation: Evaluation) -> Table:
+    """True and claimed errors, and their ratio."""
+    heading, claimed = evaluation.heading_error_deg, evaluation.claimed_heading_deg
+    rows = (
+        ((heading.rms, heading.worst), claimed and (claimed.rms, claimed.worst), evaluation.heading_ratio),
+        (evaluation.freed_direction_error_deg, evaluation.claimed_direction_deg, evaluation.direction_ratio),
+        (evaluation.direction_error_deg, None, None),
+    )
+    cells = [
+        [*map(angle, true), *(map(angle, claims) if claims else ("", "")), "" if ratio is None else figures(ratio)]
+        for true, claims, ratio in rows
+    ]
+    return table(
+        ("error", "rms", "worst", "claimed, rms", "worst", "true / claimed"),
+        [styled("bold", "level heading", *cells[0]), ("direction", *cells[1]), ("  with its rotation", *cells[2])],
+    )
+
+
+def _true_parameters(evaluation: Evaluation) -> Text:
+    offset = _offset_cells(evaluation.offset_error, evaluation.offset_sigma)
+    ratio = "" if evaluation.offset_ratio is None else f", {figures(evaluation.offset_ratio)} times what is claimed"
+    scale = evaluation.scale_error
+    return lines(
+        [
+            ("offset", offset, label(evaluation.unit)),
+            ("", _digits(evaluation.offset_share), f"of the field{ratio}"),
+            ("matrix", _digits(evaluation.matrix_error), "rotation and scale taken off"),
+            ("rotation", angle(evaluation.rotation_deg), "which no magnetometer alone can see"),
+            ("mean", angle(evaluation.heading_mean_deg), "of the heading, taken off above: as of a turned mounting"),
+            ("scale", "not claimed: no field strength was given" if scale is None else _digits(scale), ""),
+        ]
+    )
+
+
+def _evaluation_verdict(evaluation: Evaluation) -> Table:
+    is_worse, is_on_target = evaluation.verdict == "worse than claimed", evaluation.is_on_target
+    colour = ("limited" if is_worse else "good") if is_on_target else ("refused" if is_worse else "limited")
+    reason = f"the errors are {chance_words(evaluation.p_value)}"
+    if evaluation.verdict == "unclaimed":
+        reason = "the calibration states no uncertainty"
+    worst, side = angle(evaluation.heading_error_deg.worst), "within" if is_on_target else "beyond"
+    words = f"headings are off by up to {worst}, {side} the target of {evaluation.target_deg:g}°; {reason}"
+    basis = _square_basis(evaluation.heading_error_deg, evaluation.chi_square, evaluation.freedom)
+    return verdict(EVALUATED[evaluation.verdict], colour, words, basis)
+
+
+def _digits(share: float) -> str:
+    """Write a fraction as a percentage to two digits.
+
+    >>> _digits(0.00126), _digits(0.2), _digits(-0.0312), _digits(1e-12), _digits(12.0)
+    ('0.13%', '20%', '-3.1%', '0%', '> 1000%')
+    """
+    if not abs(share) < 10.0:
+        return "> 1000%"
+    return f"{figures(100 * share)}%" if abs(share) > 1e-9 else "0%"
+
+
+def recovery_rows(true: TwoAxis, found: TwoAxis) -> list[tuple[str, float, float, str]]:
+    """Name, true value, found value and unit of each parameter."""
+    return [
+        ("scale x", true.scale[0], found.scale[0], ""),
+        ("scale y", true.scale[1], found.scale[1], ""),
+        ("offset x", true.offset[0], found.offset[0], " µT"),
+        ("offset y", true.offset[1], found.offset[1], " µT"),
+        ("skew", true.skew_deg, found.skew_deg, "°"),
+        ("noise", true.noise, found.noise, " µT"),
+    ]
+
+
+def _heading_cells(errors: Floats, radius: Floats) -> tuple[str, str, str]:
+    """Errors, rms and worst, and the range of the radius."""
+    rms, worst = float(np.sqrt(np.mean(errors**2))), float(np.abs(errors).max())
+    return angle(rms), angle(worst), f"{radius.min():.2f} to {radius.max():.2f} µT"
+
+
+# ------------------------------------------------------------------------------------------------------ many methods
+
+
+def duration(seconds: float) -> str:
+    """Write how long something took, to two digits."""
+    return f"{figures(seconds * 1e3)} ms" if seconds < 1.0 else f"{figures(seconds)} s"
+
+
+def _worth(contest: Contest) -> Table:
+    """Rms heading errors of each method: claimed, cross-validated, and from the first."""
+    names = ("\nclaimed", "cross-\nvalidated", f"from\n{contest.reference}", "\ntime", "\nverdict")
+    headings = (
+        Column("heading error,\nrms", no_wrap=True),
+        *(Column(name, justify="right", no_wrap=True) for name in names),
+    )
+    return table(headings, [_method_row(entry) for entry in contest.entries])
+
+
+def _method_row(entry: Entry) -> tuple[RenderableType, ...]:
+    return (
+        Text(entry.method, "bold" if entry.verdict == "good" else ""),
+        _rms(None if entry.fit is None else entry.fit.heading_error_deg),
+        _rms(None if entry.validation is None else entry.validation.heading_error_deg),
+        _rms(entry.apart_deg),
+        duration(entry.seconds),
+        Text(entry.verdict, COLOURS[entry.verdict]),
+    )
+
+
+def _rms(error: HeadingError | None) -> str:
+    if error is None:
+        return "–"
+    return degrees(error.rms) if error.rms > ROUNDING_DEG else "0°"
+
+
+def _basis(contest: Contest) -> Text:
+    blocks = f"{contest.blocks} blocks of time, each held back once" if contest.blocks else "too few to hold any back"
+    if contest.stride > 1:
+        blocks = f"cross-validated on one of {contest.stride}: {blocks}"
+    return Text(f"{counted(contest.readings, 'reading')}; {blocks}", "dim")
+
+
+def _method_numbers(entries: list[Entry]) -> Text:
+    """Offsets, and matrices as their diagonal and what is above it, one line for each method."""
+    calibrations = [entry.fit.calibration for entry in entries if entry.fit is not None]
+    columns = [on_the_point(list(column)) for column in zip(*map(_entries, calibrations), strict=True)]
+    rows = [(" ".join(cells[:3]), " ".join(cells[3:])) for cells in zip(*columns, strict=True)]
+    width, (offset, matrix) = max(len(entry.method) for entry in entries), rows[0]
+    title = f"offset, {label(calibrations[0].unit)}".ljust(len(offset)) + "   "
+    text = Text(no_wrap=True, overflow="ignore")
+    text.append(f"{'':{width}}  {title}{'matrix: xx yy zz xy xz yz'.ljust(len(matrix))}\n", "dim")
+    for entry, row in zip(entries, rows, strict=True):
+        text.append(f"{entry.method:{width}}  {'   '.join(row)}\n", "dim" if entry.verdict == "refused" else "")
+    text.rstrip()
+    return text
+
+
+def _entries(calibration: Calibration) -> list[str]:
+    decimals = max(0, -math.floor(math.log10(FINEST * calibration.field_strength)))
+    offset = [f"{round(value, decimals) + 0.0:.{decimals}f}" for value in calibration.offset.tolist()]
+    return [*offset, *(f"{value:.4f}" for value in upper(calibration.matrix).tolist())]
+
+
+def _reasons(contest: Contest) -> list[tuple[str, str]]:
+    """Why a method is not to be trusted here: the gravest reason in words, the others by their code; each said once."""
+    said: dict[str, list[Entry]] = {}
+    for entry in contest.entries:
+        if entry.reasons:
+            also = f" (also {', '.join(entry.codes[1:])})" if len(entry.codes) > 1 else ""
+            said.setdefault(entry.reasons[0].replace(repr(entry.method), "it") + also, []).append(entry)
+    return [
+        (_SEVERITIES[entries[0].verdict], f"{', '.join(entry.method for entry in entries)}: {reason}")
+        for reason, entries in said.items()
+    ]
+
+
+_SEVERITIES: Final[dict[Verdict, Severity]] = {verdict: severity for severity, verdict in VERDICTS.items()}

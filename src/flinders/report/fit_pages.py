@@ -1,0 +1,387 @@
+"""Calibrations as pages for the terminal: of a recording, merged, typed, of a turn in one plane, of several sensors.
+
+>>> from flinders.geometry.plane import PlaneEllipse, Turn
+>>> heading = np.radians(np.arange(0, 360, 10))
+>>> points = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5], axis=1)
+>>> turn = Turn.of("xy", points, PlaneEllipse.of_points(points))
+>>> [row[:2] for row in plane_rows(turn, "µT")][1:4]
+[('mean Hx', '10.0000 µT'), ('mean Hy', '-5.0000 µT'), ('eigenvalues', '450.000, 200.000')]
+>>> spacing_words(turn, 1.0, is_mean=True)
+'36 points, widest gap 10°, first harmonic 0.000, second 0.000: evenly spaced, the mean can be trusted'
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from rich.console import Group
+from rich.table import Column
+from rich.text import Text
+
+from flinders.comparison.composition import ANY_ANGLE, in_words
+from flinders.core.units import label
+from flinders.errors import FitError, counted, figures
+from flinders.fitting.advice import UPSIDE_DOWN, movement
+from flinders.fitting.result import Fit, Refused
+from flinders.fitting.verdict import OF_THE_RECORDING
+from flinders.geometry.plane import across
+from flinders.report.beside import mounting
+from flinders.report.formatting import degrees, p_value, written_time
+from flinders.report.layout import COLOURS, notes, numbers, page, styled, table, verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from flinders.comparison.composition import Composed
+    from flinders.comparison.merging import Merged
+    from flinders.comparison.multi_sensor import Member, Together
+    from flinders.errors import FlindersError
+    from flinders.findings import Finding, Verdict
+    from flinders.fitting.axis_extremes import Extremes
+    from flinders.geometry.plane import PlaneEllipse, Turn
+    from flinders.heading.error_propagation import HeadingError
+
+NEGLIGIBLE: Final = 0.1
+"""Of the target: what costs less is not worth a word."""
+
+
+def of_fit(fit: Fit) -> RenderableType:
+    """Lay out a fit: before and after, the numbers with their uncertainty, the verdict and what limits it.
+
+    Of a refused one no number of the calibration is shown: none can be trusted, and what stands on a screen is
+    copied into a firmware sooner or later. It says why, how to do better, and what is odd about the recording.
+    """
+    if fit.verdict != "refused":
+        found = numbers(fit.calibration, fit.offset_sigma, fit.noise)
+        return Group(page(_before_and_after(fit), found, _fit_verdict(fit)), _findings(fit.findings, movement(fit)))
+    reasons = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
+    return Group(page(_fit_verdict(fit)), _findings(reasons, movement(fit)))
+
+
+def of_merged(merged: Merged) -> RenderableType:
+    """Lay out calibrations put together: each against the others, and the result, if it is not refused."""
+    is_refused = merged.verdict == "refused"
+    said = [finding for finding in merged.findings if finding.severity != "note" or not is_refused]
+    result = None if is_refused else numbers(merged.calibration, merged.offset_sigma, merged.noise)
+    return Group(page(_merged_parts(merged), result, _merged_verdict(merged)), _findings(said))
+
+
+def of_extremes(extremes: Extremes) -> RenderableType:
+    """Lay out what six typed numbers give, of which nothing is claimed."""
+    unknown = np.full(3, np.nan)
+    said = verdict(
+        extremes.verdict.upper(),
+        extremes.verdict,
+        "how good it is nobody knows, with these limits:",
+        "six typed numbers; minmax",
+    )
+    result = numbers(extremes.calibration, unknown, None)
+    return Group(page(extremes_table(extremes), result, said), _findings(extremes.findings))
+
+
+def of_turn(fit: Fit, turn: Turn, *, composed: Composed | None, after: str | None) -> RenderableType:
+    """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
+    mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
+    headings = (
+        f"plane {turn.plane}, turned about {across(turn.plane)}",
+        Column("mean and scatter", justify="right", style=mean_style),
+        Column("least squares", justify="right", style=least_style),
+    )
+    recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
+    words = spacing_words(turn, fit.target_deg, is_mean=is_mean(fit))
+    return Group(page(recipe, words), of_fit(fit), *([] if composed is None else [_composed(composed, after)]))
+
+
+def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
+    """Lay out each magnetometer of a log that was calibrated by itself: a row each, and why some were refused."""
+    headings = (
+        "",
+        Column("magnetometer", overflow="fold"),
+        "readings",
+        "seen",
+        "worst heading",
+        Column("verdict"),
+    )
+    rows = [(str(number), *_sensor_row(*pair)) for number, pair in enumerate(outcomes, 1)]
+    reasons = [(number, _why_refused(outcome)) for number, (_, outcome) in enumerate(outcomes, 1)]
+    said = [Text(f"  {number} {why}") for number, why in reasons if why]
+    basis = f"worst heading error, 1 σ, held level; the target is {target_deg:g}°"
+    return page(table(headings, rows), Group(*said, basis))
+
+
+def of_several(found: Together, target_deg: float) -> RenderableType:
+    """Lay out magnetometers that were calibrated together: a row each, and what the others tell of it."""
+    upper = (f"axes of\n{found.reference}", "\nbut for", "\noff by")
+    headings = (
+        Column("\n"),
+        Column("\nmagnetometer", overflow="fold", min_width=12),
+        *(Column(name, justify="right", no_wrap=True) for name in ("heading\nalone", "\ntogether", *upper)),
+        Column("\nverdict"),
+    )
+    rows = [
+        (str(number), member.name, _error(member.alone), _error(member.fit), *_axes_cells(found, member),
+         _coloured(verdict_of(member.fit)))
+        for number, member in enumerate(found.members, 1)
+    ]  # fmt: skip
+    reasons = [pair for number, member in enumerate(found.members, 1) for pair in _member_notes(number, member)]
+    basis = f"heading: the worst error, 1 σ, held level; the target is {target_deg:g}°"
+    said = Group(notes(reasons), Text(f"{_agreed(found)}\n{basis}", "dim"))
+    return page(table(headings, rows), said)
+
+
+# ---------------------------------------------------------------------------------------------------------- one fit
+
+
+def _findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
+    """What limits it and what to do; how to move on, which is `turn`, is said once."""
+    said: list[tuple[str, str]] = []
+    is_told = False
+    for finding in findings:
+        advice = finding.advice.replace(turn, "turn the sensor as above") if is_told else finding.advice
+        is_told = is_told or bool(turn and turn in finding.advice)
+        said.append((finding.severity, advice))
+    return notes(said)
+
+
+def _before_and_after(fit: Fit) -> Table:
+    unit = label(fit.calibration.unit)
+    raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
+    strength, spread = fit.uncorrected_strength
+    left = f"{fit.noise / fit.ellipsoid.radius:.1%}"
+    field = f"{figures(fit.calibration.field_strength, 4)} {unit}"
+    before = ("before", f"{figures(strength, 4)} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
+    after = styled("bold", "after", field, left, degrees(error.rms), degrees(error.worst))
+    return table(("", "strength", "spread", "heading error, rms", "worst"), [before, after])
+
+
+def _good_to(error: HeadingError, target_deg: float) -> str:
+    return f"worst heading good to {degrees(error.worst)} (1 σ; the target is {target_deg:g}°)"
+
+
+def _fit_verdict(fit: Fit) -> Table:
+    """What a fit is good for, and for whom the number holds."""
+    is_refused, within = fit.verdict == "refused", _good_to(fit.heading_error_deg, fit.target_deg)
+    words = {
+        "good": f"{within}, {_reach(fit)}",
+        "limited": f"{within}, with these limits:",
+        "refused": "not fit for use, no calibration was written",
+    }[fit.verdict]
+    seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
+    level = "" if is_refused else f"; held level, dip {fit.heading_error_deg.dip_deg:.3g}°"
+    adds = "" if is_refused else mounting(fit)
+    basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}{level}"
+    return verdict(fit.verdict.upper(), fit.verdict, words, basis, *([Text(adds)] if adds else []))
+
+
+def _reach(fit: Fit) -> str:
+    """Say up to which tilt a fit is as good as was asked for."""
+    limit = fit.attitude_limit_deg
+    return "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
+
+
+# ----------------------------------------------------------------------------------------------- merged, and typed
+
+
+def _merged_parts(merged: Merged) -> Table:
+    """Each calibration against the others."""
+    names = ("readings", "claims", "off the others", "chance")
+    headings = (
+        Column("calibration", overflow="fold"),
+        *(Column(name, justify="right", no_wrap=True) for name in names),
+    )
+    rows = [
+        (part.source, f"{part.samples:,}" if part.samples else "", degrees(part.claimed_deg),
+         f"{degrees(part.off_deg)} ± {degrees(part.off_sigma_deg)}", p_value(part.p_value))
+        for part in merged.repeats.parts
+    ]  # fmt: skip
+    return table(headings, rows)
+
+
+def _merged_verdict(merged: Merged) -> Table:
+    within = _good_to(merged.heading_error_deg, merged.target_deg)
+    words = {
+        "good": within,
+        "limited": f"{within}, with these limits:",
+        "refused": "not fit for use, nothing was written",
+    }[merged.verdict]
+    readings = f" of {counted(merged.samples, 'reading')}" if merged.samples else ""
+    chance = f"; chance scatters them as far with {p_value(merged.repeats.p_value)}"
+    level = "" if merged.verdict == "refused" else f"; held level, dip {merged.heading_error_deg.dip_deg:g}°"
+    basis = f"{counted(len(merged.repeats.parts), 'calibration')}{readings}{chance}{level}"
+    return verdict(merged.verdict.upper(), merged.verdict, words, basis)
+
+
+def extremes_table(extremes: Extremes) -> Table:
+    """Six numbers with the offset and the scale of each axis, as a board shows them.
+
+    >>> from rich.console import Console
+    >>> from flinders.fitting.axis_extremes import from_extremes
+    >>> shown = extremes_table(from_extremes([-157, 98, -123, 124, -109, 101], variant="largest"))
+    >>> Console(width=60).print(shown)
+         min   max   offset   half-range   scale
+    ────────────────────────────────────────────
+    x   -157    98    -29.5        127.5    1.00
+    y   -123   124      0.5        123.5    1.03
+    z   -109   101     -4.0        105.0    1.21
+    """
+    half, digits = extremes.ellipsoid.shape.diagonal(), min(12, _decimals(extremes))
+    columns = (extremes.low, extremes.high, extremes.calibration.offset, half, extremes.scale)
+    rows = [
+        (letter, *(f"{end:.{digits}f}" for end in (low, high)),
+         *(f"{middle:.{digits + 1}f}" for middle in (offset, half_range)),
+         f"{scale:.2f}" if scale >= 0.1 else f"{scale:.3g}")
+        for letter, low, high, offset, half_range, scale in zip("xyz", *columns, strict=True)
+    ]  # fmt: skip
+    return table(("", "min", "max", "offset", "half-range", "scale"), rows)
+
+
+def _decimals(extremes: Extremes) -> int:
+    """Decimals that all six numbers need, up to six digits in all."""
+    written = [f"{value:.6g}" for value in [*extremes.low.tolist(), *extremes.high.tolist()]]
+    return 3 if any("e" in text for text in written) else max(len(text.partition(".")[2]) for text in written)
+
+
+# ------------------------------------------------------------------------------------------------ a turn in one plane
+
+
+def is_mean(fit: Fit) -> bool:
+    """Whether the offset is the mean of the points."""
+    return fit.method.startswith("two-axis")
+
+
+def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
+    """Name, what mean and scatter give and what least squares give, of each number of the recipe."""
+    points, axes = f"{turn.spacing.points:,}", ["xyz".index(axis) + 1 for axis in turn.plane]
+    entries = [f"S{row}{column}" for row in axes for column in axes]
+    means = [f"mean H{axis}" for axis in turn.plane]
+    names = (*means, "eigenvalues", "semi-axes", "axis ratio", "skew angle", *entries)
+    cells = (_ellipse_cells(found, unit) for found in (turn.recipe, turn.ellipse))
+    return [("points", points, points), *zip(names, *cells, strict=True)]
+
+
+def _ellipse_cells(found: PlaneEllipse, unit: str) -> list[str]:
+    """Write an ellipse as the recipe has it."""
+    first, second = (figures(value, 6) for value in found.eigenvalues.tolist())
+    long, short = (figures(axis, 6) for axis in found.semi_axes.tolist())
+    return [
+        *(f"{value:.4f} {unit}" for value in found.centre.tolist()),
+        f"{first}, {second}",
+        f"{long}, {short} {unit}",
+        f"{found.ratio:.5f}",
+        f"{found.direction_deg + 0.0:+.3f}°",
+        *(f"{entry + 0.0:+.6f}" for entry in found.matrix.ravel().tolist()),
+    ]
+
+
+def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
+    """Say how the points are spaced, and whether their mean is the centre."""
+    spacing = turn.spacing
+    instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
+    return (
+        f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
+        f"{spacing.first:.3f}, second {spacing.second:.3f}: {evenness(turn, target_deg, is_mean=is_mean)}{instead}"
+    )
+
+
+def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
+    """Say what the spacing of the points costs, or would cost, those who take the mean."""
+    spacing = turn.spacing
+    if spacing.cost_deg < NEGLIGIBLE * target_deg:
+        return "evenly spaced, the mean can be trusted"
+    cost = f"the mean {'costs' if is_mean else 'would cost'} up to {degrees(spacing.cost_deg)} of heading"
+    if spacing.is_even(within_deg=target_deg):
+        return f"{cost}, within the target of {target_deg:g}°"
+    return f"not evenly spaced, {cost}"
+
+
+def _composed(composed: Composed, after: str | None) -> RenderableType:
+    """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
+    error = composed.heading_error_deg
+    good = _good_to(error, composed.fit.target_deg)
+    words = good if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
+    said = verdict(
+        composed.verdict.upper(),
+        composed.verdict,
+        f"{words}, with these limits:",
+        f"{in_words(composed.turns)}; held level, dip {error.dip_deg:g}°",
+    )
+    title = Text(f"composed with {after}, to be loaded in its place", "bold")
+    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.fit.noise))
+    return Group(page(result, said), _findings(composed.findings))
+
+
+# --------------------------------------------------------------------------------------------------- several sensors
+
+
+def verdict_of(outcome: Fit | FlindersError) -> Verdict:
+    """That of a fit; ``refused`` where there is none."""
+    return outcome.verdict if isinstance(outcome, Fit) else "refused"
+
+
+def _fit_of(outcome: Fit | FlindersError) -> Fit | None:
+    """The fit, good or refused, if there is one."""
+    return outcome.fit if isinstance(outcome, Refused) else outcome if isinstance(outcome, Fit) else None
+
+
+def _coloured(verdict: Verdict) -> Text:
+    return Text(verdict, COLOURS[verdict])
+
+
+def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...]:
+    """Name, readings, share of the sphere, worst heading and verdict of one magnetometer."""
+    fit, found = _fit_of(outcome), verdict_of(outcome)
+    error = "" if fit is None or found == "refused" else degrees(fit.heading_error_deg.worst)
+    cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
+    return name, *cells, error, _coloured(found)
+
+
+def _why_refused(outcome: Fit | FitError) -> str:
+    """Why a fit was refused, in a line."""
+    if isinstance(outcome, Fit):
+        return ""
+    fit = _fit_of(outcome)
+    if fit is None:
+        return str(outcome)
+    return "; ".join(finding.advice.partition(":")[0] for finding in fit.findings if finding.severity == "refuses")
+
+
+def _error(outcome: Fit | FlindersError) -> str:
+    """Worst heading error, of what is refused too, since it says how far it is from being of use."""
+    fit = _fit_of(outcome)
+    return "–" if fit is None else degrees(fit.heading_error_deg.worst)
+
+
+def _axes_cells(found: Together, member: Member) -> tuple[str, str, str]:
+    """Which axes it has, how far it is off them, and what its readings are usually off."""
+    if member.rotation is None:
+        return "", "", ""
+    off = "" if member.name == found.reference else f"{member.off_axes_deg:.1f}°"
+    if off and member.rotation_sigma_deg is not None:
+        off = f"{member.off_axes_deg:.1f} ± {figures(float(member.rotation_sigma_deg.max()), 1)}°"
+    return member.axes, off, degrees(member.scatter_deg) if member.scatter_deg else ""
+
+
+def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
+    """What limits a member: what the others tell of it first, then the gravest of its own."""
+    fit = _fit_of(member.fit)
+    if fit is None:
+        yield "refuses", f"{number} {member.fit}"
+        return
+    own = [finding for finding in fit.findings if finding.severity != "note" and finding not in member.findings]
+    for finding in (*(one for one in member.findings if one.code != "turned-to"), *own[:1]):
+        yield finding.severity, f"{number} {finding.advice}"
+
+
+def _agreed(found: Together) -> str:
+    """Over how long they were compared with each other."""
+    over = f"{counted(found.agreement.moments, 'moment')} common to two or more"
+    seconds = f", over {written_time(found.agreement.seconds)}" if found.agreement.seconds else ""
+    axes = "of gyro and accelerometer" if found.in_body else f"of {found.reference}"
+    own = [member.name for member in found.members if member.is_kept]
+    but = f", those of {' and '.join(own)} in their own" if own else ""
+    corrected = f"corrected readings are in the axes {axes}{but}\n" if found.is_joint else ""
+    return f"{corrected}{over}{seconds}; off by: readings averaged over a second, in degrees of heading, 1 σ"
