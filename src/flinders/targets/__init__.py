@@ -18,7 +18,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError, UsageError
-from flinders.targets._export import Asked, Deviation, Export, Written
+from flinders.targets._export import Asked, Difference, Export, Written
 from flinders.targets._target import Reader, Target
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
 
-__all__ = ["Asked", "Deviation", "Export", "Reader", "Target", "Written", "find", "read_back", "registry"]
+__all__ = ["Asked", "Difference", "Export", "Reader", "Target", "Written", "find", "read_back", "registry"]
 
 FIRST: Final = (
     "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "inav", "paparazzi", "vectornav",

@@ -80,7 +80,7 @@ class Written:
 
 
 @dataclass(frozen=True, slots=True)
-class Deviation:
+class Difference:
     """How far a target's own formula, with the numbers that are written for it, is off the calibration.
 
     Attributes
@@ -156,9 +156,9 @@ class Deviation:
             )
         return deviation
 
-    def beside(self, other: Deviation) -> Deviation:
+    def beside(self, other: Difference) -> Difference:
         """The worse of two trials."""
-        return Deviation(self.vectors, max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
+        return Difference(self.vectors, max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
 
     @property
     def heading_deg(self) -> float:

@@ -26,7 +26,7 @@ from flinders.core.units import label
 from flinders.errors import figures
 from flinders.targets._affine import OWN, RECORDED, VEHICLE, Acts, acting, in_recorded_axes, per_unit, refuse_mounted
 from flinders.targets._autopilot import followed
-from flinders.targets._export import DIP_DEG, NOTHING_MORE, Asked, Deviation, Export, Written
+from flinders.targets._export import DIP_DEG, NOTHING_MORE, Asked, Difference, Export, Written
 from flinders.targets._text import HASH, Comment
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ class Target:
         self,
         plain: Calibration,
         written: Written,
-        deviation: Deviation,
+        deviation: Difference,
         about: Sequence[str],
         warnings: tuple[str, ...],
     ) -> Export:
@@ -245,11 +245,11 @@ class Target:
 
     def _tried(
         self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, lossy: bool
-    ) -> Deviation:
+    ) -> Difference:
         """Run the target's formula in its units."""
         size = per_unit(calibration, self.unit, who=self.title)
         gives = self._size_given(calibration)
-        return Deviation.of(
+        return Difference.of(
             calibration,
             lambda raw: gives * apply(raw / size),
             acts=acting(self.acts, calibration),
@@ -286,7 +286,7 @@ class Target:
         }[self.keeps]
         return bool(np.abs(matrix - kept).max() > EXACT * np.abs(matrix).max())
 
-    def _warnings(self, deviation: Deviation, lacks: str) -> Iterable[str]:
+    def _warnings(self, deviation: Difference, lacks: str) -> Iterable[str]:
         """What it costs, and what nobody could verify."""
         if lacks:
             yield (
@@ -302,7 +302,7 @@ class Target:
             return per_unit(calibration, self.errors_in, who=self.title), self.errors_in
         return 1.0, calibration.unit
 
-    def _figures(self, calibration: Calibration, deviation: Deviation) -> dict[str, Any]:
+    def _figures(self, calibration: Calibration, deviation: Difference) -> dict[str, Any]:
         """How far the target is off, for programs."""
         size, unit = self._errors_in(calibration)
         return {
@@ -314,7 +314,7 @@ class Target:
             "heading_deg": deviation.heading_deg,
         }
 
-    def _checked(self, calibration: Calibration, deviation: Deviation) -> str:
+    def _checked(self, calibration: Calibration, deviation: Difference) -> str:
         """How far the target is off, in words."""
         size, name = self._errors_in(calibration)
         unit, scaled = label(name), ", scaled," if self.lengths else ""
