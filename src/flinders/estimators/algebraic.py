@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, TypeAlias, get_args
 import numpy as np
 
 from flinders.errors import UsageError
-from flinders.estimators.base import Estimate, Method
-from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
+from flinders.estimators.base import Method
+from flinders.estimators.quadric_fit import Frame, claimed, least_squares
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
     from flinders.summary.moments import Moments
 
@@ -86,22 +87,16 @@ class Algebraic:
             If the quadric is open.
         """
         readings.require(self.unknowns, self.name)
-        moments = readings.summary.moments
-        origin, scale = moments.mean, moments.spread
-        if self.normalisation == "nxp":
-            origin, scale = readings.summary.health.first, 50.0
-        scatter = moments.about(origin, scale)
-        coefficients = trace_fit(scatter) if self.normalisation == "trace" else np.linalg.eigh(scatter)[1][:, 0]
-        ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
-        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
+        nxp = self.normalisation == "nxp"
+        frame = Frame.of(readings, readings.summary.health.first, 50.0) if nxp else Frame.of(readings)
+        by_trace = self.normalisation == "trace"
+        coefficients = trace_fit(frame.scatter) if by_trace else np.linalg.eigh(frame.scatter)[1][:, 0]
+        return claimed(readings, frame.placed(coefficients, self.name), self.name)
 
 
 def trace_fit(scatter: Floats) -> Floats:
     """(10,) coefficients that minimise cᵀ M c with tr Q = 3."""
-    normal, right = _TRACE_FREE.T @ scatter @ _TRACE_FREE, -_TRACE_FREE.T @ scatter @ _TRACE
-    coefficients: Floats = _TRACE + _TRACE_FREE @ np.linalg.lstsq(normal, right, rcond=1e-15)[0]
-    return coefficients
+    return least_squares(scatter, _TRACE, _TRACE_FREE)
 
 
 def fit_error(moments: Moments, ellipsoid: Ellipsoid) -> float:

@@ -41,12 +41,13 @@ from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, UsageError, 
 from flinders.estimators.base import Estimate
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.reference.sphere import Sphere
+from flinders.estimators.reference.trace import Convergence, spread_counts
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.likelihood import magnitude
 from flinders.likelihood.equations import FINEST
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
@@ -293,6 +294,19 @@ class Reference:
             else:
                 known = np.isfinite(strength)
                 yield (samples.field[known] - self.origin) / self.size, strength[known] / self.mean
+
+    @property
+    def stride(self) -> int:
+        """Every so many-th reading is gone through one by one, so that there are `MOST` at the most."""
+        return max(1, -(-len(self.readings) // MOST))
+
+    def counts(self, steps: int) -> list[int]:
+        """Of the readings that are gone through, how many were seen at about so many steps."""
+        return spread_counts(-(-len(self.readings) // self.stride), steps)
+
+    def convergence(self, counts: Sequence[int], estimates: Sequence[Estimate | None]) -> Convergence:
+        """What was known after so many of the readings that are gone through."""
+        return Convergence.of([min(count * self.stride, len(self.readings)) for count in counts], estimates)
 
     def thinned(self, limit: int) -> tuple[Floats, Floats]:
         """Take at most about so many readings, spread evenly over the recording."""

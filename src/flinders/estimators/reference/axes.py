@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
-import numpy as np
-
-from flinders.estimators.base import Estimate, Method
-from flinders.estimators.uncertainty import AXES_ALIGNED, algebraic_covariance, algebraic_noise
-from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.estimators.base import Method
+from flinders.estimators.quadric_fit import ENTRIES, Frame, claimed, constrained
+from flinders.estimators.uncertainty import AXES_ALIGNED
 
 if TYPE_CHECKING:
+    from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
-
-_COLUMNS: Final = np.array([0, 1, 2, 6, 7, 8, 9])
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +29,7 @@ class AxisAligned:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from flinders.estimators.data import Readings
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -55,17 +53,9 @@ class AxisAligned:
             If the quadric is open.
         """
         readings.require(self.unknowns, self.name)
-        moments = readings.summary.moments
-        origin, scale = moments.mean, moments.spread
-        scatter = moments.about(origin, scale)[np.ix_(_COLUMNS, _COLUMNS)]
-        free = np.concatenate([[[1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], *np.zeros((4, 2))], np.eye(7)[:, 3:]], axis=1)
-        fixed = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
-        solution = np.linalg.lstsq(free.T @ scatter @ free, -free.T @ scatter @ fixed, rcond=None)[0]
-        coefficients = np.zeros(10)
-        coefficients[_COLUMNS] = fixed + free @ solution
-        ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
-        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, AXES_ALIGNED), noise, self.name)
+        frame = Frame.of(readings)
+        ellipsoid = frame.placed(constrained(frame.scatter, ENTRIES["aligned"]), self.name)
+        return claimed(readings, ellipsoid, self.name, AXES_ALIGNED)
 
 
 METHOD: Final = Method(

@@ -23,15 +23,13 @@ from flinders.estimators.reference.attitude_independent import (
     settled_noise,
 )
 from flinders.estimators.reference.sphere import Sphere
-from flinders.estimators.reference.trace import Convergence, spread_counts
 from flinders.geometry.ellipsoid import symmetric, upper
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.arrays import Floats
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
+    from flinders.estimators.reference.trace import Convergence
 
 Start: TypeAlias = Literal["sphere", "zero"]
 
@@ -136,7 +134,7 @@ class Ekf:
         Collapsed
             If the filter goes to D = −I.
         """
-        reference, (begun, ended) = self._states(readings, [])
+        reference, _, (begun, ended) = self._states(readings)
         kept = ended.gain / begun.gain
         if not kept > LOST:
             raise Collapsed(
@@ -153,29 +151,28 @@ class Ekf:
         FitError
             As `estimate`, but for `Collapsed`.
         """
-        stride = max(1, -(-len(readings) // MOST))
-        counts = spread_counts(-(-len(readings) // stride), steps)
-        reference, (begun, *states) = self._states(readings, counts)
+        reference, counts, (begun, *states) = self._states(readings, steps)
         followed = [
             self._estimate(state, reference, on_the_way=True) if state.gain > LOST * begun.gain else None
             for state in states
         ]
-        return Convergence.of([min(count * stride, len(readings)) for count in counts], followed)
+        return reference.convergence(counts, followed)
 
-    def _states(self, readings: Readings, counts: Sequence[int]) -> tuple[Reference, list[State]]:
-        """The start, and what is known after so many readings each; after all where no counts are given."""
+    def _states(self, readings: Readings, steps: int = 0) -> tuple[Reference, list[int], list[State]]:
+        """How many readings were seen at each step, of all where no steps are asked for; the start and each state."""
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._noise(reference)
         field, strength = reference.thinned(MOST)
         state = self._begun(reference)
+        counts = reference.counts(steps) if steps else [len(field)]
         at, states = 0, [state]
-        for count in counts or [len(field)]:
+        for count in counts:
             taken = slice(at, count)
             state = state.after(field[taken], strength[taken], noise, walk=self.walk)
             states.append(state)
             at = count
-        return reference, states
+        return reference, counts, states
 
     def _noise(self, reference: Reference) -> float:
         """The noise that is given, else that of the centred fit where the strength varies, else of the ellipsoid."""

@@ -12,30 +12,18 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.algebraic import fit_error
-from flinders.estimators.base import Estimate, Method
-from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
-from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.estimators.base import Method
+from flinders.estimators.quadric_fit import ENTRIES, Frame, claimed, constrained
 
 if TYPE_CHECKING:
-    from flinders.arrays import Floats
+    from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 Radii: TypeAlias = Literal["free", "aligned", "xy", "xz", "yz", "sphere", "eye", "diag", "sym", "auto"]
 
 MAGCAL: Final[dict[Radii, Radii]] = {"eye": "sphere", "diag": "aligned", "sym": "free"}
 """What MATLAB's ``magcal`` calls three of them; its ``auto`` is `Constrained.chosen`."""
-
-ENTRIES: Final[dict[Radii, Floats]] = {
-    "free": np.eye(6),
-    "aligned": np.eye(6)[:, :3],
-    "xy": np.eye(6)[:, [0, 2]] + np.eye(6)[:, [1, 1]] * [1.0, 0.0],
-    "xz": np.eye(6)[:, [0, 1]] + np.eye(6)[:, [2, 2]] * [1.0, 0.0],
-    "yz": np.eye(6)[:, [1, 0]] + np.eye(6)[:, [2, 2]] * [1.0, 0.0],
-    "sphere": np.eye(6)[:, :3].sum(axis=1, keepdims=True),
-}
-"""(6, k) bases of the entries 11, 22, 33, 12, 13, 23 that each choice leaves: of Q and of the shape alike."""
-
-_TRACE: Final = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,13 +117,11 @@ class Constrained:
         radii = MAGCAL.get(self.radii, self.radii)
         readings.require(self._unknowns("sphere" if radii == "auto" else radii), self.name)
         radii, ellipsoid = self.chosen(readings) if radii == "auto" else (radii, self._fit(readings, radii))
-        noise = algebraic_noise(readings, ellipsoid, self._unknowns(radii) - 1)
         entries = ENTRIES[radii]
         basis = np.zeros((9, 3 + entries.shape[1]))
         basis[:3, :3], basis[3:, 3:] = np.eye(3), entries
-        covariance = algebraic_covariance(readings, ellipsoid, noise, basis[:, 3:] if self.centred else basis)
         words = [self.name, *([] if radii == "free" else [radii]), *(["centred"] if self.centred else [])]
-        return Estimate(ellipsoid, covariance, noise, " ".join(words))
+        return claimed(readings, ellipsoid, " ".join(words), basis[:, 3:] if self.centred else basis)
 
     def chosen(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
         """Go from the sphere to the free ellipsoid and take each that leaves a smaller `fit_error`, as ``magcal``.
@@ -167,26 +153,10 @@ class Constrained:
 
     def _fit(self, readings: Readings, radii: Radii) -> Ellipsoid:
         """The quadric of least squares under the constraints."""
-        moments = readings.summary.moments
-        origin, scale = moments.mean, moments.spread
+        frame = Frame.of(readings)
         if self.centred:
-            origin, scale = np.zeros(3), float(np.hypot(scale, np.linalg.norm(origin)))
-        scatter = moments.about(origin, scale)
-        free = _free(ENTRIES[radii], centred=self.centred)
-        fixed = np.append(_TRACE, np.zeros(4))
-        normal, right = free.T @ scatter @ free, -free.T @ scatter @ fixed
-        coefficients = fixed + free @ np.linalg.lstsq(normal, right, rcond=1e-15)[0]
-        return Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
-
-
-def _free(entries: Floats, *, centred: bool) -> Floats:
-    """(10, k) coefficients that are left to adjust at tr Q = 3: entries without a trace, l unless centred, and d."""
-    trace = _TRACE @ entries
-    traceless = entries[:, 1:] - entries[:, :1] * (trace[1:] / trace[0])
-    linear = np.eye(4)[:, 3:] if centred else np.eye(4)
-    free = np.zeros((10, traceless.shape[1] + linear.shape[1]))
-    free[:6, : traceless.shape[1]], free[6:, traceless.shape[1] :] = traceless, linear
-    return free
+            frame = Frame.of(readings, np.zeros(3), float(np.hypot(frame.scale, np.linalg.norm(frame.origin))))
+        return frame.placed(constrained(frame.scatter, ENTRIES[radii], centred=self.centred), self.name)
 
 
 METHOD: Final = Method(

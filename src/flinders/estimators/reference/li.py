@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.estimators.base import Estimate, Method
-from flinders.estimators.uncertainty import algebraic_covariance, algebraic_noise
+from flinders.estimators.base import Method
+from flinders.estimators.quadric_fit import Frame, claimed
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
 LEAST_K: Final = 3.0
@@ -80,13 +81,9 @@ class Li:
             If the readings lie in one plane.
         """
         readings.require(self.unknowns, self.name)
-        moments = readings.summary.moments
-        origin, scale = moments.mean, moments.spread
-        scatter = moments.about(origin, scale)
-        local = self._searched(scatter) if self.k is None else _ellipsoid(scatter, self.k)
-        ellipsoid = local.in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
-        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
+        frame = Frame.of(readings)
+        local = self._searched(frame.scatter) if self.k is None else _ellipsoid(frame.scatter, self.k)
+        return claimed(readings, local.in_frame(frame.origin, frame.scale), self.name)
 
     def _searched(self, scatter: Floats) -> Ellipsoid:
         """Bisect log k between 4, which always gives an ellipsoid, and `LARGEST_K`."""

@@ -24,7 +24,6 @@ from flinders.estimators.reference.attitude_independent import (
     rows_of,
     settled_noise,
 )
-from flinders.estimators.reference.trace import Convergence, spread_counts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
+    from flinders.estimators.reference.trace import Convergence
 
 Find: TypeAlias = Literal["auto", "all", "offset"]
 Form: TypeAlias = Literal["exact", "published"]
@@ -151,13 +151,11 @@ class Sequential:
             As `estimate`.
         """
         reference, noise, found = self._prepared(readings)
-        counts = spread_counts(min(len(readings), _taken(len(readings))), steps)
+        counts = reference.counts(steps)
         states = self._states(reference, noise, found, counts)
         if states[-1] is None:
             raise NotAnEllipsoid((0.0, 0.0, 1.0), self.name)
-        stride = max(1, -(-len(readings) // MOST))
-        seen = [min(count * stride, len(readings)) for count in counts]
-        return Convergence.of(seen, [self._followed(state, reference, found) for state in states])
+        return reference.convergence(counts, [self._followed(state, reference, found) for state in states])
 
     def _prepared(self, readings: Readings) -> tuple[Reference, float, Find]:
         """The strength, the noise in units of its mean, and what is to be found."""
@@ -301,11 +299,6 @@ def rescaled(state: State) -> tuple[Floats, Floats]:
     kept = factor * (np.eye(9) - np.outer(grown, steep))
     own = state.variance * np.outer(grown, grown) / float((state.row - slope) @ grown) ** 2
     return factor * grown - _IDENTITY, kept @ covariance @ kept.T + own
-
-
-def _taken(count: int) -> int:
-    """Of so many readings, how many are gone through one by one."""
-    return -(-count // max(1, -(-count // MOST)))
 
 
 METHOD: Final = Method(

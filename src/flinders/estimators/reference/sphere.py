@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators.base import Estimate, Method
-from flinders.estimators.uncertainty import SPHERICAL, algebraic_covariance, algebraic_noise
+from flinders.estimators.base import Method
+from flinders.estimators.quadric_fit import Frame, claimed
+from flinders.estimators.uncertainty import SPHERICAL
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
+    from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
 
 
@@ -60,10 +62,8 @@ class Sphere:
             If the readings lie in one plane or on one line: any sphere through that circle would do.
         """
         readings.require(self.unknowns, self.name)
-        moments = readings.summary.moments
-        origin, scale = moments.mean, moments.spread
-        scatter = moments.about(origin, scale)
-        normal, right = scatter[6:, 6:], scatter[6:, :3].sum(axis=1)
+        frame = Frame.of(readings)
+        normal, right = frame.scatter[6:, 6:], frame.scatter[6:, :3].sum(axis=1)
         if np.linalg.cond(normal) > 1e13:
             raise NotAnEllipsoid((0.0, 0.0, 1.0), self.name)
         half_centre, level = np.split(np.linalg.solve(normal, right), [3])
@@ -71,9 +71,8 @@ class Sphere:
         radius = float(np.sqrt(max(level[0] + centre @ centre, 0.0)))
         if not radius > 0.0:
             raise NotAnEllipsoid((-1.0, -1.0, -1.0), self.name)
-        ellipsoid = Ellipsoid(centre, radius * np.eye(3)).in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, self.unknowns - 1)
-        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, SPHERICAL), noise, self.name)
+        ellipsoid = Ellipsoid(centre, radius * np.eye(3)).in_frame(frame.origin, frame.scale)
+        return claimed(readings, ellipsoid, self.name, SPHERICAL)
 
 
 METHOD: Final = Method(

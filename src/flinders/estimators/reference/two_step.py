@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, TypeAlia
 import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.estimators.base import Estimate, Method
-from flinders.estimators.uncertainty import AXES_ALIGNED, EVERYTHING, algebraic_covariance, algebraic_noise
-from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.estimators.base import Method
+from flinders.estimators.quadric_fit import Frame, claimed, least_squares
+from flinders.estimators.uncertainty import AXES_ALIGNED, EVERYTHING
 
 if TYPE_CHECKING:
-    from flinders.arrays import Floats
+    from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 Model: TypeAlias = Literal["orthogonal", "non-orthogonal"]
 
@@ -102,27 +103,14 @@ class TwoStep:
         """
         free = FREE[self.model]
         readings.require(len(free) + 1, self.name)
-        moments = readings.summary.moments
-        origin, scale = moments.mean, moments.spread
-        coefficients = relative_to_x(moments.about(origin, scale), free)
+        frame = Frame.of(readings)
+        coefficients = least_squares(frame.scatter, np.eye(10)[0], np.eye(10)[:, list(free)])
         if not min(coefficients[1], coefficients[2]) > 0.0:
             largest = float(np.abs(coefficients[:3]).max())
             raise NotAnEllipsoid(tuple(float(value) / largest for value in coefficients[:3]), self.name)
-        ellipsoid = Ellipsoid.from_quadric(coefficients, method=self.name).in_frame(origin, scale)
-        noise = algebraic_noise(readings, ellipsoid, len(free))
         basis = AXES_ALIGNED if self.model == "orthogonal" else EVERYTHING
         named = self.name if self.model == "orthogonal" else f"{self.name} {self.model}"
-        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, basis), noise, named)
-
-
-def relative_to_x(scatter: Floats, free: tuple[int, ...]) -> Floats:
-    """(10,) coefficients that minimise cᵀ M c, that of x² being 1 and those that are not free 0."""
-    places = list(free)
-    coefficients = np.zeros(10)
-    coefficients[0] = 1.0
-    normal, right = scatter[np.ix_(places, places)], -scatter[places, 0]
-    coefficients[places] = np.linalg.lstsq(normal, right, rcond=1e-15)[0]
-    return coefficients
+        return claimed(readings, frame.placed(coefficients, self.name), named, basis)
 
 
 class Triangular(NamedTuple):

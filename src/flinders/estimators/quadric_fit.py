@@ -1,0 +1,96 @@
+"""What the fits that minimise Σ q(x)² share: the frame, the solution under constraints, and the claim.
+
+q(x) = xᵀQx + l·x + d is linear in its ten coefficients c, and Σ q² = cᵀMc with the scatter M of the monomials. With
+c = fixed + free·z the constraints are linear, too, and z is found by least squares.
+
+>>> from flinders.estimators.data import Readings
+>>> corners = np.array([[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1], [-1, -1, 1], [-1, 1, -1], [1, -1, -1.0]])
+>>> frame = Frame.of(Readings.of(10.0 * corners + [1.0, 2.0, 3.0]))
+>>> frame.placed(constrained(frame.scatter, ENTRIES["sphere"]), "sphere").centre.round(6)
+array([1., 2., 3.])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.estimators.base import Estimate
+from flinders.estimators.uncertainty import EVERYTHING, algebraic_covariance, algebraic_noise
+from flinders.geometry.ellipsoid import Ellipsoid
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.estimators.data import Readings
+
+ENTRIES: Final[dict[str, Floats]] = {
+    "free": np.eye(6),
+    "aligned": np.eye(6)[:, :3],
+    "xy": np.eye(6)[:, [0, 2]] + np.eye(6)[:, [1, 1]] * [1.0, 0.0],
+    "xz": np.eye(6)[:, [0, 1]] + np.eye(6)[:, [2, 2]] * [1.0, 0.0],
+    "yz": np.eye(6)[:, [1, 0]] + np.eye(6)[:, [2, 2]] * [1.0, 0.0],
+    "sphere": np.eye(6)[:, :3].sum(axis=1, keepdims=True),
+}
+"""(6, k) bases of the entries 11, 22, 33, 12, 13, 23 that each constraint leaves: of Q and of the shape alike."""
+
+_TRACE: Final = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """Readings about an origin, in a unit of their own size.
+
+    Attributes
+    ----------
+    origin : (3,) float
+    scale : float
+    scatter : (10, 10) float
+        M: sums of products of x², y², z², xy, xz, yz, x, y, z and 1.
+    """
+
+    origin: Floats
+    scale: float
+    scatter: Floats
+
+    @classmethod
+    def of(cls, readings: Readings, origin: Floats | None = None, scale: float | None = None) -> Self:
+        """About the mean, in units of the spread, unless others are given."""
+        moments = readings.summary.moments
+        origin = moments.mean if origin is None else origin
+        scale = moments.spread if scale is None else scale
+        return cls(origin, scale, moments.about(origin, scale))
+
+    def placed(self, coefficients: Floats, method: str) -> Ellipsoid:
+        """The ellipsoid of (10,) coefficients, in the unit of the readings.
+
+        Raises
+        ------
+        NotAnEllipsoid
+            If the quadric is open.
+        """
+        return Ellipsoid.from_quadric(coefficients, method=method).in_frame(self.origin, self.scale)
+
+
+def least_squares(scatter: Floats, fixed: Floats, free: Floats) -> Floats:
+    """(10,) coefficients c = fixed + free·z that minimise cᵀMc, for (10,) and (10, k)."""
+    normal, right = free.T @ scatter @ free, -free.T @ scatter @ fixed
+    coefficients: Floats = fixed + free @ np.linalg.lstsq(normal, right, rcond=1e-15)[0]
+    return coefficients
+
+
+def constrained(scatter: Floats, entries: Floats, *, centred: bool = False) -> Floats:
+    """(10,) coefficients that minimise cᵀMc at tr Q = 3, Q of (6, k) entries; l = 0 where centred."""
+    trace = _TRACE @ entries
+    traceless = entries[:, 1:] - entries[:, :1] * (trace[1:] / trace[0])
+    linear = np.eye(4)[:, 3:] if centred else np.eye(4)
+    free = np.zeros((10, traceless.shape[1] + linear.shape[1]))
+    free[:6, : traceless.shape[1]], free[6:, traceless.shape[1] :] = traceless, linear
+    return least_squares(scatter, np.append(_TRACE, np.zeros(4)), free)
+
+
+def claimed(readings: Readings, ellipsoid: Ellipsoid, method: str, basis: Floats = EVERYTHING) -> Estimate:
+    """The estimate of a fit that minimises Σ q(x)² over the parameters of a (9, k) basis."""
+    noise = algebraic_noise(readings, ellipsoid, basis.shape[1])
+    return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise, basis), noise, method)
