@@ -86,9 +86,11 @@ class Program:
             os.kill(self.pid, number)
 
     def ended(self) -> bool:
-        stat = Path(f"/proc/{self.pid}/stat")
+        """All its threads have ended, which is when its ports are free: the first may end before the others."""
+        process = Path(f"/proc/{self.pid}")
         try:
-            return stat.read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "Z"
+            state = (process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
+            return state == "Z" and len(os.listdir(process / "task")) == 1
         except FileNotFoundError:
             return True
 
