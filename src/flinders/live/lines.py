@@ -32,8 +32,7 @@ if TYPE_CHECKING:
     from flinders.readers.dialects import Dialect
 
 TIME: Final = "t_s"
-PLAIN: Final = ("mag_x", "mag_y", "mag_z")
-"""Names of three columns without a header."""
+PLAIN: Final = ("mag_x", "mag_y", "mag_z")  # Names of three columns without a header
 SEVERAL: Final = 3
 """Lines with numbers in the same places that are a table where words stand before them; a message comes once."""
 

@@ -45,16 +45,11 @@ if TYPE_CHECKING:
 SETTLE_S: Final = 0.9
 """Seconds that the first lines are held back until their layout is settled; less than a second, which a crash may
 cost."""
-ENOUGH: Final = 20
-"""Lines that settle it at once."""
-LONGEST: Final = 4096
-"""Bytes in a line; a longer one is none."""
-SILENT_S: Final = 3.0
-"""Seconds without a reading after which advice is given."""
-UNLIKE: Final = 50
-"""Lines in a row that are not like the first ones, after which advice is given."""
-STEP_S: Final = 1e-4
-"""Lines that arrive together are told apart by so much, the last digit of a time."""
+ENOUGH: Final = 20  # Lines that settle it at once
+LONGEST: Final = 4096  # Bytes in a line; a longer one is none
+SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
+UNLIKE: Final = 50  # Lines in a row that are not like the first ones, after which advice is given
+STEP_S: Final = 1e-4  # Lines that arrive together are told apart by so much, the last digit of a time
 ENDS: Final = re.compile(rb"[\r\n]+")
 
 

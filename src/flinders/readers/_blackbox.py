@@ -26,8 +26,7 @@ _CALIBRATION: Final = re.compile(
     re.IGNORECASE,
 )
 """A line of the headers with a calibration; no known firmware writes one, tools may."""
-_NO_GAIN: Final = 1024
-"""INAV's ``maggain`` that changes nothing."""
+_NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
 def is_blackbox(names: Sequence[str]) -> bool:

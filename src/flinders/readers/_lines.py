@@ -19,17 +19,12 @@ from flinders.errors import UnreadableInput
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-LONGEST: Final = 1 << 20
-"""Characters in the longest line that is kept whole."""
-MOST_IN_BLOCK: Final = 1 << 23
-"""Characters after which a block of lines ends early."""
-CUT: Final = 60
-"""Characters shown of a line in a message."""
-CUT_OFF: Final = "…"
-"""What stands at the end of a line that was longer than `LONGEST`."""
+LONGEST: Final = 1 << 20  # Characters in the longest line that is kept whole
+MOST_IN_BLOCK: Final = 1 << 23  # Characters after which a block of lines ends early
+CUT: Final = 60  # Characters shown of a line in a message
+CUT_OFF: Final = "…"  # What stands at the end of a line that was longer than `LONGEST`
 LINE_FEED: Final = np.uint8(10)
-ENDS_EARLY: Final = "gzip ends early"
-"""What stands in place of the line in which a file was cut short."""
+ENDS_EARLY: Final = "gzip ends early"  # What stands in place of the line in which a file was cut short
 
 
 class EndsEarly(Exception):

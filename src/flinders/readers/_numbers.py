@@ -21,14 +21,11 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-SPACES: Final = " "
-"""The delimiter that stands for any run of spaces and tabs."""
+SPACES: Final = " "  # The delimiter that stands for any run of spaces and tabs
 MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})
 """What loggers write where there is no value."""
-MINUS: Final = "\N{MINUS SIGN}"
-"""What text processors make of a hyphen before a number."""
-PIECE: Final = 128
-"""Lines that go the slow way together when one of them is unsound."""
+MINUS: Final = "\N{MINUS SIGN}"  # What text processors make of a hyphen before a number
+PIECE: Final = 128  # Lines that go the slow way together when one of them is unsound
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from flinders.readers._numbers import Rows
     from flinders.readers._sniff import Layout
 
-WRITTEN: Final = "%.9g"
-"""Nine significant digits: as many as a float32 has."""
+WRITTEN: Final = "%.9g"  # Nine significant digits: as many as a float32 has
 SUFFIX: Final = "_cal"
 
 

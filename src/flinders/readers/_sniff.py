@@ -36,19 +36,15 @@ DIALECTS: Final = (
     (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
 )  # fmt: skip
 """Delimiters and decimal signs; of equally good ones the first is taken."""
-TRIED: Final = 400
-"""Lines that dialects are tried on."""
-SAMPLED: Final = 200
-"""Rows looked at to tell numbers from text, and ascending times."""
+TRIED: Final = 400  # Lines that dialects are tried on
+SAMPLED: Final = 200  # Rows looked at to tell numbers from text, and ascending times
 SAME_WIDTH: Final = 0.6
 """Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
 COMMENTS: Final = ("#", "%", "//")
-PRINTED: Final = 1024
-"""Characters of a line that are looked at for labels."""
+PRINTED: Final = 1024  # Characters of a line that are looked at for labels
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")
 """A number of which a separator of thousands makes one with three decimals."""
-MOST_RANGES: Final = 16
-"""Columns whose ranges are told."""
+MOST_RANGES: Final = 16  # Columns whose ranges are told
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
 
 

@@ -78,12 +78,10 @@ _UNIT_INSIDE: Final = re.compile(
     rf"(?:[(\[]\s*|\bin\s+){_KNOWN_UNIT}\s*[)\]]?(?=[\s:=]*(?:$|[(\[]|[xyz]\b))", re.IGNORECASE
 )
 """A unit in brackets at the end of a label, or behind ``in``."""
-_UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)
-"""``Gauss X``."""
+_UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)  # ``Gauss X``
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"
 _AXES: Final = tuple("xyzXYZ")
-_LABEL: Final = re.compile(r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]")
-"""A letter, and behind it the sign that ends a label."""
+_LABEL: Final = re.compile(r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]")  # A letter, and behind it the sign that ends a label
 _BETWEEN: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
 _XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)
 """``Mag XYZ``, ``x, y, z``: a label of all three."""

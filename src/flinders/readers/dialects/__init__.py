@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from flinders.readers._lines import Lines
     from flinders.readers._source import Source
 
-OTHER: Final = "other"
-"""Why lines are left out that are none of the dialect."""
-MOST_NUMBERS: Final = 10
-"""Numbers of lines that are kept to be shown."""
+OTHER: Final = "other"  # Why lines are left out that are none of the dialect
+MOST_NUMBERS: Final = 10  # Numbers of lines that are kept to be shown
 
 
 class Dialect(Protocol):

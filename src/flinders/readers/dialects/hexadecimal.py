@@ -20,10 +20,8 @@ if TYPE_CHECKING:
     from flinders.readers.dialects import Dialect
 
 WORDS: Final = {digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in (4, 6, 8)}
-LEAST: Final = 3
-"""Words in a line with a reading."""
-MOST: Final = 0.3
-"""Share of the lines with as many words that have to hold a letter."""
+LEAST: Final = 3  # Words in a line with a reading
+MOST: Final = 0.3  # Share of the lines with as many words that have to hold a letter
 
 
 @dataclass(frozen=True, slots=True)

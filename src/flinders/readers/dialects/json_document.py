@@ -20,12 +20,10 @@ from flinders.readers.dialects.json_lines import JsonLines, parsed
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-LARGEST: Final = 256 << 20
-"""Bytes of a document that are still read; JSON lines may be of any length."""
+LARGEST: Final = 256 << 20  # Bytes of a document that are still read; JSON lines may be of any length
 OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
 """How JSON with readings in it begins; ``[INFO] …`` is a line of a log."""
-MARK: Final = "flinders"
-"""The key by which files that Flinders itself writes are known."""
+MARK: Final = "flinders"  # The key by which files that Flinders itself writes are known
 
 
 def is_document(text: str) -> bool:

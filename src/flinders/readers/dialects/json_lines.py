@@ -19,8 +19,7 @@ from flinders.readers._columns import names_magnetometer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-LEAST: Final = 3
-"""Numbers in a record with a reading."""
+LEAST: Final = 3  # Numbers in a record with a reading
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,12 +30,9 @@ from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-Kind: TypeAlias = "tuple[str, ...]"
-"""The names of a line's numbers; lines of one kind have the same."""
-OFTEN: Final = 0.5
-"""Share of the most frequent kind's lines that another one needs to be preferred for its unit."""
-SELDOM: Final = 0.05
-"""Share of the magnetometer's lines that a kind needs to be read with it."""
+Kind: TypeAlias = "tuple[str, ...]"  # The names of a line's numbers; lines of one kind have the same
+OFTEN: Final = 0.5  # Share of the most frequent kind's lines that another one needs to be preferred for its unit
+SELDOM: Final = 0.05  # Share of the magnetometer's lines that a kind needs to be read with it
 LEAST_SHARE: Final = 0.1
 """Share of the lines of three numbers or more that the magnetometer's have to be; labels that change name nothing."""
 AUXILIARY: Final = (ACCELERATION, RATE, TEMPERATURE, TIME)
@@ -43,17 +40,13 @@ DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
 """What stands between the numbers of a table, whose rows need no guess, and of times and dates."""
 _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
 """Words of lines that say how a sensor is set or corrected."""
-LONGEST: Final = 2048
-"""Characters in a printed line; nobody reads a longer one."""
-MOST_SEEN: Final = 1024
-"""Texts between numbers that are remembered."""
+LONGEST: Final = 2048  # Characters in a printed line; nobody reads a longer one
+MOST_SEEN: Final = 1024  # Texts between numbers that are remembered
 PLAIN: Final = ("x", "y", "z")
 LEAST_TURNS, MANY_TURNS = 8, 24
 """Lines from which on steps, and strengths, show whether they are of several sensors in turn."""
-UNEVEN: Final = 2.0
-"""Ratio of the median strengths of such sensors."""
-ALIKE: Final = 0.3
-"""Step to a line of the same sensor, as a share of that to the next line, below which they are."""
+UNEVEN: Final = 2.0  # Ratio of the median strengths of such sensors
+ALIKE: Final = 0.3  # Step to a line of the same sensor, as a share of that to the next line, below which they are
 
 
 class _Printed(NamedTuple):

@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 LINE: Final = re.compile(r"(?:.* -> )?\s*(Raw|Uni|Cal[12])\s*[: ]\s*(?=[-+.\d]+\s*,)", re.IGNORECASE)
 """How such lines begin; a serial monitor may put the time before, and sketches print their calibration between."""
 UNITS: Final = {"raw": ("g", "dps", "uT"), "uni": ("mps2", "radps", "uT")}
-COUNTS: Final = (8192, 16, 10)
-"""Counts of ``Raw:`` in one g, °/s and µT."""
-MOST_IN_UNITS: Final = 160.0
-"""Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g."""
+COUNTS: Final = (8192, 16, 10)  # Counts of ``Raw:`` in one g, °/s and µT
+MOST_IN_UNITS: Final = 160.0  # Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,11 +26,9 @@ if TYPE_CHECKING:
     from flinders.readers._numbers import Grid
     from flinders.readers.dialects import Dialect
 
-MOST: Final = 0.6
-"""Share of lines that have to have a stamp."""
+MOST: Final = 0.6  # Share of lines that have to have a stamp
 DAY_S: Final = 86400.0
-PLAIN: Final = ("x", "y", "z")
-"""Names of the columns of a table of three without a header."""
+PLAIN: Final = ("x", "y", "z")  # Names of the columns of a table of three without a header
 
 
 @dataclass(slots=True)
