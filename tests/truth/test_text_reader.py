@@ -530,7 +530,7 @@ def test_units_below_the_header_hold_for_what_stands_beside(written: Callable[..
 
 def test_json_above_the_limit_is_refused(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """A whole document is held in memory, so its size is bounded; JSON lines are not."""
-    monkeypatch.setattr("flinders.readers.dialects.json_document.LARGEST", 1 << 20)
+    monkeypatch.setattr("flinders.readers.dialects.json_records.LARGEST", 1 << 20)
     triples = [[row, row, row] for row in range(100_000)]
     with pytest.raises(UnreadableInput, match="more than 1 MB"):
         open_recording(written(json.dumps(triples), "big.json"))

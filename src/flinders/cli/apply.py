@@ -127,14 +127,14 @@ def _rewritten(
     source: TextRecording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Settler, *, add: bool
 ) -> Iterator[str]:
     """Yield the lines of a text with corrected readings in them."""
-    if settler.calibration.drivers:
+    if smoother is None and not settler.calibration.drivers:
+        return source.corrected_lines(corrector, add=add)
 
-        def correct(samples: Samples) -> Floats:
-            settled = settler(samples)
-            return corrector(settled.field) if smoother is None else smoother(settled.field, settled.time)
+    def correct(samples: Samples) -> Floats:
+        settled = settler(samples)
+        return corrector(settled.field) if smoother is None else smoother(settled.field, settled.time)
 
-        return source.corrected_lines(correct, add=add, driven=True)
-    return source.corrected_lines(smoother or corrector, add=add, timed=smoother is not None)
+    return source.corrected_lines(correct, add=add, driven=True)
 
 
 def _tabulated(

@@ -62,13 +62,7 @@ class Form:
 
 
 def settle(lines: list[str], pattern: str | None = None) -> Form | None:
-    """Tell from the first lines how they are written; None where none of them holds three numbers.
-
-    Raises
-    ------
-    UsageError
-        For a pattern that names no numbers.
-    """
+    """Recognise from the first lines how they are written; None where none of them holds three numbers."""
     dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
     layout = None if dialect else _layout(lines)
     if dialect := dialect or (None if layout else guess(lines)):

@@ -127,16 +127,7 @@ class Recorded:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What was made of some bytes.
-
-    Attributes
-    ----------
-    text : str
-        Whole lines for the recording.
-    readings : list of Reading
-        Those of its rows whose field is finite.
-    events : list of Event
-    """
+    """What was made of some bytes."""
 
     text: str = ""
     readings: list[Reading] = field(default_factory=list)
@@ -205,13 +196,7 @@ class Transcript:
         return self._most is not None and self.told.readings >= self._most
 
     def take(self, content: bytes, at: float) -> Taken:
-        """Take what came at this second; call it with nothing, too, so that lines that are held are let go in time.
-
-        Raises
-        ------
-        OutputError
-            Where the lines are not like those of the recording that is continued.
-        """
+        """Take what came at this second; call it with nothing, too, so that waiting lines are written in time."""
         self.told.seconds = at
         self.told.received += len(content)
         if content:
@@ -301,13 +286,7 @@ class Transcript:
         return texts[1:] if self._is_cut and texts and not is_marked(texts[0]) else texts
 
     def _settle(self) -> None:
-        """Tell how the lines are written, where that is not known yet; a header may have come long before.
-
-        Raises
-        ------
-        OutputError
-            Where it is not as in the recording that is continued.
-        """
+        """Recognise how the lines are written, if that is not known yet; a header may have come long before."""
         if self.told.form is not None:
             return
         texts = self._texts()
@@ -420,11 +399,7 @@ def _rows(form: Form, texts: list[str]) -> list[str]:
 
 
 def escaped(line: bytes) -> str:
-    r"""Write bytes as printable ASCII from which they can be had back.
-
-    >>> escaped(b"\xff\x00 42 \\"), escaped(b"\xff\x00 42 \\").encode().decode("unicode_escape").encode("latin-1")
-    ('\\xff\\x00 42 \\\\', b'\xff\x00 42 \\')
-    """
+    """Write bytes as printable ASCII from which ``unicode_escape`` restores them."""
     return line.decode("latin-1").encode("unicode_escape").decode("ascii")
 
 

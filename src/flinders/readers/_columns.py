@@ -179,11 +179,7 @@ def names_magnetometer(names: Sequence[str]) -> bool:
 def by_name(
     names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
 ) -> Columns | None:
-    """Choose columns by a header, the units below it and the first rows (NaN where a cell is not a number).
-
-    Of several magnetometers the first is returned, which lists them all in `magnetometers`; None where none is
-    recognised. The columns that the user `wanted` have the name of the one of several that they are, or are a copy of.
-    """
+    """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it."""
     meanings = [_meaning(*column) for column in zip_longest(names, units[: len(names)], fillvalue="")]
     found = vectors(names, meanings, FIELD)
     fields = instruments(found)
@@ -317,17 +313,7 @@ def choose(
     choice: Choice = FIRST,
     source: str = "the table",
 ) -> Columns | None:
-    """Choose columns as the user asked, else by their names, else by their places; None where neither tells.
-
-    `names` is empty where there is no header, and `units` stand below it. With `flat`, the plane of a level recording,
-    two columns will do. `choice` says which of several magnetometers is meant, and `source` is for messages.
-
-    Raises
-    ------
-    NoMagnetometer
-        Where every name like a magnetometer's is that of a reference or the like; where names do not tell, with what
-        the values say of which columns may be one.
-    """
+    """Choose columns as the user asked, else by their names, else by their places; None where neither decides."""
     width = values.shape[1]
     if flat is not None and asked is None and width == 2:
         asked = "1,2"
@@ -480,10 +466,7 @@ def _time(column: Column, unit: str, values: Floats) -> Column:
 
 
 def _factor_to_seconds(values: Floats, unit: str) -> float:
-    """Take the factor of the unit that a time states, else guess it: from its size, then from its steps.
-
-    Readings are taken to come between every 10 µs and every 10 s.
-    """
+    """Factor of a time's stated unit, else a guess from its size, then from its steps of 10 µs to 10 s."""
     if unit:
         return FACTORS[TIME][unit]
     first = float(values[0]) if len(values) else 0.0
@@ -497,17 +480,7 @@ def _factor_to_seconds(values: Floats, unit: str) -> float:
 
 @np.errstate(over="ignore")
 def _cut_digits(values: Floats, unit: str) -> str:
-    """Say that a time was stored or written with too few digits for its readings; nothing where it was not.
-
-    Many readings share each time then, and the next time is one unit in the last digit later. Readings that a sensor
-    hands over together share a time as well, but their times lie further apart than their digits.
-
-    >>> times = np.repeat([1732190000.0, 1732190128.0, 1732190256.0], 60)
-    >>> _cut_digits(times.astype(np.float32).astype(float), "s")
-    'its digits were cut to steps of 128 s, 60 readings to each: write more of them, as float64'
-    >>> _cut_digits(np.repeat([0.000, 0.320, 0.641, 0.960], 32), "s")  # a buffer of 32
-    ''
-    """
+    """Say that a time was written with too few digits: many readings share each, and the next is one digit later."""
     values = values[np.isfinite(values)]
     changes = np.flatnonzero(np.diff(values)) + 1
     runs = np.diff([0, *changes, len(values)])

@@ -68,11 +68,7 @@ class Group(NamedTuple):
 
 
 def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> list[Group]:
-    """Judge columns whose names do not tell, three or four that stand next to each other at a time.
-
-    `values` are the first rows, and `free` the places of the columns, which go by their numbers where `names` do not
-    name each once. Nothing where there are few rows or many columns.
-    """
+    """Judge nameless columns by their first rows, three or four at a time; empty for few rows or many columns."""
     values = np.where(np.abs(values) < LARGEST, values, np.nan)
     places = [place for place in free if np.isfinite(values[:, place]).mean() >= 0.5] if len(values) >= FEWEST else []
     if not 3 <= len(places) <= WIDEST:
@@ -94,21 +90,13 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
 
 
 def likeness(vectors: Floats) -> str:
-    """Say what three columns plainly are if not a magnetometer: a direction, or gravity; else nothing.
-
-    >>> likeness(np.tile([[0.1, -0.2, 9.8]], (20, 1))), likeness(np.tile([[10.0, -20.0, 40.0]], (20, 1)))
-    ('gravity in m/s²', '')
-    """
+    """Say what three columns plainly are if not a magnetometer: a direction, or gravity; else nothing."""
     group = _judged(vectors[:: max(len(vectors) // MANY, 1)])
     return group.what if group.is_known else ""
 
 
 def advice(judged: Sequence[Group]) -> str:
-    """Say which columns may be the magnetometer, what to type then, and what the others look like.
-
-    >>> advice([Group(("1", "2", "3"), "a direction"), Group(("4", "5", "6"), "strength 48.0", is_candidate=True)])
-    'by their values 4, 5, 6 (strength 48.0) may be it: if so, add --columns 4,5,6; others are 1, 2, 3 (a direction)'
-    """
+    """Say which columns may be the magnetometer, what to type then, and what the others look like."""
     able = [group for group in judged if group.is_candidate]
     others = ", ".join(str(group) for group in judged if not group.is_candidate)
     if not able:

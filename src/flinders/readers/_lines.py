@@ -68,21 +68,7 @@ class Lines:
 def lines_of(
     chunks: Iterable[bytes], encoding: str, done: Callable[[], int], least: int = BLOCK, blocks: int = 1
 ) -> Iterator[Lines]:
-    """Yield all lines, `BLOCK` at a time.
-
-    Parameters
-    ----------
-    chunks : iterable of bytes
-        Any cuts will do. Where it raises `EndsEarly`, `ENDS_EARLY` takes the place of the last line.
-    encoding : str
-        As `encoding_of` tells it.
-    done : callable
-        Tells how many bytes were read so far.
-    least : int
-        Lines to wait for; with 1, what a chunk holds is yielded before the next is asked for.
-    blocks : int
-        How many blocks are yielded together, after the first.
-    """
+    """Yield all lines, `BLOCK` at a time, after the first `blocks` blocks at a time; wait for `least` lines."""
     first, together = 1, 1
     pending, count = "", 0
     for text in _whole(_decoded(chunks, encoding)):

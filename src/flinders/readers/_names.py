@@ -177,11 +177,7 @@ def clearness(rank: int) -> int:
 
 
 def meaning(name: str) -> Meaning:
-    """Tell what a column name says; the kind is empty where nothing is recognised.
-
-    >>> meaning("esc[0].esc_current"), meaning("motor2").kind, meaning("current3_A").unit, meaning("current").kind
-    (Meaning(kind='currents', axis='0', unit='', rank=0), 'throttles', 'a', 'current')
-    """
+    """Meaning of a column name; its kind is empty where nothing is recognised."""
     if written := _WRITTEN_HERE.get(name.strip().casefold()):
         return Meaning(*written)
     for kind, pattern in _OF_MOTOR.items():
@@ -204,11 +200,7 @@ def meaning(name: str) -> Meaning:
 
 
 def tells_nothing(name: str) -> bool:
-    """Tell whether a name leaves open what a column is, so that it may be an axis of a magnetometer.
-
-    >>> tells_nothing("ch4"), tells_nothing("x"), tells_nothing("acc_x"), tells_nothing("gps_lat")
-    (True, True, False, False)
-    """
+    """Tell whether a name leaves open what a column is, so that it may be an axis of a magnetometer."""
     found, words = meaning(name), [word.casefold() for word in _words(name)[0]]
     is_other = any(_ELSEWHERE.match(word) or _OTHERS.match(word) for word in words)
     return found.is_bare or not (found.kind or is_other)
@@ -227,15 +219,7 @@ def field_stem(name: str, axis: str) -> str:
 
 
 def label(name: str) -> tuple[str, ...]:
-    """Take the words of a three-axis sensor's column that tell it from others of its kind.
-
-    >>> label("mag_x"), label("imu1.mag.x (uT)"), label("magX_left_raw"), label("mag_rm3100_x"), label("my2")
-    ((), ('1',), ('left',), ('rm3100',), ('2',))
-    >>> label("imu_mx"), label("lis3mdl_b_x")
-    (('imu',), ('lis3mdl', 'b'))
-    >>> label("mag_a_x"), label("mag_x_t0"), label("mag_2_x_avg10")  # no ampere, no sensor 0, no sensor 10
-    (('a',), ('t0',), ('2',))
-    """
+    """Take the words of a three-axis sensor's column that distinguish it from others of its kind."""
     words = _words_of_sensor(name)
     has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
     plain = (_COMMON, _RAW, _DERIVED)
@@ -251,11 +235,7 @@ def is_chip(word: str) -> bool:
 
 
 def kind_of_chip(word: str) -> str:
-    """Tell what a chip measures, where that is one thing.
-
-    >>> kind_of_chip("lis3mdl"), kind_of_chip("adxl345"), kind_of_chip("lsm303"), kind_of_chip("mag")
-    ('field', 'acceleration', '', '')
-    """
+    """Tell what a chip measures, where that is one thing."""
     return next((kind for kind, pattern in _CHIPS.items() if re.fullmatch(pattern, word)), "")
 
 
@@ -265,11 +245,7 @@ def tells_apart(word: str) -> bool:
 
 
 def no_readings(name: str) -> str:
-    """Tell what a three-axis column is where it is none of a sensor's readings; nothing where it may be one.
-
-    >>> no_readings("mag_x_wmm2025"), no_readings("magNedX"), no_readings("mag_unit_x"), no_readings("unit2_mag_x")
-    ('a reference', 'in axes of the earth', 'a direction', '')
-    """
+    """Tell what a three-axis column is where it is none of a sensor's readings; nothing where it may be one."""
     words = _words_of_sensor(name)
     if "main field" in " ".join(words):  # that of the core of the earth
         return "a reference"
@@ -279,15 +255,7 @@ def no_readings(name: str) -> str:
 
 
 def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
-    """Take axis, unit, ``raw`` and the like out of a column's name: what is left is what the sensor is called.
-
-    >>> sensor_name("mag1_x_uT", "x"), sensor_name("Imu1.Mag.X (µT)", "x"), sensor_name("raw_mag_x_2", "x")
-    ('mag1', 'Imu1.Mag', 'mag_2')
-    >>> sensor_name("mx0", "x"), sensor_name("x2", "x"), sensor_name("mag1[0]", "0")
-    ('m0', 'xyz2', 'mag1')
-    >>> sensor_name("raw_mag_x_uT", "x", whole=True)  # the axis alone
-    'raw_mag_uT'
-    """
+    """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, without the axis alone."""
     bare = name.strip() if whole else re.sub(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$", "", name.strip())
     place = _place_of_axis(bare.casefold(), axis)
     pieces = re.findall(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)", f"{bare[:place]}{bare[place + 1 :]}")
@@ -355,10 +323,7 @@ def _without_axis(words: list[str]) -> tuple[list[str], str]:
 
 
 def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str, int]:
-    """Tell which three-axis sensor the words name, and how good a source of its raw readings this is.
-
-    A letter that the axis is joined to may follow the name of a device: ``imu_mx``.
-    """
+    """Tell which three-axis sensor the words name, and how good a source of its raw readings this is."""
     raw = 0 if any(_RAW.match(word) for word in words) else 1
     names = [word for word in words if not word.isdigit()]
     kinds = [found for word in names if (found := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))

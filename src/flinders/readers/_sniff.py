@@ -67,13 +67,8 @@ class Layout:
         """Pick the lines that should be readings, with their numbers; `first` is that of the first line."""
         skip = max(self.start - first, 0)
         first, texts = first + skip, texts[skip:]
-        kept = [text for text in texts if (bare := text.lstrip()) and not bare.startswith(COMMENTS)]
-        if self.header_text and self.header_text in kept:
-            kept = [text for text in kept if text != self.header_text]
-        if len(kept) == len(texts):
-            return texts, range(first, first + len(texts))
-        lines = [first + place for place, text in enumerate(texts) if self.is_reading(text)]
-        return kept, lines
+        places = [place for place, text in enumerate(texts) if self.is_reading(text)]
+        return [texts[place] for place in places], [first + place for place in places]
 
     def is_reading(self, text: str) -> bool:
         """Tell whether a line below the header should be a reading: no blank, comment or header come again."""
@@ -97,17 +92,7 @@ def sniff(
     flat: str | None = None,
     choice: Choice = FIRST,
 ) -> Layout:
-    """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere.
-
-    Raises
-    ------
-    UnreadableInput
-        Where no lines of numbers are found.
-    NoMagnetometer
-        Where they are, and which of the columns are the magnetometer is not clear.
-    UsageError
-        Where `columns` asks for columns that there are not, or `choice` for a magnetometer.
-    """
+    """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere."""
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
         blank = not any(text.strip() for text in texts)
@@ -148,8 +133,9 @@ def _table(
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, list(like.values()))
         _refuse_thousands(name, list(like.values()), chosen, dialect[1])
+    is_even = header or often >= SAME_WIDTH * len(rows)
     return Layout(
-        grid=_grid(chosen, dialect, width if header or often >= SAME_WIDTH * len(rows) else 0),
+        grid=Grid(*dialect, width if is_even else 0, chosen.cells, chosen.needed),
         columns=chosen,
         start=_first_row(texts, place + 1, start) + 1,
         header=tuple(header),
@@ -192,10 +178,6 @@ def _first_row(texts: list[str], after: int, start: int) -> int:
     return min((place for dialect in DIALECTS for place in _rows(between, dialect)), default=start)
 
 
-def _grid(columns: Columns, dialect: tuple[str, str], width: int) -> Grid:
-    return Grid(*dialect, width, columns.cells, columns.needed)
-
-
 def _is_comment(text: str) -> bool:
     return text.lstrip().startswith(COMMENTS)
 
@@ -221,10 +203,7 @@ def _score(lines: list[tuple[int, str]], least: int, dialect: tuple[str, str]) -
 
 
 def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all.
-
-    Names of sensors in a line of their own, above the axes, are put before the axes.
-    """
+    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
     fallback: tuple[int, list[str]] = (-1, [])
     for place in range(len(above) - 1, -1, -1):
         names = [cell.strip() for cell in split(_uncommented(above[place]), delimiter)]
@@ -245,15 +224,7 @@ def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tu
 
 
 def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
-    """Put the sensors that a line names before the axes in the line below it; nothing where it names none.
-
-    A sensor stands above each of its columns, or above the first.
-
-    >>> _with_sensors(["t", "x", "y", "z", "x", "y", "z"], ["", "Acc [g]", "", "", "Mag [uT]", "", ""])[3:]
-    ['Acc z [g]', 'Mag x [uT]', 'Mag y [uT]', 'Mag z [uT]']
-    >>> _with_sensors(["t", "x", "y", "z"], ["recorded with a magnetometer", "2026-11-22"])
-    []
-    """
+    """Put the sensors of a line before the axes below it, each above its columns or the first; else nothing."""
     below = [meaning(name) for name in names]
     axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
     if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, map(str.strip, titles))) < 2:
@@ -289,24 +260,17 @@ def _could_name(names: list[str], delimiter: str) -> bool:
 
 def _uncommented(text: str) -> str:
     bare = text.lstrip()
-    for sign in COMMENTS:
-        if bare.startswith(sign):
-            return bare[len(sign) :].lstrip()
-    return text
+    sign = next((sign for sign in COMMENTS if bare.startswith(sign)), "")
+    return bare.removeprefix(sign).lstrip() if sign else text
 
 
 def _values(rows: list[list[str]], width: int, decimal: str) -> Floats:
     """Read the first rows, NaN for text."""
-    read = [[number(cell, decimal) for cell in cells[:width]] for cells in rows]
-    return np.array([[np.nan if value is None else value for value in row] for row in read], dtype=float)
+    return np.array([[number(cell, decimal) for cell in cells[:width]] for cells in rows], dtype=float)
 
 
 def ranges(values: Floats) -> str:
-    """Say what the columns of a table without names look like: from where to where each goes.
-
-    >>> ranges(np.array([[0.0, -301.5, np.nan], [0.25, 299.0, np.nan]]))
-    '1: 0 to 0.25, 2: -302 to 299, 3: no numbers'
-    """
+    """Range of each column of a table without names: ``1: 0 to 0.25, 2: -302 to 299``."""
     told = []
     for place, column in enumerate(values.T[:MOST_RANGES], 1):
         finite = column[np.isfinite(column)]

@@ -38,7 +38,7 @@ from flinders.readers._sniff import COMMENTS, TRIED, Layout, sniff
 from flinders.readers._source import File, Progress
 from flinders.readers._span import Span
 from flinders.readers.dialects import Transcription, guess, recognise
-from flinders.readers.dialects.json_document import is_document, table_of
+from flinders.readers.dialects.json_records import is_document, table_of
 from flinders.readers.dialects.magcc import is_magcc, table_of_datagrams
 from flinders.readers.dialects.paparazzi import is_paparazzi, table_of_messages
 from flinders.readers.dialects.pattern import Pattern
@@ -59,42 +59,18 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, eq=False)
 class TextRecording:
-    """Text that yields its readings in bounded memory: a file again and again, a `Stream` once.
+    """Text that yields its readings in bounded memory: a file again and again, a `Stream` once."""
 
-    Attributes
-    ----------
-    file : Source
-        Where its lines are.
-    layout : Layout
-        What was recognised: delimiter, decimal sign, header, which column is what.
-    unit : Unit
-        What the magnetometer's columns are written in.
-    axes : Axes
-        How the recorded axes are turned.
-    frame : str
-        What they are: ``sensor``, or ``vehicle``.
-    progress : callable, optional
-        Called once a block with the bytes read so far and those there are.
-    span : Span
-        Which part of it is read.
-    transcription : Transcription, optional
-        Of a recording in a dialect, what made the table that `file` is.
-    original : Source, optional
-        The recording itself, where `file` is a table that was made of it.
-    skipped : tuple of Skipped
-        What the last pass over the file has left out so far.
-    """
-
-    file: Source
-    layout: Layout
-    unit: Unit
-    axes: Axes = field(default_factory=Axes)
-    frame: str = "sensor"
+    file: Source  # where its lines are
+    layout: Layout  # delimiter, decimal sign, header, which column is what
+    unit: Unit  # of the magnetometer's columns
+    axes: Axes = field(default_factory=Axes)  # how the recorded axes are turned
+    frame: str = "sensor"  # what they are: ``sensor`` or ``vehicle``
     progress: Progress | None = None
-    span: Span = field(default_factory=Span)
-    transcription: Transcription | None = None
-    original: Source | None = None
-    skipped: tuple[Skipped, ...] = field(default=(), init=False)
+    span: Span = field(default_factory=Span)  # which part of it is read
+    transcription: Transcription | None = None  # of a recording in a dialect, what made the table that `file` is
+    original: Source | None = None  # the recording itself, where `file` is a table that was made of it
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
 
     @property
     def source(self) -> str:
@@ -174,7 +150,7 @@ class TextRecording:
         self.layout = replace(layout, columns=known)
 
     def corrected_lines(
-        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False, driven: bool = False
+        self, correct: Callable[..., Floats], *, add: bool = False, driven: bool = False
     ) -> Iterator[str]:
         """Yield the lines of the file with corrected readings in place of the recorded ones.
 
@@ -189,44 +165,30 @@ class TextRecording:
             Takes and gives readings as in `Samples.field`: in `unit.inside` and in `axes`.
         add : bool
             Add three columns, named with ``_cal`` where there is a header, and keep the recorded ones.
-        timed : bool
-            Give `correct` the (N,) times of the readings too, or None where there are none.
         driven : bool
-            Give `correct` `Samples` in place of the readings, with time, temperature, and current and throttle,
-            of all motors and of each.
+            Give `correct` `Samples` in place of the readings: with time, temperature, current and throttle.
 
         Raises
         ------
         UnreadableInput
             As `blocks`.
         """
-        for lines in self.corrected_blocks(correct, add=add, timed=timed, driven=driven):
+        for lines in self.corrected_blocks(correct, add=add, driven=driven):
             yield from lines
 
     def corrected_blocks(
-        self, correct: Callable[..., Floats], *, add: bool = False, timed: bool = False, driven: bool = False
+        self, correct: Callable[..., Floats], *, add: bool = False, driven: bool = False
     ) -> Iterator[list[str]]:
-        """Yield the lines of `corrected_lines`, those that were read together at a time.
-
-        Of a recording opened with ``once=True`` they are those that arrived together: flush after each block, and
-        a reading is out before the next one is waited for.
-        """
+        """Yield the lines of `corrected_lines`, those that were read together, or arrived together, at a time."""
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())
-        time = self.layout.columns.time if timed else None
-        alone = replace(self.layout.columns, beside=() if time is None else (time,))
-        if driven:
-            alone = self.layout.columns.only(TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES)
-        for lines, rows, usable, _ in self._pass(alone):  # a reading without time is corrected all the same
+        kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES) if driven else ()
+        columns = self.layout.columns.only(*kinds)
+        for lines, rows, usable, _ in self._pass(columns):  # a reading without time is corrected all the same
             corrected = np.full((len(usable), 3), np.nan)
-            if usable.any() and driven:
-                values = rows.values[usable]
-                samples = alone.samples(values, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
-                corrected[usable] = correct(samples) / self.unit.scale + 0.0
-            elif usable.any():
-                recorded = self.axes.apply(alone.taken(rows.values[usable], alone.field) * self.unit.scale)
-                times = (None if time is None else alone.taken(rows.values[usable], time)[:, 0] * time.factor,)
-                corrected[usable] = correct(recorded, *times[:timed]) / self.unit.scale + 0.0  # no −0
+            if usable.any():
+                samples = self._samples_of(columns, rows.values[usable])
+                corrected[usable] = correct(samples if driven else samples.field) / self.unit.scale + 0.0  # no −0
             yield list(rewriter.lines(lines, rows, corrected))
 
     def describe(self) -> str:
@@ -306,12 +268,10 @@ class TextRecording:
         lines = stretch.rows.numbers[stretch.usable]
         for start in range(0, len(lines), BLOCK):
             rows = slice(start, start + BLOCK)
-            yield (
-                lines[rows],
-                self.layout.columns.samples(
-                    values[rows], unit=self.unit, axes=self.axes, source=self.source, frame=self.frame
-                ),
-            )
+            yield lines[rows], self._samples_of(self.layout.columns, values[rows])
+
+    def _samples_of(self, columns: Columns, values: Floats) -> Samples:
+        return columns.samples(values, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
 
 
 class _Stretch(NamedTuple):
@@ -376,63 +336,57 @@ class _Table(NamedTuple):
 
     file: Source
     encoding: str
+    opening: list[str]  # its first lines
+    is_all: bool  # they are all
     names: tuple[str, ...] = ()  # of the columns, where no line of the table says them
-    frame: str = "sensor"
     words: str = ""  # what the file is, where it is no table
+    frame: str = "sensor"
     transcription: Transcription | None = None
-    opening: list[str] = []  # noqa: RUF012 - its first lines, never changed
-    is_all: bool = False  # they are all
-
-    def opened(self) -> _Table:
-        """The same, with its first lines."""
-        opening, is_all = self.file.opening(self.encoding)
-        return self._replace(opening=opening, is_all=is_all)
 
 
 def _laid_out(file: Source, head: bytes, chosen: Callable[..., Layout], pattern: str | None) -> tuple[_Table, Layout]:
     """Find how the lines of a file are written; what is no table becomes one."""
     encoding = encoding_of(head)
     table = _table_of(file, encoding, head.decode(encoding, "replace").removeprefix("\ufeff"), pattern)
-    newline = "\n" if table.words else newline_of(head)
     try:
         layout = chosen(table.opening, header=table.names)
     except (NoMagnetometer, UnreadableInput):
         dialect = None if table.words else recognise(table.opening) or guess(table.opening)
         if dialect is None:
             raise
-        table, newline = _transcribed(file, encoding, dialect), "\n"
+        table = _transcribed(file, encoding, dialect)
         layout = chosen(table.opening, header=table.names)
+    newline = "\n" if table.words else newline_of(head)
     return table, replace(layout, encoding=table.encoding, newline=newline, words=table.words)
 
 
 def _table_of(file: Source, encoding: str, beginning: str, pattern: str | None) -> _Table:
     """Make a table of a file whose beginning shows that it is none."""
-    plain = _Table(file, encoding)
     if pattern is not None:
         return _transcribed(file, encoding, Pattern.of(pattern))
     if is_document(beginning):
-        return _Table(*_made(table_of(file, encoding)), words="JSON").opened()
+        return _made(table_of(file, encoding), "JSON")
     if is_magcc(beginning):
-        return _Table(*_made(table_of_datagrams(file, encoding)), words="magcc datagrams").opened()
-    plain = plain.opened()
-    if is_paparazzi(plain.opening):
-        made = table_of_messages(file, encoding, plain.opening)
-        return _Table(*_made(made), words="messages of Paparazzi").opened()
-    if is_replay(plain.opening):
-        return _Table(*_made(table_of_replay(file, encoding)), frame=FRAME, words="replay of PX4's estimator").opened()
-    dialect = recognise(plain.opening[:TRIED])
-    return plain if dialect is None else _transcribed(file, encoding, dialect)
+        return _made(table_of_datagrams(file, encoding), "magcc datagrams")
+    opening, is_all = file.opening(encoding)
+    if is_paparazzi(opening):
+        return _made(table_of_messages(file, encoding, opening), "messages of Paparazzi")
+    if is_replay(opening):
+        return _made(table_of_replay(file, encoding), "replay of PX4's estimator")._replace(frame=FRAME)
+    dialect = recognise(opening[:TRIED])
+    return _transcribed(file, encoding, dialect) if dialect else _Table(file, encoding, opening, is_all)
 
 
-def _made(table: tuple[Source, tuple[str, ...]]) -> tuple[Source, str, tuple[str, ...]]:
+def _made(table: tuple[Source, tuple[str, ...]], words: str) -> _Table:
+    """Open a table that was made of a file, with the names of its columns."""
     source, names = table
-    return source, "utf-8", names
+    return _Table(source, "utf-8", *source.opening("utf-8"), names, words)
 
 
 def _transcribed(file: Source, encoding: str, dialect: Dialect) -> _Table:
     """Make a table of a file in a dialect."""
-    made = Transcription(file, dialect, encoding)
-    return _Table(made.table, "utf-8", dialect.names, words=dialect.words, transcription=made).opened()
+    transcription = Transcription(file, dialect, encoding)
+    return _made((transcription.table, dialect.names), dialect.words)._replace(transcription=transcription)
 
 
 def _not_raw(name: str, layout: Layout) -> UnreadableInput:
@@ -450,13 +404,7 @@ def sniff_text(head: bytes) -> bool:
 
 
 def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
-    """Settle the unit between what the header says and what the user says.
-
-    Raises
-    ------
-    UnitError
-        Where they contradict each other, or a unit is not known.
-    """
+    """Choose the unit between what the header says and what the user says; UnitError where they contradict."""
     if unit is not None:
         chosen = Unit.of(unit, scale)
         if columns.stated and chosen.name != columns.unit:

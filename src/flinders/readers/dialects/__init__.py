@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 from flinders.core.samples import Skipped
 from flinders.readers._lines import ENDS_EARLY, shown
 from flinders.readers._source import derived
-from flinders.readers.dialects import hexadecimal, json_lines, labelled, magcc, motioncal, stamped
+from flinders.readers.dialects import json_records, labelled, magcc, motioncal, wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -30,20 +30,15 @@ MOST_NUMBERS: Final = 10  # Numbers of lines that are kept to be shown
 
 
 class Dialect(Protocol):
-    """How lines that are no table become rows of one.
-
-    Attributes
-    ----------
-    words : str
-        For people.
-    names : tuple of str
-        Of the columns; empty where the lines do not tell them.
-    """
+    """How lines that are no table become rows of one."""
 
     @property
-    def words(self) -> str: ...  # noqa: D102 - above
+    def words(self) -> str:
+        """What the lines are, for people."""
+
     @property
-    def names(self) -> tuple[str, ...]: ...  # noqa: D102 - above
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns; empty where the lines do not state them."""
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take one line, in order: the cells of a reading, nothing for a part of one, None where it is another line."""
@@ -54,9 +49,9 @@ def recognise(lines: list[str]) -> Dialect | None:
     return (
         motioncal.recognise(lines)
         or magcc.recognise(lines)
-        or json_lines.recognise(lines)
-        or stamped.recognise(lines, recognise)
-        or hexadecimal.recognise(lines, _labelled)
+        or json_records.recognise(lines)
+        or wrapped.stamped(lines, recognise)
+        or wrapped.hexadecimal(lines, _labelled)
         or labelled.recognise(lines)
     )
 
@@ -64,8 +59,8 @@ def recognise(lines: list[str]) -> Dialect | None:
 def guess(lines: list[str]) -> Dialect | None:
     """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
     return (
-        stamped.recognise(lines, recognise, marked=False)
-        or stamped.recognise(lines, _labelled, marked=False)
+        wrapped.stamped(lines, recognise, marked=False)
+        or wrapped.stamped(lines, _labelled, marked=False)
         or labelled.recognise(lines, marked=False)
     )
 
@@ -75,20 +70,7 @@ def _labelled(lines: list[str]) -> Dialect | None:
 
 
 class Transcription:
-    """A recording in a dialect as the table that it stands for, and what of it is no reading.
-
-    Parameters
-    ----------
-    source : Source
-    dialect : Dialect
-    encoding : str
-        Of the source.
-
-    Attributes
-    ----------
-    table : Source
-        Comma-separated rows without a header, each in the place of its line; kept as the source is.
-    """
+    """A recording in a dialect as a `table` without a header, each row in the place of its line, and what is no row."""
 
     def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
         self.dialect = dialect

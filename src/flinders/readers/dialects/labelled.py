@@ -62,33 +62,15 @@ class _Printed(NamedTuple):
 
 @dataclass(slots=True)
 class Labelled:
-    """Lines of some kinds that together make a reading.
+    """Lines of some kinds that together make a reading."""
 
-    Attributes
-    ----------
-    kinds : dict of kind to int
-        Those that are read, and where the numbers of each stand in the row.
-    closing : tuple of str
-        The kind that ends a reading.
-    needed : frozenset of int
-        Places in the row without which there is no reading.
-    names : tuple of str
-        Of the columns.
-    words : str
-        For people.
-    has_headings : bool
-        Labels stand in lines of their own above the numbers.
-    signs : tuple of str, optional
-        What stands before and between the numbers, where that alone tells the lines that are read.
-    """
-
-    kinds: dict[Kind, int]
-    closing: Kind
-    needed: frozenset[int]
-    names: tuple[str, ...]
+    kinds: dict[Kind, int]  # those that are read, and where the numbers of each stand in the row
+    closing: Kind  # the one that ends a reading
+    needed: frozenset[int]  # places in the row without which there is no reading
+    names: tuple[str, ...]  # of the columns
     words: str = "labelled lines"
-    has_headings: bool = False
-    signs: tuple[str, ...] | None = None
+    has_headings: bool = False  # labels stand in lines of their own above the numbers
+    signs: tuple[str, ...] | None = None  # what stands before and between the numbers, where that alone is known
     _heading: str = field(default="", init=False)
     _cells: list[str] = field(init=False)
     _quick: re.Pattern[str] | None = field(default=None, init=False)
@@ -132,14 +114,7 @@ class Labelled:
 
 
 def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
-    """Find lines whose labels name a magnetometer, or, where that is not asked for, three numbers between any words.
-
-    Parameters
-    ----------
-    lines : list of str
-    marked : bool
-        Labels have to be parted from their numbers by more than a comma, so that no table is taken for labelled lines.
-    """
+    """Find lines whose labels name a magnetometer; unless `marked`, also three numbers between any words."""
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
     every = [_printed(line) for line in _with_headings(lines)]
     counts = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))

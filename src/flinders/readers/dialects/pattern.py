@@ -38,13 +38,7 @@ class Pattern:
 
     @classmethod
     def of(cls, pattern: str) -> Pattern:
-        """Take what the user gave.
-
-        Raises
-        ------
-        UsageError
-            For a pattern without three different names.
-        """
+        """Compile the user's pattern; UsageError without three different names."""
         pieces = _PLACE.split(pattern)
         names = tuple(pieces[1::2])
         if len(names) < 3 or len(set(names)) < len(names) or not all(names):

@@ -1,0 +1,179 @@
+r"""JSON: a record in each line, other lines between, or one document with a list of records.
+
+A record is an object, or a list of numbers; a document becomes a table.
+
+>>> dialect = recognise(["ready", '{"t": 0.1, "mag": {"x": 21.70, "y": 0.4, "z": -58.6}}'])
+>>> dialect.names, dialect.row('{"mag": {"x": 1, "y": 2, "z": 3}, "t": 0.20}')
+(('t', 'mag.x', 'mag.y', 'mag.z'), ['0.20', '1', '2', '3'])
+>>> lines = '{"t": 1, "mag": [2, 3, 4]}\n{"t": 2, "mag": [5, 6, 7]}'
+>>> is_document("[[1, 2, 3],"), is_document(lines), is_document("[1, 2, 3] uT")
+(True, False, False)
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections import Counter
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from flinders.core.samples import BLOCK
+from flinders.errors import UnreadableInput
+from flinders.readers._columns import names_magnetometer
+from flinders.readers._lines import shown
+from flinders.readers._source import Source, derived, unpacked
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+_load = partial(json.loads, parse_float=str, parse_int=str)  # numbers stay as they are written
+LEAST: Final = 3  # Numbers in a record with a reading
+
+
+@dataclass(frozen=True, slots=True)
+class JsonLines:
+    """Records with the same keys; lists have none."""
+
+    names: tuple[str, ...]
+    words: str = "JSON lines"
+
+    @classmethod
+    def of(cls, records: Sequence[object]) -> JsonLines:
+        """Name the columns after the keys of the first object."""
+        return cls(next((tuple(flat(record)) for record in records if isinstance(record, dict)), ()))
+
+    def row(self, line: str) -> list[str] | None:
+        """Bring the record of a line into the order of the columns, numbers as they are written."""
+        return self.cells(parsed(line))
+
+    def cells(self, record: object) -> list[str] | None:
+        """Bring one record into the order of the columns; None for what is no such record."""
+        if isinstance(record, dict) and self.names:
+            values = flat(record)
+            return [_cell(values.get(name)) for name in self.names] if values.keys() & set(self.names) else None
+        return [_cell(value) for value in record] if isinstance(record, list) and not self.names else None
+
+
+def recognise(lines: list[str]) -> JsonLines | None:
+    """Find records with three numbers; of those with different keys, the most frequent that have a magnetometer's."""
+    records = [record for record in map(parsed, lines) if record is not None and _numbers(record) >= LEAST]
+    keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records)
+    if not keys:
+        return None
+    return JsonLines(max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
+
+
+def parsed(line: str) -> dict[str, object] | list[object] | None:
+    """Parse an object or a list of plain values; numbers stay as they are written."""
+    if not line.lstrip().startswith(("{", "[")):
+        return None
+    record = _loaded(line)
+    if isinstance(record, list) and any(isinstance(value, (list, dict)) for value in record):
+        return None
+    return record if isinstance(record, (dict, list)) else None
+
+
+def _loaded(text: str) -> object:
+    """Load JSON, numbers as they are written; None where it is broken."""
+    try:
+        return _load(text)
+    except (ValueError, RecursionError):
+        return None
+
+
+def flat(record: dict[str, object]) -> dict[str, object]:
+    """Bring what lies inside objects and lists to the top, with dots in its name: ``mag.x``, ``mag.y.0``."""
+    found: dict[str, object] = {}
+    for key, value in record.items():
+        if isinstance(value, list):
+            inside = flat({str(place): inner for place, inner in enumerate(value)})
+        elif isinstance(value, dict):
+            inside = flat(value)
+        else:
+            inside = {}
+            found[key] = value
+        found.update({f"{key}.{inner}": leaf for inner, leaf in inside.items()})
+    return found
+
+
+def _numbers(record: dict[str, object] | list[object]) -> int:
+    values = flat(record).values() if isinstance(record, dict) else record
+    return sum(isinstance(value, str) and _is_number(value) for value in values)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _cell(value: object) -> str:
+    """Write one value as a cell; text in quotes where it needs them."""
+    if value is None:
+        return ""
+    page = io.StringIO()
+    csv.writer(page, lineterminator="").writerow([value])
+    return page.getvalue()
+
+
+LARGEST: Final = 256 << 20  # Bytes of a document that are still read; JSON lines may be of any length
+# How JSON with readings in it begins; ``[INFO] …`` is a line of a log.
+OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
+MARK: Final = "flinders"  # the key by which files that Flinders itself writes are known
+
+
+def is_document(text: str) -> bool:
+    """Tell a JSON document from JSON lines, and from lines such as ``[1, 2, 3] uT``, by how it begins."""
+    first, _, more = text.lstrip().partition("\n")
+    if not OPENING.match(first):
+        return False
+    record = parsed(first)
+    if isinstance(record, dict):
+        return MARK in record or (not more.strip() and any(isinstance(value, list) for value in record.values()))
+    is_closed = sum(map(first.count, "[{")) == sum(map(first.count, "]}"))
+    return record in (None, []) and not (is_closed and _loaded(first) is None)
+
+
+def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
+    """Turn the records of a document into a table without a header, and give the names of its columns."""
+    records = _records(source, encoding)
+    dialect = JsonLines.of(records)
+    return derived(source, _rows(records, dialect)), dialect.names
+
+
+def _rows(records: list[object], dialect: JsonLines) -> Iterator[bytes]:
+    for start in range(0, len(records), BLOCK):
+        rows = (dialect.cells(record) or [shown(str(record))] for record in records[start : start + BLOCK])
+        yield "".join(f"{','.join(row)}\n" for row in rows).encode()
+
+
+def _records(source: Source, encoding: str) -> list[object]:
+    """Load the records of a document."""
+    content = bytearray()
+    for chunk in unpacked(source):
+        content += chunk
+        if len(content) > LARGEST:
+            raise UnreadableInput(
+                f"{source.name} is one JSON document of more than {LARGEST >> 20} MB: "
+                "write one record a line (JSON lines) or CSV"
+            )
+    try:
+        document = _load(content.decode(encoding, "replace"))
+    except (ValueError, RecursionError) as error:
+        raise UnreadableInput(
+            f"{source.name} begins like JSON and is not JSON that can be read ({error}): "
+            "need a list of [x, y, z] or of objects"
+        ) from None
+    if isinstance(document, dict) and MARK in document:
+        kind = shown(str(document[MARK]))
+        raise UnreadableInput(f"{source.name} is a {kind} file of Flinders and not a recording: give the recording")
+    if not isinstance(document, list) or not document:
+        kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
+        raise UnreadableInput(f"{source.name} is JSON with {kind} in it: need a list of [x, y, z] or of objects")
+    return document

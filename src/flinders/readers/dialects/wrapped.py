@@ -1,0 +1,134 @@
+"""Lines of another dialect with something around it: a time stamp in front, or hexadecimal words without ``0x``.
+
+What stands behind a stamp is a dialect of its own, or a table; a stamp without a date counts from midnight. Words of 4,
+6 or 8 hexadecimal digits are signed numbers; letters in some of the lines distinguish them from decimal ones.
+
+>>> from flinders.readers.dialects import recognise
+>>> dialect = recognise(["14:03:00.100 -> X: 1 Y: 2 Z: 3", "14:03:00.200 -> X: 1 Y: 2 Z: 4"])
+>>> dialect.words, dialect.names, dialect.row("14:03:00.300 -> X: 5 Y: 6 Z: 7")
+('time stamps before labelled lines', ('time (s)', 'X', 'Y', 'Z'), ['50580.300', '5', '6', '7'])
+>>> recognise(["2026-11-22 14:03:00 -> 1,2,3"]).row("2026-11-22 14:03:01 -> 4,5,6")
+['1795356181.000', '4', '5', '6']
+>>> dialect = recognise(["Mag: 0165 fe58 01a5", "Mag: 0160 0058 01a4"])
+>>> dialect.words, dialect.row("Mag: 0010 fffe 0020")
+('hexadecimal words in labelled lines', ['16', '-2', '32'])
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from flinders.errors import FlindersError
+from flinders.readers._numbers import row_of, split
+from flinders.readers._sniff import SPOKEN, sniff
+from flinders.readers._tokenizer import STAMP, seconds_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flinders.readers._numbers import Grid
+    from flinders.readers.dialects import Dialect
+
+Recognise: TypeAlias = "Callable[[list[str]], Dialect | None]"
+MOST: Final = 0.6  # share of lines that have to have a stamp
+DAY_S: Final = 86400.0
+PLAIN: Final = ("x", "y", "z")  # names of the columns of a table of three without a header
+WORDS: Final = {digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in (4, 6, 8)}
+LEAST: Final = 3  # hexadecimal words in a line with a reading
+LETTERED: Final = 0.3  # share of the lines with as many words that have to hold a letter
+
+
+@dataclass(slots=True)
+class Stamped:
+    """A dialect, or a table, behind a time stamp."""
+
+    inner: Dialect
+    words: str
+    names: tuple[str, ...]
+    _midnights: float = field(default=0.0, init=False)
+    _last: float = field(default=-1.0, init=False)
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take the time off a line, and put it before the cells of the rest; it goes on past midnight."""
+        stamp = STAMP.match(line)
+        seconds = seconds_of(stamp)
+        if stamp is None or seconds is None:
+            return None
+        cells = self.inner.row(line[stamp.end() :])
+        if not cells:
+            return cells
+        if seconds + self._midnights < self._last - DAY_S / 2:
+            self._midnights += DAY_S
+        self._last = seconds + self._midnights
+        return [f"{self._last:.6f}".removesuffix("000"), *cells]
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """Rows of a table, cut at its delimiter."""
+
+    grid: Grid
+    words: str
+    names: tuple[str, ...]
+
+    def row(self, line: str) -> list[str] | None:
+        """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
+        cells = split(line, self.grid.delimiter)
+        if row_of(cells, self.grid) is None:
+            return None
+        return [cell.strip().replace(self.grid.decimal, ".") for cell in cells[: self.grid.width or None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Hexadecimal:
+    """Lines whose words of so many digits are hexadecimal numbers."""
+
+    inner: Dialect
+    digits: int
+    words: str
+    names: tuple[str, ...]
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take a line, its words marked as hexadecimal."""
+        return self.inner.row(_marked(line, self.digits))
+
+
+def stamped(lines: list[str], behind: Recognise, *, marked: bool = True) -> Stamped | None:
+    """Find stamps before most lines; if `marked`, before a table only with a sign such as ``->`` behind them."""
+    filled = [line for line in lines if line.strip()]
+    stamps = [STAMP.match(line) for line in filled]
+    rest = [line[stamp.end() :] for line, stamp in zip(filled, stamps, strict=True) if stamp]
+    if not rest or len(rest) < MOST * len(filled):
+        return None
+    if marked and any(stamp["mark"] in (",", ";", "\t") for stamp in stamps if stamp):
+        return None
+    is_parted = all(stamp["mark"] for stamp in stamps if stamp)
+    inner = behind(rest) or (_table(rest) if is_parted or not marked else None)
+    return Stamped(inner, f"time stamps before {inner.words}", ("time (s)", *inner.names)) if inner else None
+
+
+def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
+    """Find lines of three words of one length that only hexadecimal digits explain."""
+    for digits, word in WORDS.items():
+        found = [words for line in lines if len(words := word.findall(line)) >= LEAST]
+        lettered = [words for words in found if not all(map(str.isdigit, words))]
+        if lettered and len(lettered) >= LETTERED * len(found):
+            inner = behind([_marked(line, digits) for line in lines])
+            return Hexadecimal(inner, digits, f"hexadecimal words in {inner.words}", inner.names) if inner else None
+    return None
+
+
+def _marked(line: str, digits: int) -> str:
+    return WORDS[digits].sub(lambda word: f"0x{word[0]}", line)
+
+
+def _table(lines: list[str]) -> Cells | None:
+    try:
+        layout = sniff("", lines)
+    except FlindersError:
+        return None
+    width = layout.grid.width
+    names = layout.header or (PLAIN if width == len(PLAIN) else tuple(map(str, range(1, width + 1))))
+    return Cells(layout.grid, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", names)

@@ -1,0 +1,132 @@
+"""What names of columns, labels and numbers of printed lines are taken for: one example of each rule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from flinders.live.transcript import escaped
+from flinders.readers._columns import _cut_digits
+from flinders.readers._lengths import Group, advice, likeness
+from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
+from flinders.readers._sniff import _with_sensors, ranges
+from flinders.readers._tokenizer import cut, decimal, like, pattern_of
+from flinders.readers.dialects.json_records import flat
+
+
+def test_columns_of_single_motors_are_recognised() -> None:
+    assert meaning("esc[0].esc_current") == Meaning("currents", axis="0")
+    assert (meaning("motor2").kind, meaning("current3_A").unit, meaning("current").kind) == (
+        "throttles",
+        "a",
+        "current",
+    )
+
+
+@pytest.mark.parametrize(("name", "is_open"), [("ch4", True), ("x", True), ("acc_x", False), ("gps_lat", False)])
+def test_a_name_that_says_nothing_may_be_an_axis(name: str, is_open: bool) -> None:
+    assert tells_nothing(name) == is_open
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mag_x", ()),
+        ("imu1.mag.x (uT)", ("1",)),
+        ("magX_left_raw", ("left",)),
+        ("mag_rm3100_x", ("rm3100",)),
+        ("my2", ("2",)),
+        ("imu_mx", ("imu",)),
+        ("lis3mdl_b_x", ("lis3mdl", "b")),
+        ("mag_a_x", ("a",)),  # no ampere
+        ("mag_x_t0", ("t0",)),  # no sensor 0
+        ("mag_2_x_avg10", ("2",)),  # no sensor 10
+    ],
+)
+def test_words_that_distinguish_a_sensor_are_its_label(name: str, words: tuple[str, ...]) -> None:
+    assert label(name) == words
+
+
+def test_a_chip_tells_what_it_measures_where_that_is_one_thing() -> None:
+    chips = ("lis3mdl", "adxl345", "lsm303", "mag")
+    assert tuple(map(kind_of_chip, chips)) == ("field", "acceleration", "", "")
+
+
+def test_references_and_directions_are_no_readings() -> None:
+    names = ("mag_x_wmm2025", "magNedX", "mag_unit_x", "unit2_mag_x")
+    assert tuple(map(no_readings, names)) == ("a reference", "in axes of the earth", "a direction", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "axis", "sensor"),
+    [
+        ("mag1_x_uT", "x", "mag1"),
+        ("Imu1.Mag.X (µT)", "x", "Imu1.Mag"),
+        ("raw_mag_x_2", "x", "mag_2"),
+        ("mx0", "x", "m0"),
+        ("x2", "x", "xyz2"),
+        ("mag1[0]", "0", "mag1"),
+    ],
+)
+def test_a_sensor_is_called_what_its_columns_share(name: str, axis: str, sensor: str) -> None:
+    assert sensor_name(name, axis) == sensor
+
+
+def test_the_whole_name_of_a_sensor_lacks_its_axis_alone() -> None:
+    assert sensor_name("raw_mag_x_uT", "x", whole=True) == "raw_mag_uT"
+
+
+def test_sensors_in_a_line_of_their_own_are_put_before_the_axes_below_them() -> None:
+    titles = ["", "Acc [g]", "", "", "Mag [uT]", "", ""]
+    joined = _with_sensors(["t", "x", "y", "z", "x", "y", "z"], titles)
+    assert joined[3:] == ["Acc z [g]", "Mag x [uT]", "Mag y [uT]", "Mag z [uT]"]
+    assert _with_sensors(["t", "x", "y", "z"], ["recorded with a magnetometer", "2026-11-22"]) == []
+
+
+def test_ranges_of_nameless_columns_are_listed() -> None:
+    assert (
+        ranges(np.array([[0.0, -301.5, np.nan], [0.25, 299.0, np.nan]]))
+        == "1: 0 to 0.25, 2: -302 to 299, 3: no numbers"
+    )
+
+
+def test_a_time_cut_to_float32_is_not_a_buffer_of_readings() -> None:
+    times = np.repeat([1732190000.0, 1732190128.0, 1732190256.0], 60)
+    cut_off = "its digits were cut to steps of 128 s, 60 readings to each: write more of them, as float64"
+    assert _cut_digits(times.astype(np.float32).astype(float), "s") == cut_off
+    assert _cut_digits(np.repeat([0.000, 0.320, 0.641, 0.960], 32), "s") == ""  # a buffer of 32
+
+
+def test_gravity_is_known_by_its_length_and_a_magnetometer_is_not() -> None:
+    assert likeness(np.tile([[0.1, -0.2, 9.8]], (20, 1))) == "gravity in m/s²"
+    assert likeness(np.tile([[10.0, -20.0, 40.0]], (20, 1))) == ""
+
+
+def test_advice_names_the_option_for_the_columns_that_may_be_a_magnetometer() -> None:
+    judged = [Group(("1", "2", "3"), "a direction"), Group(("4", "5", "6"), "strength 48.0", is_candidate=True)]
+    may_be = "by their values 4, 5, 6 (strength 48.0) may be it: if so, add --columns 4,5,6"
+    assert advice(judged) == f"{may_be}; others are 1, 2, 3 (a direction)"
+
+
+def test_lines_with_the_same_gaps_have_their_numbers_found_at_once() -> None:
+    match = like(cut("X: 1 Y: -2 uT")[1]).fullmatch("X:  10.5 \tY: 3 uT")
+    assert match is not None
+    assert match.groups() == ("10.5", "3")
+
+
+def test_hexadecimal_numbers_with_all_their_digits_are_signed() -> None:
+    numbers = ("0xFFFFFF38", "0x1F", "-0x10", "ovf", "-1.50")
+    assert tuple(map(decimal, numbers)) == ("-200", "31", "-16", "nan", "-1.50")
+
+
+def test_a_line_is_written_as_the_pattern_of_lines_like_it() -> None:
+    assert pattern_of("<39.2/31.4/28.7/0>") == "<{x}/{y}/{z}/{n4}>"
+
+
+def test_keys_inside_objects_get_dots() -> None:
+    assert flat({"t": 1, "mag": {"x": 2, "y": [3]}}) == {"t": 1, "mag.x": 2, "mag.y.0": 3}
+
+
+def test_escaped_bytes_can_be_restored() -> None:
+    assert escaped(b"\xff\x00 42 \\") == "\\xff\\x00 42 \\\\"
+    assert escaped(b"\xff\x00 42 \\").encode().decode("unicode_escape").encode("latin-1") == b"\xff\x00 42 \\"
