@@ -86,7 +86,7 @@ def test_sensors_in_a_line_of_their_own_are_put_before_the_axes_below_them() -> 
 def test_ranges_of_nameless_columns_are_listed() -> None:
     assert (
         ranges(np.array([[0.0, -301.5, np.nan], [0.25, 299.0, np.nan]]))
-        == "1: 0 to 0.25, 2: -302 to 299, 3: no numbers"
+        == "1: 0 to 0.250, 2: -302 to 299, 3: no numbers"
     )
 
 

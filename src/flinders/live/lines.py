@@ -67,9 +67,8 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     layout = None if dialect else _layout(lines)
     if dialect := dialect or (None if layout else guess(lines)):
         return _transcribed(lines, dialect)
-    if layout := layout or _unclear(lines):
-        return _form(layout, lines, partial(_as_it_is, layout.grid))
-    return None
+    layout = layout or _unclear(lines)
+    return _form(layout, lines, partial(_as_it_is, layout.grid)) if layout else None
 
 
 def is_marked(line: str) -> bool:

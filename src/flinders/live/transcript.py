@@ -129,8 +129,8 @@ class Recorded:
 class Taken:
     """What was made of some bytes."""
 
-    text: str = ""
-    readings: list[Reading] = field(default_factory=list)
+    text: str = ""  # whole lines for the recording
+    readings: list[Reading] = field(default_factory=list)  # of its rows whose field is finite
     events: list[Event] = field(default_factory=list)
 
 
@@ -143,23 +143,11 @@ class _Held(NamedTuple):
 
 
 class Transcript:
-    """Makes lines of bytes, and rows and readings of lines.
+    """Makes lines of bytes, and rows and readings of lines; columns, unit, scale as `flinders.open_recording` takes them.
 
-    Parameters
-    ----------
-    name : str
-        Of the source, for messages.
-    is_framed : bool
-        Bytes that come together begin and end with a line; else the first line may be cut.
-    columns, unit, scale : optional
-        Which columns are the magnetometer's, and what they are in, as `flinders.open_recording` takes them; for the
-        readings, where the lines do not tell.
-    pattern : str, optional
-        How a line with a reading is written, where that is not recognised.
-    most : int, optional
-        Rows after which nothing more is taken.
-    header, rows : str, optional, and sequence of str
-        Of a recording that is continued: what stands above its rows, and the first of them.
+    Bytes that come together begin and end with a line if `is_framed`; else the first line may be cut. A `pattern` says
+    how a line with a reading is written, and after `most` rows nothing more is taken. A recording that is continued has
+    a `header` and first `rows`.
     """
 
     def __init__(
@@ -201,11 +189,8 @@ class Transcript:
         self.told.received += len(content)
         if content:
             self._cut(content, at)
-        rows: list[str] = []
-        text = ""
-        if self._held and (self.told.form or self._is_enough(at)):
-            self._settle()
-            text = self._flush(rows)
+        is_ready = self._held and (self.told.form or self._is_enough(at))
+        text, rows = self._flush() if is_ready else ("", [])
         if not self._is_advised and not self.told.readings and at >= SILENT_S:
             self._is_advised = True
             self._tell("nothing", self.nothing())
@@ -226,11 +211,7 @@ class Transcript:
     def end(self, at: float) -> Taken:
         """Let go of what is held, and of the start of a line that will have no end."""
         self.told.seconds = at
-        rows: list[str] = []
-        text = ""
-        if self._held and not self.is_full:
-            self._settle()
-            text = self._flush(rows)
+        text, rows = self._flush()
         if self._rest.strip() and not self.is_full:
             text += f"# cut off: {escaped(self._rest)}\n"
             self.told.first_unknown = self.told.first_unknown or shown(_text(self._rest))
@@ -271,14 +252,13 @@ class Transcript:
             self._rest = b""
 
     def _is_enough(self, at: float) -> bool:
-        wanted = ENOUGH if self._most is None else min(ENOUGH, self._most)
-        return len(self._held) >= ENOUGH or at - self._held[0].at >= SETTLE_S or self._would_be() >= wanted
-
-    def _would_be(self) -> int:
-        """Count the held lines that would be rows."""
+        """Tell whether the layout can be recognised: many lines, or old ones, or all rows that are asked for."""
+        is_late = len(self._held) >= ENOUGH or at - self._held[0].at >= SETTLE_S
+        if is_late or self._most is None:
+            return is_late
         texts = self._texts()
         form = settle(texts, self._pattern)
-        return len(_rows(form, texts)) if form else 0
+        return form is not None and len(_rows(form, texts)) >= self._most
 
     def _texts(self) -> list[str]:
         """What is held, without a first line that may be cut."""
@@ -286,9 +266,7 @@ class Transcript:
         return texts[1:] if self._is_cut and texts and not is_marked(texts[0]) else texts
 
     def _settle(self) -> None:
-        """Recognise how the lines are written, if that is not known yet; a header may have come long before."""
-        if self.told.form is not None:
-            return
+        """Recognise how the lines are written; a header may have come long before, OutputError where it is another."""
         texts = self._texts()
         form = settle([*self._before, *texts], self._pattern)
         rows = _rows(deepcopy(form), texts) if form else []
@@ -321,12 +299,15 @@ class Transcript:
         names = form.header.split(form.delimiter)
         return ",".join(names[int(one)] for one in asked) if max(map(int, asked)) < len(names) else self._columns
 
-    def _flush(self, rows: list[str]) -> str:
-        """Turn the lines that are held into text, and add its rows to `rows`."""
-        out: list[str] = []
+    def _flush(self) -> tuple[str, list[str]]:
+        """Turn the lines that are held into text and its rows."""
+        rows: list[str] = []
+        text = ""
+        if self._held and self.told.form is None and not self.is_full:
+            self._settle()
         while self._held and not self.is_full:
-            out.append(self._written(self._held.pop(0), rows))
-        return "".join(out)
+            text += self._written(self._held.pop(0), rows)
+        return text, rows
 
     def _written(self, held: _Held, rows: list[str]) -> str:
         """One line as it goes into the recording."""

@@ -24,6 +24,10 @@ MOST_IN_BLOCK: Final = 1 << 23  # Characters after which a block of lines ends e
 CUT: Final = 60  # Characters shown of a line in a message
 CUT_OFF: Final = "…"  # What stands at the end of a line that was longer than `LONGEST`
 LINE_FEED: Final = np.uint8(10)
+MARKS: Final = {  # byte order marks
+    codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
+}  # fmt: skip
 ENDS_EARLY: Final = "gzip ends early"  # What stands in place of the line in which a file was cut short
 
 
@@ -85,15 +89,8 @@ def lines_of(
 
 def encoding_of(head: bytes) -> str:
     """Tell how text is encoded: by its byte order mark, else UTF-8 where it decodes, else Latin-1."""
-    for mark, encoding in (
-        (codecs.BOM_UTF8, "utf-8-sig"),
-        (codecs.BOM_UTF32_LE, "utf-32"),
-        (codecs.BOM_UTF32_BE, "utf-32"),
-        (codecs.BOM_UTF16_LE, "utf-16"),
-        (codecs.BOM_UTF16_BE, "utf-16"),
-    ):
-        if head.startswith(mark):
-            return encoding
+    if mark := next((mark for mark in MARKS if head.startswith(mark)), b""):
+        return MARKS[mark]
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)  # a character cut off at the end is no error
     except UnicodeDecodeError:
