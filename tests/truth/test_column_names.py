@@ -10,7 +10,7 @@ from flinders.readers._columns import _cut_digits
 from flinders.readers._lengths import Group, advice, likeness
 from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
 from flinders.readers._sniff import _with_sensors, ranges
-from flinders.readers._tokenizer import cut, decimal, like, pattern_of
+from flinders.readers._tokenizer import STAMP, cut, decimal, like, names_of, pattern_of, seconds_of
 from flinders.readers.dialects.json_records import flat
 
 
@@ -121,6 +121,16 @@ def test_hexadecimal_numbers_with_all_their_digits_are_signed() -> None:
 
 def test_a_line_is_written_as_the_pattern_of_lines_like_it() -> None:
     assert pattern_of("<39.2/31.4/28.7/0>") == "<{x}/{y}/{z}/{n4}>"
+
+
+def test_numbers_behind_one_label_are_its_axes() -> None:
+    assert names_of(cut("A: 12 -3 8190 M: 217 4 -586")[1]) == ("A x", "A y", "A z", "M x", "M y", "M z")
+    assert names_of(cut("Heading: 123.4 X: 1 Y: 2 Z: 3")[1]) == ("Heading", "X", "Y", "Z")
+
+
+def test_words_of_registers_are_signed_and_stamps_count_from_midnight() -> None:
+    assert cut("0xFF38 0x0010")[0] == ["-200", "16"]
+    assert seconds_of(STAMP.match("14:03:00.250 -> X: 1")) == pytest.approx(50580.25)
 
 
 def test_keys_inside_objects_get_dots() -> None:

@@ -143,11 +143,11 @@ class _Held(NamedTuple):
 
 
 class Transcript:
-    """Makes lines of bytes, and rows and readings of lines; columns, unit, scale as `flinders.open_recording` takes them.
+    """Makes lines of bytes, and rows and readings of lines.
 
-    Bytes that come together begin and end with a line if `is_framed`; else the first line may be cut. A `pattern` says
-    how a line with a reading is written, and after `most` rows nothing more is taken. A recording that is continued has
-    a `header` and first `rows`.
+    Bytes that come together begin and end with a line if `is_framed`; else the first line may be cut. Columns, unit,
+    scale and pattern are as `flinders.open_recording` takes them, and after `most` rows nothing more is taken. A
+    recording that is continued has a `header` and first `rows`.
     """
 
     def __init__(

@@ -1,8 +1,7 @@
 """What columns may measure whose names do not tell, judged by the lengths of their vectors.
 
-A quaternion has length 1, and gravity 9.8 m/s² or 1 g whichever way a sensor is turned; readings of a magnetometer lie
-near a sphere, off its middle by the hard iron; rates and angles lie near none. What is judged so is proposed to the
-user, and never taken: a strength is no proof.
+A quaternion has length 1, gravity 9.8 m/s² or 1 g; readings of a magnetometer lie near a sphere, off its middle by the
+hard iron; rates and angles near none. The judgement is proposed to the user and never taken: a strength is no proof.
 
 >>> turned = np.random.default_rng(1).normal(size=(200, 3))
 >>> directions = turned / np.linalg.norm(turned, axis=1, keepdims=True)

@@ -6,10 +6,8 @@ numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), a devic
 (``mag_a_x``, ``mag_b_x``) are instruments. Any other word, such as ``filtered``, is the same instrument again: of that
 the rawest is taken, and of equals the one with the plainest name. A reference, ``mag_ref_x``, is no instrument at all.
 
->>> from flinders.readers._names import FIELD, meaning
 >>> def told(*sensors):
-...     names = [f"{sensor}_{axis}" for sensor in sensors for axis in "xyz"]
-...     return [found.name for found in instruments(vectors(names, [meaning(name) for name in names], FIELD))]
+...     return [each.name for each in magnetometers([f"{sensor}_{axis}" for sensor in sensors for axis in "xyz"])]
 >>> told("mag1", "mag2", "mag2_cal"), told("mag", "mag_raw", "mag_ned"), told("mag_left", "mag_right")
 (['mag1', 'mag2'], ['mag'], ['mag_left', 'mag_right'])
 >>> told("mag", "imu_mag"), told("lis3mdl", "mpu6050", "rm3100_raw"), told("mag", "mag_lis3mdl_cal")
@@ -26,9 +24,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from flinders.readers._names import (
     BARE,
     CALIBRATED,
+    FIELD,
     clearness,
     field_stem,
     label,
+    meaning,
     no_readings,
     sensor_name,
     tells_apart,
@@ -78,6 +78,11 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             marks = (*label(first), *again)
             made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, no_readings(first)))
     return sorted(made, key=lambda vector: min(vector.cells))
+
+
+def magnetometers(names: Sequence[str]) -> tuple[Vector, ...]:
+    """Find the magnetometers of their own among the columns of these names."""
+    return instruments(vectors(names, list(map(meaning, names)), FIELD))
 
 
 def instruments(found: Sequence[Vector]) -> tuple[Vector, ...]:

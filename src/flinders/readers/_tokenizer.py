@@ -1,20 +1,13 @@
 r"""A printed line becomes numbers, each with its label and its unit, and the labels become names of columns.
 
-A board prints for people: ``Mag X: -20.8 Y: -20.2 Z: 26.1 uT``. The text between two numbers holds the unit of the
-first and the label of the second. A label that says an axis only belongs to the sensor that was named before it, and
-three numbers behind one label are its x, y and z, so that the names say what those of a table's header say.
+The text between two numbers holds the unit of the first and the label of the second. A label that is only an axis
+belongs to the sensor named before it, and three numbers behind one label are its x, y and z.
 
 >>> numbers, gaps = cut("Mag X: -20.8 Y: -20.2 Z: 26.1 uT")
 >>> numbers
 ['-20.8', '-20.2', '26.1']
 >>> names_of(gaps)
 ('Mag X (uT)', 'Mag Y (uT)', 'Mag Z (uT)')
->>> names_of(cut("A: 12 -3 8190 M: 217 4 -586")[1])
-('A x', 'A y', 'A z', 'M x', 'M y', 'M z')
->>> names_of(cut("Heading: 123.4 X: 1 Y: 2 Z: 3")[1])
-('Heading', 'X', 'Y', 'Z')
->>> cut("0xFF38 0x0010")[0], seconds_of(STAMP.match("14:03:00.250 -> X: 1"))
-(['-200', '16'], 50580.25)
 """
 
 from __future__ import annotations

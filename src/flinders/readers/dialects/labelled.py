@@ -1,8 +1,7 @@
 """Lines in which labels say what the numbers are: ``X: -20.8 Y: -20.2 Z: 26.1 uT``, ``Mag (uT) [ 1, 2, 3 ]``.
 
-Lines with the same labels and units are of one kind. The kind that names a magnetometer ends a reading; acceleration,
-rate, temperature and time of the kinds that come before it belong to it. Where each axis has a line of its own, that of
-z ends the reading. A line of no such kind is another line: a cut one has other labels, or lacks its unit.
+Lines with the same labels and units are of one kind. The kind that names a magnetometer, or its z alone, ends a
+reading, to which the other sensors' kinds before it belong. A cut line has other labels, or lacks its unit.
 
 >>> dialect = recognise(["Accel X: 0.1 Y: 0.2 Z: 9.8 m/s^2", "Mag X: -20.8 Y: -20.2 Z: 26.1 uT", "", "low battery"] * 2)
 >>> dialect.row("Accel X: 0.1 Y: 0.2 Z: 9.7 m/s^2"), dialect.row("Mag X: 1 Y: 2 Z: 3 uT")
@@ -23,7 +22,7 @@ import numpy as np
 
 from flinders.core.units import COUNTS
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
-from flinders.readers._several import instruments, vectors
+from flinders.readers._several import magnetometers, vectors
 from flinders.readers._sniff import COMMENTS
 from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_of
 
@@ -162,8 +161,7 @@ def _printed(line: str) -> _Printed:
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
     """Pick the kind that names one: the rawest, of those one that states its unit, then the most frequent."""
-    found = {kind: instruments(vectors(kind, list(map(meaning, kind)), FIELD)) for kind in kinds}
-    found = {kind: fields for kind, fields in found.items() if fields}
+    found = {kind: fields for kind in kinds if (fields := magnetometers(kind))}
     often = [kind for kind in found if counts[kind] >= OFTEN * max(counts[other] for other in found)]
 
     def quality(kind: Kind) -> tuple[int, bool, int]:
@@ -179,10 +177,7 @@ def _belongs(kind: Kind, closing: Kind) -> bool:
     if any(vectors(kind, meanings, each) for each in (ACCELERATION, RATE)):
         return True
     if vectors(kind, meanings, FIELD):
-        both = closing + kind
-        return len(instruments(vectors(both, list(map(meaning, both)), FIELD))) > len(
-            instruments(vectors(closing, list(map(meaning, closing)), FIELD))
-        )
+        return len(magnetometers(closing + kind)) > len(magnetometers(closing))
     return any(known.kind in AUXILIARY for known in meanings)
 
 
@@ -198,7 +193,7 @@ def _laid_out(closing: Kind, others: Sequence[Kind], printed: Sequence[_Printed]
 def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
     """Put lines together that have an axis each; that of z ends the reading."""
     names = tuple(name for kind in kinds for name in kind)
-    fields = instruments(vectors(names, list(map(meaning, names)), FIELD))
+    fields = magnetometers(names)
     if not fields:
         return None
     starts = {kind: sum(map(len, kinds[:place])) for place, kind in enumerate(kinds)}
