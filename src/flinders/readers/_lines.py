@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -101,8 +102,8 @@ def encoding_of(head: bytes) -> str:
 def newline_of(head: bytes) -> str:
     """Tell how the first line ends; LF where none does."""
     text = head.decode(encoding_of(head), "replace")
-    ends = [(place, end) for end in ("\r\n", "\n", "\r") if (place := text.find(end)) >= 0]
-    return min(ends, key=lambda found: found[0])[1] if ends else "\n"
+    end = re.search("\r\n|\n|\r", text)
+    return end[0] if end else "\n"
 
 
 def shown(text: str) -> str:

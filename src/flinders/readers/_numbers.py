@@ -135,17 +135,11 @@ def _at_once(texts: list[str], grid: Grid) -> Floats:
 
 
 def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
-    values: list[list[float]] = []
-    kept: list[int] = []
-    unreadable: list[tuple[int, str]] = []
-    for line, text in zip(lines, texts, strict=True):
-        row = row_of(split(text, grid.delimiter), grid)
-        if row is None:
-            unreadable.append((line, text))
-        else:
-            values.append(row)
-            kept.append(line)
-    return Rows(np.array(values, dtype=float).reshape(-1, len(grid.cells)), kept, unreadable)
+    read = [(line, text, row_of(split(text, grid.delimiter), grid)) for line, text in zip(lines, texts, strict=True)]
+    values = [row for _, _, row in read if row is not None]
+    unreadable = [(line, text) for line, text, row in read if row is None]
+    good = [line for line, _, row in read if row is not None]
+    return Rows(np.array(values, dtype=float).reshape(-1, len(grid.cells)), good, unreadable)
 
 
 def row_of(found: list[str], grid: Grid) -> list[float] | None:

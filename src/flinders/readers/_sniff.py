@@ -271,12 +271,10 @@ def _values(rows: list[list[str]], width: int, decimal: str) -> Floats:
 
 def ranges(values: Floats) -> str:
     """Range of each column of a table without names: ``1: 0 to 0.25, 2: -302 to 299``."""
-    told = []
-    for place, column in enumerate(values.T[:MOST_RANGES], 1):
-        finite = column[np.isfinite(column)]
-        ends = f"{figures(finite.min(), 3)} to {figures(finite.max(), 3)}" if len(finite) else "no numbers"
-        told.append(f"{place}: {ends}")
-    return ", ".join(told) + (", …" if values.shape[1] > MOST_RANGES else "")
+    columns = [column[np.isfinite(column)] for column in values.T]
+    ends = [f"{figures(each.min(), 3)} to {figures(each.max(), 3)}" if len(each) else "no numbers" for each in columns]
+    written = [f"{number}: {each}" for number, each in enumerate(ends[:MOST_RANGES], 1)]
+    return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
 
 
 def _no_magnetometer(name: str, header: list[str], values: Floats, line: tuple[int, str]) -> NoMagnetometer:

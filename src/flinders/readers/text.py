@@ -89,17 +89,15 @@ class TextRecording:
 
     def each(self, unit: str | None, scale: float | None) -> tuple[TextRecording, ...]:
         """Each of several magnetometers, in the unit that its names or the user say; none where there is one."""
-        found = []
-        for columns in self.layout.columns.magnetometers:
-            settled = unit_of(columns, self.source, unit, scale)
-            grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
-            layout = replace(self.layout, columns=columns.with_strength_in(settled), grid=grid)
-            found.append(
-                replace(
-                    self, layout=layout, unit=settled, frame=FRAME if is_blackbox(columns.field.names) else self.frame
-                )
-            )
-        return tuple(found)
+        return tuple(self.with_columns(columns, unit, scale) for columns in self.layout.columns.magnetometers)
+
+    def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TextRecording:
+        """Read these columns, in the unit that their names or the user say."""
+        own = unit_of(columns, self.source, unit, scale)
+        grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
+        layout = replace(self.layout, columns=columns.with_strength_in(own), grid=grid)
+        frame = FRAME if is_blackbox(columns.field.names) else self.frame
+        return replace(self, layout=layout, unit=own, frame=frame)
 
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
@@ -313,16 +311,13 @@ def open_text(
         raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
     chosen = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
     table, layout = _laid_out(file, head, chosen, pattern)
-    settled = unit_of(layout.columns, file.name, unit, scale)
-    layout = replace(layout, columns=layout.columns.with_strength_in(settled))
     if is_blackbox(layout.columns.field.names):
-        table = table._replace(frame=FRAME)
         layout = replace(layout, in_force=calibration_in_force(table.opening[: layout.start - 1]))
-        if layout.in_force and columns is None:
-            raise _not_raw(file.name, layout)
     recording = TextRecording(
-        table.file, layout, settled, axes, table.frame, transcription=table.transcription, original=file
-    )
+        table.file, layout, Unit.of(COUNTS), axes, table.frame, transcription=table.transcription, original=file
+    ).with_columns(layout.columns, unit, scale)
+    if layout.in_force and columns is None:
+        raise _not_raw(file.name, layout)
     if table.is_all and not layout.columns.magnetometers:  # one of several may be dead
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
             pass

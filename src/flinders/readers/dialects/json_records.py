@@ -89,14 +89,11 @@ def flat(record: dict[str, object]) -> dict[str, object]:
     """Bring what lies inside objects and lists to the top, with dots in its name: ``mag.x``, ``mag.y.0``."""
     found: dict[str, object] = {}
     for key, value in record.items():
-        if isinstance(value, list):
-            inside = flat({str(place): inner for place, inner in enumerate(value)})
-        elif isinstance(value, dict):
-            inside = flat(value)
+        inside = {str(place): each for place, each in enumerate(value)} if isinstance(value, list) else value
+        if isinstance(inside, dict):
+            found |= {f"{key}.{inner}": leaf for inner, leaf in flat(inside).items()}
         else:
-            inside = {}
             found[key] = value
-        found.update({f"{key}.{inner}": leaf for inner, leaf in inside.items()})
     return found
 
 

@@ -36,7 +36,7 @@ class MotionCal:
     """Lines with one of the two signs."""
 
     sign: str
-    is_in_units: bool = False  # a ``Raw:`` whose numbers are those of ``Uni:``, as some sketches print it
+    units: tuple[str, str, str]  # of acceleration, rate and field; some sketches print those of ``Uni:`` after ``Raw:``
 
     @property
     def words(self) -> str:
@@ -46,7 +46,7 @@ class MotionCal:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the nine columns."""
-        sensors = zip(("accel", "gyro", "mag"), UNITS["uni" if self.is_in_units else self.sign], strict=True)
+        sensors = zip(("accel", "gyro", "mag"), self.units, strict=True)
         return tuple(f"{sensor}_{axis}_{unit}" for sensor, unit in sensors for axis in "xyz")
 
     def row(self, line: str) -> Sequence[str] | None:
@@ -60,7 +60,7 @@ class MotionCal:
         values = [number(cell, ".") for cell in cells]
         if len(cells) != 9 or None in values:
             return None
-        if self.sign == "uni" or self.is_in_units:
+        if self.units == UNITS["uni"]:
             return cells
         return [f"{value / COUNTS[place // 3]:.9g}" for place, value in enumerate(values) if value is not None]
 
@@ -69,12 +69,14 @@ def recognise(lines: list[str]) -> MotionCal | None:
     """Find such lines among others; ``Raw:`` before ``Uni:``, which says the same in fewer digits."""
     signs = {mark[1].casefold() for line in lines if line.count(",") == 8 and (mark := LINE.match(line))}
     sign = next((sign for sign in UNITS if sign in signs), None)
-    return None if sign is None else MotionCal(sign, sign == "raw" and _are_units(lines))
+    if sign is None:
+        return None
+    return MotionCal(sign, UNITS["uni" if sign == "raw" and _are_units(lines) else sign])
 
 
 def _are_units(lines: list[str]) -> bool:
     """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
-    raw = MotionCal("raw", is_in_units=True)
+    raw = MotionCal("raw", UNITS["uni"])
     rows = [cells[:3] for line in lines if (cells := raw.row(line))]
     gravity = [math.hypot(*map(float, cells)) for cells in rows]
     return any("." in cell for cells in rows for cell in cells) and 0 < min(gravity) <= max(gravity) < MOST_IN_UNITS

@@ -21,20 +21,11 @@ _PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")
 
 @dataclass(frozen=True, slots=True)
 class Pattern:
-    """A line with names in the place of its numbers.
+    """A line with names in the place of its numbers."""
 
-    Attributes
-    ----------
-    words : str
-        For people.
-    names : tuple of str
-    line : Pattern
-        What finds the numbers.
-    """
-
-    words: str
+    words: str  # for people
     names: tuple[str, ...]
-    line: re.Pattern[str]
+    line: re.Pattern[str]  # what finds the numbers
 
     @classmethod
     def of(cls, pattern: str) -> Pattern:
