@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Final, NamedTuple
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
 
 from flinders.readers._names import FACTORS, meaning
 
@@ -33,6 +34,7 @@ STAMP: Final = re.compile(
 )
 """The time that a serial monitor, a logger or an operating system puts before a line."""
 
+REMEMBERED: Final = 1024  # lines of different words whose names of columns are remembered
 _PLAIN: Final = r"([-+]?\d+(?:\.\d*)?)"
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 """What turns the colour of a terminal, as the log of ESP-IDF does."""
@@ -97,13 +99,6 @@ _LETTER_BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}
 """Bits of a hexadecimal number with so many digits; one that has them all is signed."""
 
 
-class Gap(NamedTuple):
-    """What stands between two numbers: the unit of the one before it and the label of the one after it."""
-
-    unit: str
-    label: str
-
-
 def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     """Cut a line into its numbers and what stands before, between and behind them, without spaces at the ends."""
     line = _COLOURS.sub("", line) if "\x1b" in line else line
@@ -130,10 +125,11 @@ def decimal(number: str) -> str:
     return f"{sign}{value - (1 << bits) if bits and value >> (bits - 1) else value}"
 
 
-def names_of(gaps: Sequence[str]) -> tuple[str, ...]:
+@lru_cache(REMEMBERED)
+def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
     """Name the columns of a line by label, axis and unit from the gaps of `cut`; empty names where no label stands."""
-    parsed = [Gap("", _label(gaps[0])), *map(_gap, gaps[1:])]
-    labels, units = [gap.label for gap in parsed[:-1]], [gap.unit for gap in parsed[1:]]
+    behind = [_unit_and_label(gap) for gap in gaps[1:]]
+    labels, units = [_label(gaps[0]), *(label for _, label in behind[:-1])], [unit for unit, _ in behind]
     names: list[str] = []
     sensor = ""
     for first, count in _runs(labels):
@@ -174,10 +170,11 @@ def seconds_of(stamp: re.Match[str] | None) -> float | None:
     return (day - datetime.fromtimestamp(0, UTC)).total_seconds() + second
 
 
-def _gap(text: str) -> Gap:
-    text = text.lstrip(" )]}")
+def _unit_and_label(gap: str) -> tuple[str, str]:
+    """Cut what stands between two numbers into the unit of the first and the label of the second."""
+    text = gap.lstrip(" )]}")
     unit = _UNIT_AHEAD.match(text)
-    return Gap(unit[1] if unit else "", _label(text[unit.end() :] if unit else text))
+    return (unit[1], _label(text[unit.end() :])) if unit else ("", _label(text))
 
 
 def _label(text: str) -> str:

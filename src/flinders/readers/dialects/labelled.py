@@ -40,7 +40,6 @@ DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
 _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
 """Words of lines that say how a sensor is set or corrected."""
 LONGEST: Final = 2048  # Characters in a printed line; nobody reads a longer one
-MOST_SEEN: Final = 1024  # Texts between numbers that are remembered
 PLAIN: Final = ("x", "y", "z")
 LEAST_TURNS, MANY_TURNS = 8, 24
 """Lines from which on steps, and strengths, show whether they are of several sensors in turn."""
@@ -73,7 +72,6 @@ class Labelled:
     _heading: str = field(default="", init=False)
     _cells: list[str] = field(init=False)
     _quick: re.Pattern[str] | None = field(default=None, init=False)
-    _seen: dict[tuple[str, ...], Kind | None] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self._cells = [""] * len(self.names)
@@ -103,13 +101,8 @@ class Labelled:
 
     def _kind(self, gaps: tuple[str, ...]) -> Kind | None:
         """Tell the kind of a line by what stands between its numbers; None for one that is not read."""
-        if gaps not in self._seen:
-            if len(self._seen) >= MOST_SEEN:
-                self._seen.clear()
-            kind = names_of(gaps) if len(gaps) > 1 else None
-            is_alike = self.signs in (None, gaps[:-1])
-            self._seen[gaps] = kind if kind in self.kinds and is_alike else None
-        return self._seen[gaps]
+        kind = names_of(gaps) if len(gaps) > 1 else ()
+        return kind if kind in self.kinds and self.signs in (None, gaps[:-1]) else None
 
 
 def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
