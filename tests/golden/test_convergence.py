@@ -14,7 +14,8 @@ from click.testing import CliRunner
 from flinders import simulate
 from flinders.cli import main
 from flinders.estimators import METHODS, Convergence
-from flinders.report.convergence import COLOURS, ON_BLACK, Settling, drawing, table
+from flinders.report.colours import SERIES
+from flinders.report.convergence import Settling, drawing, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,13 +66,13 @@ def test_a_drawing_is_whole_and_fits_light_and_dark_pages(method: str) -> None:
     root = ET.fromstring(text)
     assert "nan" not in text
     assert "inf" not in text
-    assert "max-width: 100%" in root.attrib["style"]
+    assert "max-width: 100%" in text
     wide, high = (float(number) for number in root.attrib["viewBox"].split()[2:])
     for mark in root.iter("{http://www.w3.org/2000/svg}text"):
         assert 0 <= float(mark.attrib["x"]) <= wide
         assert 0 < float(mark.attrib["y"]) < high
     assert "prefers-color-scheme: dark" in text
-    assert all(colour in text for colour in (*COLOURS, *ON_BLACK))
+    assert all(colour in text for colours in SERIES.values() for colour in colours)
 
 
 def test_an_estimate_that_never_moves_can_be_drawn() -> None:

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from tests.truth.test_report import Page, fitted
 
 from flinders.core.calibration_file import Provenance, SourceFile
+from flinders.report.charts import dot_path, ticks
 from flinders.report.colours import STEPS, THEMES, class_of, error_colour, seen_ends, seen_level
-from flinders.report.figures import dots, ticks
 from flinders.report.html import Listing, page
 from flinders.report.terminal import braille, letters
 
@@ -133,7 +133,7 @@ def test_ticks_lie_inside_and_are_few(low: float, width: float, most: int) -> No
 
 @given(st.lists(st.tuples(st.floats(0.0, 300.0), st.floats(0.0, 300.0)), min_size=1, max_size=50))
 def test_dots_end_where_the_points_are(points: list[tuple[float, float]]) -> None:
-    steps = np.array(re.findall(r"m(-?\d+)[ ]?(-?\d+)h0", dots(points)), int)
+    steps = np.array(re.findall(r"m(-?\d+)[ ]?(-?\d+)h0", dot_path(points)), int)
     places = set(map(tuple, np.cumsum(steps, axis=0).tolist()))
     assert places == {(round(2 * x), round(2 * y)) for x, y in points}
 

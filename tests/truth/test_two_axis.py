@@ -25,7 +25,7 @@ from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
-from flinders.report.rose import drawing
+from flinders.report.polar_chart import drawing
 from flinders.simulate import TwoAxis, swing
 from flinders.summary.summary import Summary
 
@@ -708,7 +708,7 @@ def test_a_refused_turn_is_drawn_and_marked() -> None:
     assert not Path("c.json").exists()
     picture = Path("rose.svg").read_text(encoding="utf-8")
     assert picture.count(">REFUSED: not fit for use</text>") == 1
-    assert picture.count('class="dot"') == 2 * 27
+    assert picture.count('class="point ') == 2 * 27
     assert "heading good to" not in picture
 
 
@@ -717,6 +717,6 @@ def test_the_drawing_shows_every_point_before_and_after() -> None:
     fit = flinders.fit(field, method="two-axis")
     turn = Turn.of("xy", field[:, :2], PlaneEllipse.of_points(field[:, :2]))
     picture = drawing(turn, fit)
-    assert picture.count('class="dot"') == 2 * 36
-    assert picture.count('class="head"') == 1
+    assert picture.count('class="point ') == 2 * 36
+    assert picture.count('class="iron-end"') == 1
     assert "prefers-color-scheme: dark" in picture

@@ -333,7 +333,7 @@ def _write(
         Where there is no curve to write, or the step does not go round.
     """
     from flinders.core.files import write_text
-    from flinders.report.curve import drawing
+    from flinders.report.deviation_chart import drawing
     from flinders.report.swing_page import card
 
     if deviation is None:

@@ -297,7 +297,7 @@ def _write(document: Document, output: str, *, force: bool) -> None:
 def _draw(turn: Turn, fit: Fit, polar: str | None, *, force: bool) -> None:
     """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
     from flinders.core.files import write_text
-    from flinders.report.rose import drawing
+    from flinders.report.polar_chart import drawing
 
     if polar == "-":
         click.echo(drawing(turn, fit), nl=False)

@@ -73,6 +73,22 @@ ROLES: Final[dict[Theme, dict[str, str]]] = {
 """What is drawn in which colour."""
 
 
+SERIES: Final[dict[Theme, tuple[str, ...]]] = {
+    "light": ("#0072b2", "#d55e00", "#009e73", "#7a5195", "#a06a00", "#c0398c"),
+    "dark": ("#56b4e9", "#ff9a56", "#3ccf9f", "#b9a0f0", "#e0b84c", "#f28cc6"),
+}
+"""Six lines apart also for those who do not see red from green (Okabe and Ito), and for a printer."""
+
+
+def colour_of(name: str, theme: Theme) -> str:
+    """The colour that a style sheet means by a name: a role, or ``c0`` to ``c5`` for a line of several.
+
+    >>> colour_of("ink", "dark"), colour_of("c1", "light")
+    ('#eef2f6', '#d55e00')
+    """
+    return ROLES[theme].get(name) or SERIES[theme][int(name[1:])]
+
+
 def error_colour(deg: float | None, target_deg: float, theme: Theme) -> str:
     """The colour of a predicted heading error, as ``#rrggbb``; that for "nothing is known" where it is None or NaN."""
     if deg is None or math.isnan(deg):

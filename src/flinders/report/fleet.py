@@ -334,7 +334,7 @@ def _style() -> str:
         f"\n:root {{ {light} }}\n"
         f'@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
         f'@media screen {{ :root[data-theme="dark"] {{ {dark} }} }}\n'
-        f"{asset('report.css')}\n{asset('fleet.css')}"
+        f"{asset('figure.css')}\n{asset('report.css')}\n{asset('fleet.css')}"
     )
 
 

@@ -6,24 +6,27 @@ dark and on paper. A batch stands out where its share of rows without a good ver
 >>> standing_out({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
 {'B': True}
 >>> figure = distribution(Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0]), "degrees", target=1.0)
->>> figure.startswith('<svg class="figure"'), "style=" in figure
+>>> figure.startswith("<svg"), "style=" in figure
 (True, False)
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from html import escape
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from flinders.errors import figures, percent
+from flinders.report.charts import Axis, Plot, chart, segment, text
 from flinders.report.fleet_view import Histogram  # noqa: TC001 - examples use it
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+    from collections.abc import Container, Mapping, Sequence
 
 WIDE, HIGH = 400, 190
-LEFT, RIGHT, TOP, BOTTOM = 16.0, 388.0, 22.0, 146.0
 VERDICTS: Final = ("good", "limited", "refused", "failed")
 SHOWN: Final = 240
 """Batches on the map; of more, those with the largest share without a good verdict."""
@@ -46,30 +49,23 @@ def distribution(histogram: Histogram, words: str, *, target: float | None = Non
         By which numbers on the axis are larger than those counted.
     """
     low, high = _ends(histogram)
-    edges = histogram.edges[low : high + 1]
-    counts = histogram.counts[low:high]
+    edges, counts = histogram.edges[low : high + 1], histogram.counts[low:high]
     most = max(counts, default=1) or 1
-
-    def x(value: float) -> float:
-        return LEFT + (RIGHT - LEFT) * math.log(value / edges[0]) / math.log(edges[-1] / edges[0])
-
-    parts = list(_scale(edges[0] * factor, edges[-1] * factor, lambda value: x(value / factor)))
-    bars = {"bar": "", "bar above": ""}
-    for first, last, count in zip(edges[:-1], edges[1:], counts, strict=True):
-        if count:
-            kind = "bar above" if target is not None and first * last > target**2 else "bar"
-            top = BOTTOM - max((BOTTOM - TOP) * count / most, 0.8)
-            bars[kind] += f"M{x(first):.1f} {BOTTOM}V{top:.1f}H{x(last) - 0.7:.1f}V{BOTTOM}Z"
-    parts += [f'<path class="{kind}" d="{path}"/>' for kind, path in bars.items() if path]
-    parts.append(f'<path class="zero" d="M{LEFT} {BOTTOM}H{RIGHT}"/>')
+    plot = Plot(16, 22, WIDE - 28, 124, Axis(edges[0], edges[-1], np.log), Axis(0.0, most))
+    is_above = [target is not None and first * last > target**2 for first, last in itertools.pairwise(edges)]
+    parts = [plot.columns(_numbers(edges[0], edges[-1], factor), gap=27)]
+    for kind, is_kind in (("bar", False), ("bar above", True)):
+        here = [count if above == is_kind else 0 for count, above in zip(counts, is_above, strict=True)]
+        parts.append(plot.bars(kind, edges, here, least=0.8))
+    parts.append(plot.level(0.0, "zero"))
     if target is not None and edges[0] < target < edges[-1]:
-        parts.append(f'<path class="aim" d="M{x(target):.1f} {TOP - 6}V{BOTTOM}"/>')
-        parts.append(_text(x(target), TOP - 10, "target", "middle", "name"))
+        x = plot.x(target)
+        parts += [segment("aim", x, plot.top - 6, x, plot.bottom), text(x, plot.top - 10, "target", kind="name")]
     middle = histogram.quantile(0.5)
     if math.isfinite(middle):
-        parts.append(_text(x(min(max(middle, edges[0]), edges[-1])), BOTTOM + 14, "▲", "middle", "name"))
-    parts.append(_text((LEFT + RIGHT) / 2.0, HIGH - 4, words, "middle"))
-    return _svg(WIDE, HIGH, f"Distribution: {words}", parts)
+        parts.append(text(plot.x(min(max(middle, edges[0]), edges[-1])), plot.bottom + 14, "▲", kind="name"))
+    parts.append(text(plot.middle, HIGH - 4, words))
+    return chart(WIDE, HIGH, f"Distribution: {words}", *parts)
 
 
 def bar(counts: Mapping[str, int], kinds: Sequence[str] = VERDICTS) -> str:
@@ -191,29 +187,14 @@ def _ends(histogram: Histogram) -> tuple[int, int]:
     return max(low - 1, 0), min(high + 1, len(histogram.counts))
 
 
-def _scale(low: float, high: float, x: Callable[[float], float]) -> Iterator[str]:
-    """Lines at 1, 2 and 5 of each decade, with numbers."""
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+def _numbers(low: float, high: float, factor: float) -> list[tuple[float, str]]:
+    """Round numbers of each decade from `low` to `high`, and what stands at each: `factor` times that."""
+    first, last = low * factor, high * factor
+    decades = range(math.floor(math.log10(first)), math.ceil(math.log10(last)) + 1)
     fine = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)
     steps = fine if high / low < 8.0 else (1.0, 2.0, 5.0) if high / low < 300.0 else (1.0,)
-    for value in (step * 10.0**decade for decade in decades for step in steps):
-        if low <= value <= high:
-            yield f'<path class="grid" d="M{x(value):.1f} {TOP}V{BOTTOM}"/>'
-            yield _text(x(value), BOTTOM + 27, f"{value:,.6g}", "middle")
-
-
-def _text(x: float, y: float, text: str, anchor: str, kind: str = "") -> str:
-    if not text:
-        return ""
-    classes = f' class="{kind}"' if kind else ""
-    return f'<text{classes} x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
-
-
-def _svg(width: float, height: float, title: str, parts: list[str]) -> str:
-    return (
-        f'<svg class="figure" viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" '
-        f'aria-label="{escape(title)}">{"".join(parts)}</svg>'
-    )
+    values = (step * 10.0**decade for decade in decades for step in steps)
+    return [(value / factor, f"{value:,.6g}") for value in values if first <= value <= last]
 
 
 def told(histogram: Histogram, unit: str) -> str:

@@ -443,7 +443,7 @@ def _style() -> str:
         f"\n:root {{ {light} }}\n"
         f'@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
         f'@media screen {{ :root[data-theme="dark"] {{ {dark} }} }}\n'
-        f"{tints}\n{asset('report.css')}"
+        f"{tints}\n{asset('figure.css')}\n{asset('report.css')}"
     )
 
 

@@ -1,0 +1,336 @@
+"""What all charts are drawn with: axes and their numbers, lines, areas, dots, bars and words, as SVG.
+
+A chart is text: shapes with classes, which ``static/figure.css`` gives a colour in light, in dark and on paper. Inside
+a page it takes the colours of the page; a drawing that is a file of its own carries those rules that it uses, for both
+themes. A `Plot` is a rectangle with two axes that puts numbers in their places; round charts and maps use the shapes
+alone.
+
+>>> plot = Plot(40, 10, 200, 100, Axis(0, 10), Axis(1, 100, np.log10))
+>>> plot.places([0, 5], [1, 10]).tolist()
+[[40.0, 110.0], [140.0, 60.0]]
+>>> plot.line("curve", [0, 5], [1, 10])
+'<path class="curve" d="M40.0 110.0L140.0 60.0"/>'
+>>> ticks(-3.2, 7.9, 6), dot_path([(1.0, 2.0), (1.1, 2.1), (4.0, 2.0)])
+([-2.0, 0.0, 2.0, 4.0, 6.0], 'm2 4h0m6 0h0')
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.report.colours import colour_of
+from flinders.report.script import asset
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+    from flinders.report.colours import Theme
+
+    Ticks = Sequence[tuple[float, str]]
+    """Numbers of an axis and what stands at each."""
+
+MOST_DOTS: Final = 3_000
+"""Dots of one kind in a plot; more would be a smear, and a large file."""
+MOST_CROSSES: Final = 500
+COMPASS_POINTS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW", "N")
+
+FILE_STYLE: Final = """\
+.figure { max-width: 100%; height: auto; font-family: system-ui, sans-serif }
+.figure text { font-size: 14px } .figure .small { font-size: 12px } .figure .title { font-size: 17px }"""
+
+
+# -------------------------------------------------------------------------------------------------------------- plots
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The ends of an axis, and what its numbers go through before they are placed, such as a logarithm."""
+
+    low: float
+    high: float
+    scale: Callable[[ArrayLike], Floats] = np.asarray
+
+    def share(self, values: ArrayLike) -> Floats:
+        """How far along the axis numbers lie, from 0 to 1."""
+        low, high = (float(self.scale(end)) for end in (self.low, self.high))
+        share: Floats = (np.asarray(self.scale(values), float) - low) / (high - low)
+        return share
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """A rectangle of a chart with an axis to the right and one that points up."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    across: Axis
+    up: Axis
+
+    @property
+    def right(self) -> float:
+        """Of the drawing, where the rectangle ends."""
+        return self.left + self.width
+
+    @property
+    def bottom(self) -> float:
+        """Of the drawing, where the rectangle ends."""
+        return self.top + self.height
+
+    @property
+    def middle(self) -> float:
+        """Of the drawing, between left and right."""
+        return self.left + self.width / 2.0
+
+    def x(self, value: float) -> float:
+        """Place of a number along the first axis."""
+        return self.left + self.width * float(self.across.share(value))
+
+    def y(self, value: float) -> float:
+        """Place of a number along the second axis."""
+        return self.bottom - self.height * float(self.up.share(value))
+
+    def places(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """(n, 2) places of numbers."""
+        return np.stack(
+            [self.left + self.width * self.across.share(x), self.bottom - self.height * self.up.share(y)], axis=1
+        )
+
+    def inside(self, x: ArrayLike, y: ArrayLike) -> Floats:
+        """(m, 2) places of those numbers that lie in the rectangle."""
+        places = self.places(x, y)
+        near, far = np.array([self.left, self.top]) - 1e-6, np.array([self.right, self.bottom]) + 1e-6
+        inside: Floats = places[((places >= near) & (places <= far)).all(axis=1)]
+        return inside
+
+    def line(self, kind: str, x: ArrayLike, y: ArrayLike) -> str:
+        """A line through numbers."""
+        return shape(kind, self.places(x, y))
+
+    def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str:
+        """What lies between two lines."""
+        there, back = self.places(x, high), self.places(x, low)[::-1]
+        return shape(kind, np.concatenate([there, back]), is_closed=True)
+
+    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MOST_DOTS) -> str:
+        """Dots, of many every k-th; what lies outside is left out."""
+        return dots(kind, thinned(self.inside(x, y), most))
+
+    def crosses(self, x: ArrayLike, y: ArrayLike) -> str:
+        """Crosses, of many every k-th; what lies outside is left out."""
+        places = thinned(self.inside(x, y), MOST_CROSSES).tolist()
+        marks = "".join(f"M{x - 3:.1f} {y - 3:.1f}l6 6m0-6l-6 6" for x, y in places)
+        return f'<path class="reject" d="{marks}"/>' if marks else ""
+
+    def bars(self, kind: str, edges: ArrayLike, counts: Iterable[float], *, least: float = 0.0) -> str:
+        """A bar for each class that holds anything, none lower than `least`."""
+        sides, zero = self.places(edges, np.zeros(np.size(edges)))[:, 0].tolist(), f"{self.bottom:.1f}"
+        parts = [
+            f"M{first:.1f} {zero}V{min(self.y(count), self.bottom - least):.1f}H{last - 0.7:.1f}V{zero}Z"
+            for first, last, count in zip(sides[:-1], sides[1:], counts, strict=True)
+            if count
+        ]
+        return f'<path class="{kind}" d="{"".join(parts)}"/>' if parts else ""
+
+    def level(self, value: float, kind: str) -> str:
+        """A line across at a number of the second axis."""
+        return segment(kind, self.left, self.y(value), self.right, self.y(value))
+
+    def upright(self, value: float, kind: str) -> str:
+        """A line up and down at a number of the first axis."""
+        return segment(kind, self.x(value), self.top, self.x(value), self.bottom)
+
+    def columns(self, numbers: Ticks, *, gap: float = 14.0) -> str:
+        """Lines up and down with their numbers below; zero stands out where it is not at an end."""
+        return "".join(
+            self.upright(value, "zero" if value == 0.0 and self.across.share(value) > 0.02 else "grid")
+            + text(self.x(value), self.bottom + gap, shown)
+            for value, shown in numbers
+        )
+
+    def rows(self, numbers: Ticks) -> str:
+        """Lines across with their numbers to the left; zero stands out."""
+        return "".join(
+            self.level(value, "grid" if value else "zero") + text(self.left - 6, self.y(value) + 4, shown, "end")
+            for value, shown in numbers
+        )
+
+    def grid(self, across: int = 5, *, mark: str = "") -> str:
+        """Lines and numbers of two plain axes, about so many across, and a frame."""
+        x = labelled(ticks(self.across.low, self.across.high, across), mark)
+        y = labelled(ticks(self.up.low, self.up.high, 5))
+        return self.columns(x) + self.rows(y) + self.outline("frame")
+
+    def outline(self, kind: str) -> str:
+        """The rectangle itself."""
+        return rectangle(kind, self.left, self.top, self.width, self.height)
+
+    def clipped(self, name: str, *parts: str) -> str:
+        """Shapes that end at the edge of the rectangle."""
+        return clipped(name, self.outline(""), *parts)
+
+
+def compass_ticks() -> list[tuple[float, str]]:
+    """The eight points of the compass, with their degrees."""
+    return [(45.0 * place, f"{name} {45 * place:03d}°") for place, name in enumerate(COMPASS_POINTS)]
+
+
+def ticks(low: float, high: float, most: int) -> list[float]:
+    """Round numbers from `low` to `high`, about `most` of them or fewer."""
+    width = high - low
+    if not (width > 0.0 and math.isfinite(width)):
+        return [low]
+    step = round_up(width / most, (1.0, 2.0, 5.0, 10.0))
+    first = math.ceil(low / step - 1e-9)
+    return [round(place * step, 12) + 0.0 for place in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def round_up(value: float, steps: Sequence[float] = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)) -> float:
+    """The next of a series of round numbers, which goes on in each decade.
+
+    >>> round_up(0.13), round_up(340.0, (1.0, 2.0, 5.0, 10.0))
+    (0.15, 500.0)
+    """
+    decade = 10.0 ** math.floor(math.log10(max(value, 1e-300)))
+    return next(step * decade for step in steps if step * decade >= value * (1.0 - 1e-9))
+
+
+def labelled(values: Sequence[float], mark: str = "", unit: str = "") -> list[tuple[float, str]]:
+    """Numbers with as many decimals as tell each from the next one.
+
+    >>> labelled([-0.5, 0.0, 0.5])
+    [(-0.5, '−0.5'), (0.0, '0.0'), (0.5, '0.5')]
+    """
+    step = abs(values[1] - values[0]) if len(values) > 1 else abs(values[0]) or 1.0
+    decimals = max(0, min(6, -math.floor(math.log10(step) + 1e-9)))
+    return [(value, minus(f"{value:{mark}.{decimals}f}{unit}")) for value in values]
+
+
+def minus(shown: str) -> str:
+    """With the sign that is as wide as a plus."""
+    return shown.replace("-", "−")
+
+
+# ------------------------------------------------------------------------------------------------------------- shapes
+
+
+def outline_of(places: Floats, *, is_closed: bool = False) -> str:
+    """The `d` of a path through (n, 2) places."""
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in places.tolist()) + "Z" * is_closed
+
+
+def shape(kind: str, places: Floats, *, is_closed: bool = False) -> str:
+    """A line through (n, 2) places; nothing where there are none."""
+    return f'<path class="{kind}" d="{outline_of(places, is_closed=is_closed)}"/>' if len(places) else ""
+
+
+def segment(kind: str, x1: float, y1: float, x2: float, y2: float) -> str:
+    """A line between two places."""
+    return f'<path class="{kind}" d="M{x1:.1f} {y1:.1f}L{x2:.1f} {y2:.1f}"/>'
+
+
+def circle(kind: str, x: float, y: float, radius: float) -> str:
+    """A circle; one without a class is that of a clip."""
+    return f'<circle{_class(kind)} cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>'
+
+
+def rectangle(kind: str, left: float, top: float, width: float, height: float, more: str = "") -> str:
+    """A rectangle; one without a class is that of a clip."""
+    return f'<rect{_class(kind)} x="{left:g}" y="{top:g}" width="{width:g}" height="{height:g}"{more}/>'
+
+
+def text(x: float, y: float, words: str, anchor: str = "middle", kind: str = "", *, is_turned: bool = False) -> str:
+    """Words, escaped; none of nothing."""
+    if not words:
+        return ""
+    turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if is_turned else ""
+    return f'<text{_class(kind)} x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}"{turn}>{escape(words)}</text>'
+
+
+def key(x: float, y: float, *entries: tuple[str, str]) -> str:
+    """Words, each in the colour of what it names, that end at a place."""
+    words = "\N{EM SPACE}".join(f'<tspan class="name {kind}">{escape(name)}</tspan>' for kind, name in entries)
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="end">{words}</text>'
+
+
+def dot_path(places: ArrayLike) -> str:
+    """Points as the `d` of a path in half units, each place once: a few letters for each."""
+    cells = np.unique(np.rint(2.0 * np.asarray(places, float).reshape(-1, 2)).astype(int)[:, ::-1], axis=0)
+    steps = np.diff(cells, axis=0, prepend=0)
+    return "".join(f"m{x}{'' if y < 0 else ' '}{y}h0" for y, x in steps.tolist())
+
+
+def dots(kind: str, places: Floats) -> str:
+    """Many small dots."""
+    return f'<path class="dots {kind}" transform="scale(.5)" d="{dot_path(places)}"/>' if len(places) else ""
+
+
+def thinned(rows: Floats, most: int) -> Floats:
+    """Every k-th of more rows than `most`."""
+    few: Floats = rows[:: max(1, -(-len(rows) // most))]
+    return few
+
+
+def offset_arm(x0: float, y0: float, x1: float, y1: float) -> str:
+    """Hard iron: a line from zero to the centre, and a dot there."""
+    return segment("iron", x0, y0, x1, y1) + circle("iron-end", x1, y1, 3)
+
+
+def clipped(name: str, outline: str, *parts: str) -> str:
+    """Shapes that end at an outline; its name may stand once in a page."""
+    return f'<clipPath id="{name}">{outline}</clipPath><g clip-path="url(#{name})">{"".join(parts)}</g>'
+
+
+def _class(kind: str) -> str:
+    return f' class="{kind}"' if kind else ""
+
+
+# ----------------------------------------------------------------------------------------------------- whole drawings
+
+
+def chart(width: float, height: float, title: str, *parts: str, more: str = "") -> str:
+    """A chart inside a page, which has the colours."""
+    return (
+        f'<svg class="figure"{more} viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" '
+        f'role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
+    )
+
+
+def drawing(width: float, height: float, title: str, *parts: str, style: str = "") -> str:
+    """A chart as a file of its own, light or dark as the reader's screen is; a shape in each line."""
+    shapes = [rectangle("ground", 0, 0, width, height), *parts]
+    rules = f"<style>\n{rules_for(''.join(shapes))}\n{FILE_STYLE}\n{style}</style>"
+    whole = chart(width, height, title, rules, *shapes, more=' xmlns="http://www.w3.org/2000/svg"')
+    return whole.replace("><", ">\n<") + "\n"
+
+
+def rules_for(shapes: str) -> str:
+    """The rules of ``figure.css`` that shapes use, with the colours of the light theme, then those of the dark one.
+
+    Colours are written out, since not every program that shows SVG knows variables.
+    """
+    kinds = {kind for kinds in re.findall(r'class="([^"]*)"', shapes) for kind in kinds.split()}
+    rules = [line for line in asset("figure.css").splitlines() if line.startswith(".figure") and _is_used(line, kinds)]
+    dark = "\n".join(_coloured(rule, "dark") for rule in rules if "var(" in rule)
+    light = "\n".join(_coloured(rule, "light") for rule in rules)
+    return f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}"
+
+
+def _is_used(rule: str, kinds: set[str]) -> bool:
+    """Whether all classes of one of a rule's selectors occur."""
+    selectors = rule.partition("{")[0].split(",")
+    return any(set(re.findall(r"\.([\w-]+)", one)) - {"figure"} <= kinds for one in selectors)
+
+
+def _coloured(rule: str, theme: Theme) -> str:
+    return re.sub(r"var\(--([\w-]+)\)", lambda found: colour_of(found[1], theme), rule)
