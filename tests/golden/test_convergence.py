@@ -15,7 +15,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.estimators import METHODS, Convergence
 from flinders.report.colours import SERIES
-from flinders.report.convergence import Settling, drawing, table
+from flinders.report.convergence import Trace, drawing, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,7 +82,7 @@ def test_an_estimate_that_never_moves_can_be_drawn() -> None:
         np.array([[np.nan] * 9, [1.0] * 3 + [50.0] * 3 + [0.0] * 3]),
         np.array([[np.nan] * 9, [0.0] * 9]),
     )
-    for settling in (Settling(steps, "x", "counts"), Settling(steps, "x", "uT", dip_deg=-60.0, target_deg=45.0)):
+    for settling in (Trace(steps, "x", "counts"), Trace(steps, "x", "uT", dip_deg=-60.0, target_deg=45.0)):
         assert "nan" not in drawing(settling)
         assert table(settling).splitlines()[1] == "10" + "," * 19
         assert settling.heading_off_deg[1] == 0.0

@@ -12,7 +12,7 @@ from tests.golden.sessions import assert_sessions_are_real, session
 
 from flinders import simulate
 from flinders.fitting import calibrate
-from flinders.report.drawn import Drawn
+from flinders.report.figure_data import FigureData
 from flinders.report.html import page
 from flinders.report.terminal import plot
 
@@ -52,7 +52,7 @@ def test_the_words_of_a_report(motion: str, golden: Golden) -> None:
 def test_a_drawing_on_a_terminal(golden: Golden) -> None:
     samples = simulate.tumble(seed=2, motion="tilted").samples
     fit = calibrate.fit(samples)
-    drawn = Drawn.of(fit, samples)
+    drawn = FigureData.of(fit, samples)
     shown = (plot(drawn, fit, is_plain=is_plain).plain for is_plain in (False, True))
     golden("report/terminal.txt", "\n".join(line.rstrip() for text in shown for line in text.splitlines()) + "\n")
 

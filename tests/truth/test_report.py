@@ -27,12 +27,12 @@ from flinders.fitting.result import Refused
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import script
-from flinders.report.beside import mounting
-from flinders.report.drawn import Drawn
-from flinders.report.figures import coverage_map, error_map, projections, wandered
+from flinders.report.figure_data import FigureData
+from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
 from flinders.report.formatting import degrees
+from flinders.report.from_file import doubts, restored
 from flinders.report.html import page, python_of
-from flinders.report.revisited import doubts, revisited
+from flinders.report.sections import mounting
 from flinders.report.terminal import plot
 from flinders.report.view import tile_errors_deg
 
@@ -129,7 +129,7 @@ def test_ten_thousand_readings_make_less_than_a_megabyte_and_a_half() -> None:
 def test_a_report_of_more_readings_is_no_larger() -> None:
     fit, samples = fitted(n=10_000)
     longer = Joined((samples,) * 5)
-    drawn = Drawn.of(fit, longer)
+    drawn = FigureData.of(fit, longer)
     assert (drawn.total, len(drawn.raw), drawn.stride, drawn.clock) == (50_000, 10_000, 5, "reading")
     assert len(page(fit, longer).encode()) < LARGEST
 
@@ -205,7 +205,7 @@ def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.Mo
 def test_the_map_keeps_areas() -> None:
     """Each tile has its share of the two discs, to within what the straight edges and the rim cut."""
     fit, samples = fitted()
-    drawn = Drawn.of(fit, samples)
+    drawn = FigureData.of(fit, samples)
     assert drawn.view is not None
     from flinders.report.figures import DISC, _disc
 
@@ -223,7 +223,7 @@ def test_the_map_keeps_areas() -> None:
 
 def test_projections_hold_the_readings_and_the_outline_of_the_ellipsoid() -> None:
     fit, samples = fitted()
-    drawn = Drawn.of(fit, samples)
+    drawn = FigureData.of(fit, samples)
     from flinders.report.figures import outline
 
     edge = outline(drawn, (0, 1), is_corrected=False)
@@ -238,7 +238,7 @@ def test_projections_hold_the_readings_and_the_outline_of_the_ellipsoid() -> Non
 def test_a_calibration_that_was_written_gives_the_same_report_numbers() -> None:
     for motion in ("hand", "tilted", "level"):
         fit, samples = fitted(motion)
-        again = revisited(Judged.from_fit(fit), samples)
+        again = restored(Judged.from_fit(fit), samples)
         assert again.verdict == fit.verdict
         assert again.plane == fit.plane
         npt.assert_allclose(again.heading_error_deg.worst, fit.heading_error_deg.worst, rtol=1e-6)
@@ -254,7 +254,7 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
     turned = replace(samples, acceleration=None if known == "open" else felt)
     fit = calibrate.fit(turned, site=Site(50.0, 60.0))
     fit.save(tmp_path / "calibration.json")
-    again = revisited(Judged.load(tmp_path / "calibration.json"), turned)
+    again = restored(Judged.load(tmp_path / "calibration.json"), turned)
     assert again.z_down is fit.z_down is {"shown": True, "elsewhere": False, "open": None}[known]
     advice = next(finding.advice for finding in fit.findings if finding.code == "level-plane")
     assert advice[1:].rstrip(".") in Page.of(page(again, turned)).words
@@ -265,14 +265,14 @@ def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
     bent = replace(
         fit, distortion=0.3, heading_error_deg=fit.heading_error_deg.beside(replace(fit, distortion=0.3).structure_deg)
     )
-    again = revisited(Judged.from_fit(bent), samples)
+    again = restored(Judged.from_fit(bent), samples)
     npt.assert_allclose(again.distortion, 0.3, rtol=1e-6)
     npt.assert_allclose(again.attitude_limit_deg, bent.attitude_limit_deg, rtol=1e-6)
 
 
 def test_a_calibration_without_uncertainty_claims_nothing() -> None:
     fit, samples = fitted()
-    found = Page.of(page(revisited(Judged(fit.calibration), samples), samples))
+    found = Page.of(page(restored(Judged(fit.calibration), samples), samples))
     assert "Of unknown quality" in found.words
     assert "states no uncertainty" in found.words
     assert "Worst heading off by" not in found.words
@@ -293,9 +293,9 @@ def driven() -> tuple[Fit, Samples]:
 
 def test_what_the_offset_follows_is_taken_off_before_anything_is_drawn() -> None:
     fit, flight = driven()
-    drawn = Drawn.of(fit, flight)
+    drawn = FigureData.of(fit, flight)
     assert drawn.residuals[drawn.is_used].std() == pytest.approx(fit.noise, rel=0.05)
-    left_in, taken_off = (drawn.strengths(is_followed=is_followed).std() for is_followed in (False, True))
+    left_in, taken_off = (drawn.strengths(is_compensated=is_compensated).std() for is_compensated in (False, True))
     assert left_in > 4.0 * taken_off
     npt.assert_array_equal(drawn.recorded, flight.field)
 
@@ -366,17 +366,17 @@ def test_without_times_of_one_recording_or_with_few_readings_no_path_is_drawn() 
 def test_of_a_recording_that_does_not_go_with_the_calibration_no_path_is_drawn() -> None:
     other = simulate.tumble(seed=9, n=500).samples
     for judged in (Judged.from_fit(fitted()[0]), Judged(fitted()[0].calibration), Judged.from_fit(fitted("level")[0])):
-        assert CONSTANT not in page(revisited(judged, other), other)
-    assert CONSTANT in page(revisited(Judged(fitted()[0].calibration), fitted()[1]), fitted()[1])
+        assert CONSTANT not in page(restored(judged, other), other)
+    assert CONSTANT in page(restored(Judged(fitted()[0].calibration), fitted()[1]), fitted()[1])
 
 
 def test_the_path_of_an_offset_is_drawn_for_the_axes_that_were_seen() -> None:
     for motion, axes in (("hand", "xyz"), ("level", "xy")):
         fit, samples = fitted(motion)
-        drawn = Drawn.of(fit, samples)
+        drawn = FigureData.of(fit, samples)
         walk = drawn.walk(fit)
         assert walk is not None
-        figure = wandered(walk, drawn.unit, drawn.plane)
+        figure = offset_over_time(walk, drawn.unit, drawn.plane)
         assert [axis for axis in "xyz" if f">{axis}, µT<" in figure] == list(axes)
         assert figure.count('class="band"') == len(axes)
 
@@ -397,13 +397,13 @@ def test_the_map_is_in_the_axes_of_corrected_readings() -> None:
 
 def test_residuals_of_a_level_turn_are_those_of_its_circle() -> None:
     fit, samples = fitted("level")
-    drawn = Drawn.of(fit, samples)
+    drawn = FigureData.of(fit, samples)
     assert drawn.residuals[drawn.is_used].std() == pytest.approx(fit.noise, rel=0.1)
 
 
 def test_a_terminal_shows_before_after_and_a_map_in_twelve_lines() -> None:
     fit, samples = fitted("tilted")
-    shown = plot(Drawn.of(fit, samples), fit).plain
+    shown = plot(FigureData.of(fit, samples), fit).plain
     lines = shown.splitlines()
     assert len(lines) == 12
     assert max(map(len, lines)) <= 80
@@ -414,7 +414,7 @@ def test_a_terminal_shows_before_after_and_a_map_in_twelve_lines() -> None:
 
 def test_a_terminal_of_plain_letters_and_one_that_is_narrow() -> None:
     fit, samples = fitted()
-    drawn = Drawn.of(fit, samples)
+    drawn = FigureData.of(fit, samples)
     assert plot(drawn, fit, is_plain=True).plain.replace("°", "").isascii()
     assert max(map(len, plot(drawn, fit, width=60).plain.splitlines())) <= 46
 

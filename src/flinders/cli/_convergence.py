@@ -51,7 +51,7 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
         Where it cannot be written.
     """
     from flinders.core.files import write_text
-    from flinders.report.convergence import Settling, drawing, table
+    from flinders.report.convergence import Trace, drawing, table
 
     if path is None:
         return
@@ -59,7 +59,7 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
     if steps is None or steps.last is None:
         say(f"{path} was not written: {options['method']} had nothing at any step")
         return
-    settling = Settling(
+    trace = Trace(
         steps,
         options["method"],
         unit=recording.unit.inside,
@@ -67,7 +67,7 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
         target_deg=options["target_deg"],
     )
     is_drawing = Path(path).suffix.lower() == KINDS[0]
-    write_text(drawing(settling) if is_drawing else table(settling), path, force=force)
+    write_text(drawing(trace) if is_drawing else table(trace), path, force=force)
     say(f"convergence written to {path}")
 
 

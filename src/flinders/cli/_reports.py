@@ -118,13 +118,13 @@ def plot(fit: Fit, recording: Recording, *, err: bool = False) -> None:
     stream = sys.stderr if err else sys.stdout
     if not stream.isatty() or os.environ.get("TERM") == "dumb":
         return
-    from flinders.report.drawn import Drawn
+    from flinders.report.figure_data import FigureData
     from flinders.report.terminal import DRAWN, plot
 
     is_plain = not can_show(stream.encoding or "ascii", DRAWN)
     width = shutil.get_terminal_size().columns
     click.echo("", err=err)
-    click.echo(drawn(plot(Drawn.of(fit, recording), fit, is_plain=is_plain, width=width), stream), err=err)
+    click.echo(drawn(plot(FigureData.of(fit, recording), fit, is_plain=is_plain, width=width), stream), err=err)
 
 
 def can_show(encoding: str, text: str) -> bool:

@@ -46,9 +46,9 @@ def command(
     Needs matplotlib: pip install 'flinders[plot]'. RECORDING is a file, or - for standard input.
     """
     from flinders.core.files import refuse_existing, write_bytes
-    from flinders.report.drawn import Drawn
+    from flinders.report.figure_data import FigureData
     from flinders.report.html import claims_nothing
-    from flinders.report.plotted import matplotlib_of, plotted, saved
+    from flinders.report.matplotlib import figure_bytes, figure_of, matplotlib_of
 
     kind = Path(output).suffix.lower()
     if kind not in KINDS:
@@ -63,10 +63,10 @@ def command(
             beyond=(),
             verdict="refused",
         )
-    drawn = Drawn.of(fit, recording)
+    drawn = FigureData.of(fit, recording)
     if claims_nothing(fit):
         drawn = drawn.without_claims()
-    write_bytes(saved(plotted(drawn, fit, what), kind[1:]), output, force=force)
+    write_bytes(figure_bytes(figure_of(drawn, fit, what), kind[1:]), output, force=force)
     say(f"written to {output}")
     if as_json:
         print_json({"figure": output, "what": what, "verdict": fit.verdict, "notes": notes})

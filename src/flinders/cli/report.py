@@ -114,13 +114,13 @@ def pictured(
         For what cannot be read, or does not belong together.
     """
     from flinders.core.compensation import settled
-    from flinders.report.revisited import doubts, revisited
+    from flinders.report.from_file import doubts, restored
 
     judged = load(name, calibration, recordings)
     with progress("reading") as watch:
         as_recorded = opened(calibration, judged.calibration, recordings, progress=watch, **reading)
         recording = settled(as_recorded, judged.calibration)
-        fit = revisited(judged, recording, target_deg=target_deg, dip_deg=dip_deg)
+        fit = restored(judged, recording, target_deg=target_deg, dip_deg=dip_deg)
         own = made_from(calibration, as_recorded.recordings)
         plain = replace(judged, calibration=judged.calibration.at())
         notes = [] if len(own) == len(as_recorded.recordings) else doubts(plain, recording)

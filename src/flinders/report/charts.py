@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.report.colours import colour_of
+from flinders.report.formatting import minus
 from flinders.report.script import asset
 
 if TYPE_CHECKING:
@@ -214,11 +215,6 @@ def labelled(values: Sequence[float], mark: str = "", unit: str = "") -> list[tu
     step = abs(values[1] - values[0]) if len(values) > 1 else abs(values[0]) or 1.0
     decimals = max(0, min(6, -math.floor(math.log10(step) + 1e-9)))
     return [(value, minus(f"{value:{mark}.{decimals}f}{unit}")) for value in values]
-
-
-def minus(shown: str) -> str:
-    """With the sign that is as wide as a plus."""
-    return shown.replace("-", "−")
 
 
 # ------------------------------------------------------------------------------------------------------------- shapes

@@ -3,11 +3,11 @@
 >>> from flinders.estimators import Readings
 >>> from flinders.estimators.reference.sequential import Sequential
 >>> from flinders.simulate import tumble
->>> settling = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
->>> settled = Settling(settling, "sequential", unit="uT")
->>> drawing(settled).startswith("<svg"), len(table(settled).splitlines())
+>>> steps = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
+>>> trace = Trace(steps, "sequential", unit="uT")
+>>> drawing(trace).startswith("<svg"), len(table(trace).splitlines())
 (True, 9)
->>> table(settled).splitlines()[0][:60]
+>>> table(trace).splitlines()[0][:60]
 'readings,heading_off_deg,offset_x_uT,offset_y_uT,offset_z_uT'
 """
 
@@ -24,8 +24,8 @@ from flinders.core.units import label
 from flinders.errors import counted
 from flinders.heading.error_propagation import level_gradients
 from flinders.report import charts
-from flinders.report.charts import Axis, Plot, minus, round_up, segment, text
-from flinders.report.formatting import with_uncertainty
+from flinders.report.charts import Axis, Plot, round_up, segment, text
+from flinders.report.formatting import minus, with_uncertainty
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,7 +57,7 @@ LEAST_DEG, MOST_DEG = 0.01, 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class Settling:
+class Trace:
     """A convergence with what is needed to show it.
 
     The last value is that of the last step with an ellipsoid: a method that loses its way has none at the end.
@@ -100,15 +100,15 @@ class Settling:
         return found
 
 
-def table(settling: Settling) -> str:
+def table(trace: Trace) -> str:
     """A line for each step: readings seen, how far the heading is off the last, parameters and their 1 σ.
 
     What is not known yet is left empty.
     """
-    steps = settling.steps
-    columns = [f"{name}_{settling.unit}" for name in PARAMETERS]
+    steps = trace.steps
+    columns = [f"{name}_{trace.unit}" for name in PARAMETERS]
     header = ["readings", "heading_off_deg", *columns, *(f"sigma_{name}" for name in columns)]
-    numbers = np.concatenate([settling.heading_off_deg[:, np.newaxis], steps.parameters, steps.sigmas], axis=1)
+    numbers = np.concatenate([trace.heading_off_deg[:, np.newaxis], steps.parameters, steps.sigmas], axis=1)
     lines = [
         ",".join([str(count), *("" if math.isnan(number) else f"{number:.9g}" for number in row)])
         for count, row in zip(steps.counts.tolist(), numbers.tolist(), strict=True)
@@ -116,49 +116,49 @@ def table(settling: Settling) -> str:
     return "\n".join([",".join(header), *lines]) + "\n"
 
 
-def drawing(settling: Settling) -> str:
+def drawing(trace: Trace) -> str:
     """Three plots over the readings seen, as SVG for light and dark pages: offset, shape, heading."""
-    unit, top = label(settling.unit), 20.0 + GAP
-    parts = [text(LEFT, 20, _title(settling), "start", "title")]
+    unit, top = label(trace.unit), 20.0 + GAP
+    parts = [text(LEFT, 20, _title(trace), "start", "title")]
     for name, which in (("offset", range(3)), ("shape", range(3, 9))):
         title = f"{name}, {unit}: off its last value, ± 1 σ"
-        plot = _plot(top + LINE * (1 + len(which) // 3), settling, *_ends(settling, which))
-        parts += [*_legend(settling, title, which, top), _parameters(settling, which, plot)]
+        plot = _plot(top + LINE * (1 + len(which) // 3), trace, *_ends(trace, which))
+        parts += [*_legend(trace, title, which, top), _parameters(trace, which, plot)]
         top = plot.bottom + GAP
-    plot = _plot(top + LINE, settling, *_decades(settling), scale=np.log10)
+    plot = _plot(top + LINE, trace, *_decades(trace), scale=np.log10)
     parts += [text(LEFT, top + LINE - 5, "worst level heading: off that of the last", "start", "name")]
-    parts += [_headings(settling, plot), _counts(settling, plot)]
+    parts += [_headings(trace, plot), _counts(trace, plot)]
     high = plot.bottom + BELOW
     parts.append(text(plot.middle, high - 8, "readings seen (square-root scale)"))
     return charts.drawing(WIDE, high, "How the estimate settles", *parts)
 
 
-def _title(settling: Settling) -> str:
-    counts = settling.steps.counts.tolist()
-    title = f"How {settling.method} settles over {counted(counts[-1], 'reading')}"
-    held = counts[settling.last]
+def _title(trace: Trace) -> str:
+    counts = trace.steps.counts.tolist()
+    title = f"How {trace.method} settles over {counted(counts[-1], 'reading')}"
+    held = counts[trace.last]
     return title if held == counts[-1] else f"{title}: lost after {held:,}"
 
 
-def _plot(top: float, settling: Settling, low: float, high: float, scale: Scale = np.asarray) -> Plot:
+def _plot(top: float, trace: Trace, low: float, high: float, scale: Scale = np.asarray) -> Plot:
     """A plot over the root of the readings seen, since most happens at the beginning."""
-    across = Axis(0.0, float(settling.steps.counts[-1]), np.sqrt)
+    across = Axis(0.0, float(trace.steps.counts[-1]), np.sqrt)
     return Plot(LEFT, top, WIDE - LEFT - RIGHT, PLOT, across, Axis(low, high, scale))
 
 
-def _ends(settling: Settling, which: range) -> tuple[float, float]:
+def _ends(trace: Trace, which: range) -> tuple[float, float]:
     """Ends of an axis that nearly all of some parameters stay inside, but for the first steps; ±1 of zeros."""
-    sizes = (np.abs(settling.off[:, which]) + settling.steps.sigmas[:, which])[: settling.last + 1]
+    sizes = (np.abs(trace.off[:, which]) + trace.steps.sigmas[:, which])[: trace.last + 1]
     later = sizes[len(sizes) // BEGINNING :]
     largest = float(later[np.isfinite(later)].max(initial=0.0))
     end = round_up(largest, (1.0, 2.0, 4.0, 10.0)) if largest > 0.0 else 1.0
     return -end, end
 
 
-def _parameters(settling: Settling, which: range, plot: Plot) -> str:
+def _parameters(trace: Trace, which: range, plot: Plot) -> str:
     """Some parameters off their last values: bands of 1 σ first, then the lines, so that none is hidden."""
-    counts, off, sigmas = settling.steps.counts, settling.off, settling.steps.sigmas
-    ends, runs = (plot.up.low, plot.up.high), _runs(settling)
+    counts, off, sigmas = trace.steps.counts, trace.off, trace.steps.sigmas
+    ends, runs = (plot.up.low, plot.up.high), _runs(trace)
     bands, lines = [], []
     for place, parameter in enumerate(which):
         for run in runs:
@@ -175,10 +175,10 @@ def _kind(place: int) -> str:
     return f"line c{place}{' dashed' * (place > 2)}"
 
 
-def _legend(settling: Settling, title: str, which: range, top: float) -> list[str]:
+def _legend(trace: Trace, title: str, which: range, top: float) -> list[str]:
     """A title, and below it the name, last value and uncertainty of each line."""
     parts = [text(LEFT, top + LINE - 5, title, "start", "name")]
-    last, sigma = settling.steps.parameters[settling.last], settling.steps.sigmas[settling.last]
+    last, sigma = trace.steps.parameters[trace.last], trace.steps.sigmas[trace.last]
     for place, parameter in enumerate(which):
         x = LEFT + (WIDE - LEFT - RIGHT) / 3 * (place % 3)
         y = top + LINE * (2 + place // 3) - 5
@@ -189,31 +189,31 @@ def _legend(settling: Settling, title: str, which: range, top: float) -> list[st
     return parts
 
 
-def _decades(settling: Settling) -> tuple[float, float]:
+def _decades(trace: Trace) -> tuple[float, float]:
     """Ends of the axis of headings, whole decades around what is known."""
-    known = settling.heading_off_deg[settling.heading_off_deg > 0.0]
+    known = trace.heading_off_deg[trace.heading_off_deg > 0.0]
     least, most = (float(known.min()), float(known.max())) if len(known) else (0.1, 1.0)
     low = 10.0 ** math.floor(math.log10(min(max(least, LEAST_DEG), MOST_DEG / 10.0)))
     return low, min(max(10.0 ** math.ceil(math.log10(most)), 10.0 * low), MOST_DEG)
 
 
-def _headings(settling: Settling, plot: Plot) -> str:
+def _headings(trace: Trace, plot: Plot) -> str:
     """How far the worst level heading is off the last, by decades, with the target."""
     low, high = plot.up.low, plot.up.high
     numbers = [low * 10.0**decade for decade in range(round(math.log10(high / low)) + 1)]
     parts = [plot.rows([(number, f"{number:g}°") for number in numbers])]
-    if low < settling.target_deg < high:
-        parts.append(plot.level(settling.target_deg, "aim"))
-        y = plot.y(settling.target_deg) - 5
-        parts.append(text(plot.right - 4, y, f"target {settling.target_deg:g}°", "end", "halo"))
-    off = settling.heading_off_deg.clip(low / 10.0, 10.0 * high)
-    lines = [plot.line("line", settling.steps.counts[run], off[run]) for run in _runs(settling)]
+    if low < trace.target_deg < high:
+        parts.append(plot.level(trace.target_deg, "aim"))
+        y = plot.y(trace.target_deg) - 5
+        parts.append(text(plot.right - 4, y, f"target {trace.target_deg:g}°", "end", "halo"))
+    off = trace.heading_off_deg.clip(low / 10.0, 10.0 * high)
+    lines = [plot.line("line", trace.steps.counts[run], off[run]) for run in _runs(trace)]
     return "".join(parts) + plot.clipped(f"plot{plot.top:.0f}", *lines)
 
 
-def _counts(settling: Settling, plot: Plot) -> str:
+def _counts(trace: Trace, plot: Plot) -> str:
     """Numbers of readings below the last plot."""
-    whole = int(settling.steps.counts[-1])
+    whole = int(trace.steps.counts[-1])
     parts = []
     for count in sorted({round(whole * (share / 4) ** 2) for share in range(5)}):
         anchor = "start" if count == 0 else "end" if count == whole else "middle"
@@ -221,7 +221,7 @@ def _counts(settling: Settling, plot: Plot) -> str:
     return "".join(parts)
 
 
-def _runs(settling: Settling) -> list[slice]:
+def _runs(trace: Trace) -> list[slice]:
     """Steps in a row that have an ellipsoid."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], settling.steps.is_known, [False]]).astype(int)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], trace.steps.is_known, [False]]).astype(int)))
     return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]

@@ -16,7 +16,8 @@ import numpy as np
 from flinders.geometry.angles import shown_heading
 from flinders.heading.deviation import NAMES
 from flinders.report import charts
-from flinders.report.charts import COMPASS_POINTS, Axis, Plot, minus, segment, text
+from flinders.report.charts import COMPASS_POINTS, Axis, Plot, segment, text
+from flinders.report.formatting import minus
 
 if TYPE_CHECKING:
     from flinders.heading.deviation import Deviation

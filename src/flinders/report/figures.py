@@ -4,9 +4,9 @@ Numbers and words of our own are all that is in them: no name of a file or senso
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
->>> from flinders.report.drawn import Drawn
+>>> from flinders.report.figure_data import FigureData
 >>> samples = simulate.tumble(seed=1).samples
->>> drawn = Drawn.of(calibrate.fit(samples), samples)
+>>> drawn = FigureData.of(calibrate.fit(samples), samples)
 >>> figure = error_map(drawn.view, 1.0)
 >>> 'class="figure"' in figure, "style=" in figure
 (True, False)
@@ -20,9 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import figures
 from flinders.geometry.sphere import tiles
-from flinders.report.beside import called
 from flinders.report.charts import (
     MOST_DOTS,
     Axis,
@@ -32,7 +30,6 @@ from flinders.report.charts import (
     clipped,
     compass_ticks,
     labelled,
-    minus,
     offset_arm,
     outline_of,
     rectangle,
@@ -44,6 +41,8 @@ from flinders.report.charts import (
     ticks,
 )
 from flinders.report.colours import LEGEND, class_of, seen_ends, seen_level
+from flinders.report.formatting import minus
+from flinders.report.sections import with_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -55,7 +54,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.random_walk import Walk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
-    from flinders.report.drawn import Drawn
+    from flinders.report.figure_data import FigureData
     from flinders.report.view import View
 
 AXES: Final = "xyz"
@@ -86,12 +85,12 @@ def _wide(top: float, height: float, span: tuple[float, float], ends: tuple[floa
 # ------------------------------------------------------------------------------------------------------- projections
 
 
-def projections(drawn: Drawn, *, is_corrected: bool) -> list[str]:
+def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
     """The readings seen along z, y and x: before with the ellipse that was found, after with the circle."""
     return [_projection(drawn, plane, is_corrected=is_corrected) for plane in PLANES]
 
 
-def _projection(drawn: Drawn, plane: tuple[int, int], *, is_corrected: bool) -> str:
+def _projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> str:
     (i, j), name = plane, "after" if is_corrected else "before"
     points, low, high = extents(drawn, is_corrected=is_corrected)
     inner = SIDE - EDGE - 8
@@ -114,7 +113,7 @@ def _projection(drawn: Drawn, plane: tuple[int, int], *, is_corrected: bool) -> 
     )
 
 
-def extents(drawn: Drawn, *, is_corrected: bool) -> tuple[Floats, Floats, Floats]:
+def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, Floats]:
     """(n, 3) readings, and the two corners (3,) of a cube to show them in, which is the same for all projections."""
     if is_corrected:
         strength = 1.0 if drawn.view is None or drawn.view.shown is None else drawn.view.shown.strength
@@ -139,7 +138,7 @@ def _extent(points: Floats) -> tuple[Floats, Floats]:
     return low, high
 
 
-def outline(drawn: Drawn, plane: tuple[int, int], *, is_corrected: bool) -> Floats:
+def outline(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Floats:
     """(72, 2) outline of the ellipsoid, or of the sphere that it becomes, seen along the third axis.
 
     None of it, (0, 2), where there is no surface.
@@ -147,7 +146,7 @@ def outline(drawn: Drawn, plane: tuple[int, int], *, is_corrected: bool) -> Floa
     return _silhouette(drawn, np.eye(3)[[*plane, 3 - sum(plane)]], is_corrected=is_corrected)
 
 
-def _silhouette(drawn: Drawn, eye: Floats, *, is_corrected: bool) -> Floats:
+def _silhouette(drawn: FigureData, eye: Floats, *, is_corrected: bool) -> Floats:
     """(72, 2) outline of the ellipsoid, or of the sphere that it becomes; (0, 2) where there is none."""
     shape = drawn.shape
     if shape is None or drawn.view is None or drawn.view.shown is None:
@@ -169,7 +168,7 @@ def _shadow(rows: Floats) -> Floats:
 # ------------------------------------------------------------------------------------------------------------ sphere
 
 
-def pictures(drawn: Drawn, target_deg: float) -> list[tuple[str, str]]:
+def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
     """The 3-D view as it begins, for paper: readings before and after, and what is known in each direction.
 
     Returns
@@ -190,7 +189,7 @@ def _eye() -> Floats:
     return np.array([[-sa, ca, 0.0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
-def _cloud(drawn: Drawn, *, is_corrected: bool) -> str:
+def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
     """Readings from that eye, those behind the middle fainter; with the outline of the ellipsoid or sphere."""
     eye, name = _eye(), "after" if is_corrected else "before"
     readings, low, high = extents(drawn, is_corrected=is_corrected)
@@ -376,7 +375,7 @@ def _seen_ends(view: View) -> tuple[int, int, int]:
 # --------------------------------------------------------------------------------------------------------- residuals
 
 
-def residuals(drawn: Drawn) -> str:
+def residuals(drawn: FigureData) -> str:
     """How much longer each corrected reading is than the field, over time; those left out as crosses."""
     assert drawn.view is not None
     noise, when, is_used = drawn.view.noise or 0.0, drawn.when, drawn.is_used
@@ -417,7 +416,7 @@ STRIP: Final = 72
 """Height of what one axis has of a figure of three."""
 
 
-def wandered(walk: Walk, unit: str, plane: Plane | None = None) -> str:
+def offset_over_time(walk: Walk, unit: str, plane: Plane | None = None) -> str:
     """Offset along each axis over time, less that of the fit, with the band of one standard deviation.
 
     Of readings of one plane, the two axes in it.
@@ -445,21 +444,21 @@ def wandered(walk: Walk, unit: str, plane: Plane | None = None) -> str:
     return chart(WIDE, plot.bottom + 42, "Offset over time, less that of the fit", *parts)
 
 
-def followed(drawn: Drawn, driver: Driver) -> str:
+def compensated(drawn: FigureData, driver: Driver) -> str:
     """Strength of the corrected field over what drives the offset: with that left in, and taken off."""
     assert drawn.view is not None
     assert drawn.view.shown is not None
     driving = drawn.driving[driver.name]
     is_shown = drawn.is_used & np.isfinite(driving)
     values, origin = driving[is_shown], driver.reference
-    rows = [drawn.strengths(is_followed=is_followed)[is_shown] for is_followed in (False, True)]
+    rows = [drawn.strengths(is_compensated=is_compensated)[is_shown] for is_compensated in (False, True)]
     low, high = np.quantile(rows, [0.002, 0.998]) if len(values) else (0.0, 1.0)
     margin = 0.06 * max(float(high - low), 1e-9)
     first, last = float(values.min(initial=origin)), float(values.max(initial=origin))
     plot = _wide(10, 190, (first, max(last, first + 1e-9)), (low - margin, high + margin))
     parts = [plot.grid(8), *(plot.dots(kind, values, row) for kind, row in zip(("before", "after"), rows, strict=True))]
     parts.append(plot.level(drawn.view.shown.strength, "aim"))
-    parts.append(text(plot.middle, 236, called(driver)))
+    parts.append(text(plot.middle, 236, with_unit(driver)))
     parts.append(text(14, plot.top + plot.height / 2, drawn.unit, is_turned=True))
     title = f"Strength of the corrected field over {driver.name}, before and after following it"
     return chart(WIDE, 242, title, *parts)
@@ -540,12 +539,3 @@ def _cell(x: float, y: float, side: float, value: float) -> str:
         + rectangle(kind, x, y, side, side, f' fill-opacity="{0.75 * strength:.2f}"')
         + text(x + side / 2, y + side / 2 + 4, shown, kind="small")
     )
-
-
-def length(value: float, unit: str) -> str:
-    """A field with its unit.
-
-    >>> length(49.3021, "µT")
-    '49.30 µT'
-    """
-    return f"{figures(value, 4)} {unit}"

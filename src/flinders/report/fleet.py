@@ -12,8 +12,6 @@ Content-Security-Policy lets nothing run but the page's own script. Its size doe
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import math
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -23,15 +21,13 @@ from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import CATALOGUE
 from flinders.report import fleet_figures as drawing
-from flinders.report.colours import variables
 from flinders.report.fleet_view import STATES, SUMS_ALONE
-from flinders.report.formatting import degrees
-from flinders.report.script import asset, joined
+from flinders.report.formatting import as_sentence, date_of, degrees
+from flinders.report.html_file import html_file, style_of
+from flinders.report.script import joined
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from jinja2 import Template
 
     from flinders.report.fleet_view import BatchDrift, Drift, Histogram, Overview, UnitDrift
 
@@ -110,34 +106,30 @@ def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str]
     notes : sequence of str
         What else to know, in sentences.
     """
-    style, script = _style(), f"\n{joined('plain.js')}\n{START}\n"
-    made = datetime.now(UTC)
-    return _template().render(
-        overview=overview,
-        drift=drift,
-        notes=[*notes, *_notes(overview), *([] if drift is None else map(_sentence, about_order(drift)))],
-        outcome=_outcome(overview, drift),
-        numbers=_numbers(overview, drift),
-        units=None if drift is None else _orders(drift),
-        steps=() if drift is None else drift.steps,
-        states=[] if drift is None else [(name, drift.states[name], words) for name, words in STATES.items()],
-        figures=_figures(overview, drift),
-        verdicts=[(name, overview.verdicts.get(name, 0), words) for name, words in VERDICTS.items()],
-        most_findings=SHOWN,
-        worst=[(rank, units) for rank, units in overview.worst.items() if units],
-        findings=[(code, count, _meaning(code), advice(code)) for code, count in overview.findings.items()],
-        codes=[(code, *told, advice(code)) for code, told in overview.codes.items()],
-        held_against="" if drift is None else drift.against,
-        odd_states=[] if drift is None else _odd(drift)[:10],
-        shown_batches=len(drawing.shown_batches(overview.batches)),
-        odd_batches=sorted(drawing.standing_out(overview.batches)),
-        date=f"{made.day} {made:%B %Y, %H:%M %Z}",
-        release=version("flinders"),
-        style=style,
-        script=script,
-        style_hash=_hash(style),
-        script_hash=_hash(script),
-    ) + "\n"  # fmt: skip
+    given = {
+        "overview": overview,
+        "drift": drift,
+        "notes": [*notes, *_notes(overview), *([] if drift is None else map(as_sentence, about_order(drift)))],
+        "outcome": _outcome(overview, drift),
+        "numbers": _numbers(overview, drift),
+        "units": None if drift is None else _orders(drift),
+        "steps": () if drift is None else drift.steps,
+        "states": [] if drift is None else [(name, drift.states[name], words) for name, words in STATES.items()],
+        "figures": _figures(overview, drift),
+        "verdicts": [(name, overview.verdicts.get(name, 0), words) for name, words in VERDICTS.items()],
+        "most_findings": SHOWN,
+        "worst": [(rank, units) for rank, units in overview.worst.items() if units],
+        "findings": [(code, count, _meaning(code), advice(code)) for code, count in overview.findings.items()],
+        "codes": [(code, *told, advice(code)) for code, told in overview.codes.items()],
+        "held_against": "" if drift is None else drift.against,
+        "odd_states": [] if drift is None else _odd(drift)[:10],
+        "shown_batches": len(drawing.shown_batches(overview.batches)),
+        "odd_batches": sorted(drawing.standing_out(overview.batches)),
+        "date": date_of(datetime.now(UTC)),
+        "release": version("flinders"),
+    }
+    script = f"\n{joined('plain.js')}\n{START}\n"
+    return html_file("fleet.html.j2", given, style=style_of("fleet.css"), script=script, filters=FILTERS)
 
 
 def advice(code: str) -> str:
@@ -227,10 +219,6 @@ def about_order(drift: Drift) -> list[str]:
             "further down, and count once"
         )
     return found
-
-
-def _sentence(words: str) -> str:
-    return f"{words[0].upper()}{words[1:]}."
 
 
 def _numbers(overview: Overview, drift: Drift | None) -> list[tuple[str, str, str]]:
@@ -324,47 +312,13 @@ def _figures(overview: Overview, drift: Drift | None) -> dict[str, Any]:
     return shown
 
 
-# ------------------------------------------------------------------------------------------------------------- parts
-
-
-def _style() -> str:
-    """The style sheet of a report, with what a fleet has besides; paper is always light."""
-    light, dark = variables("light"), variables("dark")
-    return (
-        f"\n:root {{ {light} }}\n"
-        f'@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
-        f'@media screen {{ :root[data-theme="dark"] {{ {dark} }} }}\n'
-        f"{asset('figure.css')}\n{asset('report.css')}\n{asset('fleet.css')}"
-    )
-
-
-def _hash(text: str) -> str:
-    """As a Content-Security-Policy names what may run."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
-
-
 def _share(value: float) -> str:
+    """Write a share as a percentage; a dash where none is known."""
     return "–" if not math.isfinite(value) else f"{value:.1%}" if value < 1.0 else f"{value:.1f} ×"
 
 
-def _template() -> Template:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("flinders.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(
-        counted=counted,
-        figures=figures,
-        degrees=degrees,
-        day=when,
-        share=_share,
-        label=label,
-        chance=chance,
-        percent=percent,
-    )
-    return environment.get_template("fleet.html.j2")
+FILTERS: Final = {
+    "counted": counted, "figures": figures, "degrees": degrees, "day": when, "share": _share, "label": label,
+    "chance": chance, "percent": percent,
+}  # fmt: skip
+"""How the page writes numbers."""

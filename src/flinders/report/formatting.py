@@ -9,6 +9,7 @@ from flinders.errors import figures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from datetime import datetime
 
     from flinders.arrays import Floats
 
@@ -79,6 +80,44 @@ def written_time(seconds: float) -> str:
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return " ".join(f"{count} {unit}" for count, unit in ((hours, "h"), (minutes, "min"), (rest, "s")) if count)
+
+
+def date_of(when: datetime) -> str:
+    """Write a date and time for people.
+
+    >>> from datetime import UTC, datetime
+    >>> date_of(datetime(2026, 5, 1, 12, 30, tzinfo=UTC))
+    '1 May 2026, 12:30 UTC'
+    """
+    return f"{when.day} {when:%B %Y, %H:%M %Z}"
+
+
+def capitalised(words: str) -> str:
+    """Words as the beginning of a sentence."""
+    return f"{words[:1].upper()}{words[1:]}"
+
+
+def as_sentence(words: str) -> str:
+    """Words as a sentence.
+
+    >>> as_sentence("nothing moved"), as_sentence("it was kept.")
+    ('Nothing moved.', 'It was kept.')
+    """
+    return f"{capitalised(words).rstrip('.')}."
+
+
+def minus(shown: str) -> str:
+    """Numbers with the sign that is as wide as a plus."""
+    return shown.replace("-", "−")
+
+
+def length(value: float, unit: str) -> str:
+    """A field with its unit.
+
+    >>> length(49.3021, "µT")
+    '49.30 µT'
+    """
+    return f"{figures(value, 4)} {unit}"
 
 
 def on_the_point(numbers: Sequence[str]) -> list[str]:

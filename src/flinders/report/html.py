@@ -20,7 +20,6 @@ True
 from __future__ import annotations
 
 import base64
-import hashlib
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -35,18 +34,27 @@ from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.result import Fit, Refused
-from flinders.report import beside
 from flinders.report import figures as drawing
-from flinders.report.colours import STEPS, variables
-from flinders.report.drawn import Drawn
-from flinders.report.formatting import FINEST, degrees, matrix_entries, with_uncertainty
-from flinders.report.script import asset, joined
-from flinders.report.view import tiles_view
+from flinders.report.colours import STEPS
+from flinders.report.figure_data import FigureData
+from flinders.report.formatting import (
+    FINEST,
+    as_sentence,
+    capitalised,
+    date_of,
+    degrees,
+    length,
+    matrix_entries,
+    minus,
+    with_uncertainty,
+)
+from flinders.report.html_file import html_file, style_of
+from flinders.report.script import joined
+from flinders.report.sections import aiding_rows, disturbance_rows, instrument_rows, sources, with_unit
+from flinders.report.view import matrix_sigma, sentence, tiles_view
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from jinja2 import Template
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import SourceFile
@@ -64,7 +72,7 @@ START: Final = "m0.theming(() => {});\nm0.copying();"
 
 FIGURES: Final = (
     "pictures", "before", "after", "error_map", "error_legend", "coverage_map", "seen_legend", "residuals", "histogram",
-    "deviation", "correlation", "followed", "wandered",
+    "deviation", "correlation", "compensated", "offset_over_time",
 )  # fmt: skip
 """What a report shows, where it is known."""
 
@@ -128,7 +136,7 @@ def page(
         For a recording that cannot be read.
     """
     fit = outcome if isinstance(outcome, Fit) else outcome.fit if isinstance(outcome, Refused) else None
-    drawn = None if recording is None else Drawn.of(fit, recording)
+    drawn = None if recording is None else FigureData.of(fit, recording)
     if drawn is not None and fit is not None and claims_nothing(fit):
         drawn = drawn.without_claims()
     provenance = provenance or Provenance(
@@ -136,7 +144,6 @@ def page(
     )
     view = None if drawn is None else drawn.view
     script = _script() if view is not None else (_wrapped_plain(), False)
-    style = _style()
     walk = None if drawn is None or fit is None or not goes_with(fit, drawn) else drawn.walk(fit)
     given = {
         "outcome": _outcome(outcome, fit),
@@ -144,13 +151,13 @@ def page(
         "findings": _findings(fit),
         "notes": list(notes),
         "parameters": _parameters(fit),
-        "beside": _beside(fit),
+        "sections": _sections(fit),
         "walk": _walk(walk, fit),
         "listings": _listings(fit, listings),
         "files": [_file(file) for file in provenance.files],
         "asked": dict(asked or {}),
         "provenance": provenance,
-        "date": f"{provenance.date.day} {provenance.date:%B %Y, %H:%M %Z}",
+        "date": date_of(provenance.date),
         "fit": fit,
         "source": recording.source if recording is not None else "",
         "sensor": fit.calibration.sensor if fit is not None else None,
@@ -159,12 +166,9 @@ def page(
         "figures": dict.fromkeys(FIGURES) if drawn is None else _figures(drawn, fit, walk),
         "data": _data(drawn, fit) if drawn is not None and script[1] else "",
         "has_scene": script[1] and drawn is not None,
-        "style": style,
-        "script": script[0],
-        "style_hash": _hash(style),
-        "script_hash": _hash(script[0]),
     }
-    return _template().render(**given) + "\n"
+    filters = {"counted": counted, "figures": figures}
+    return html_file("report.html.j2", given, style=_style(), script=script[0], filters=filters)
 
 
 def claims_nothing(fit: Fit) -> bool:
@@ -172,7 +176,7 @@ def claims_nothing(fit: Fit) -> bool:
     return not fit.covariance.any()
 
 
-def goes_with(fit: Fit, drawn: Drawn) -> bool:
+def goes_with(fit: Fit, drawn: FigureData) -> bool:
     """Whether readings are as long as a calibration has them; where they are of another sensor, nothing moved."""
     if not len(drawn.residuals) or not drawn.is_used.any():
         return False
@@ -211,9 +215,7 @@ def _driven_lines(calibration: Calibration) -> list[str]:
     terms = [
         f"np.outer({driver.name} - {driver.reference!r}, {driver.per_unit.tolist()})" for driver in calibration.drivers
     ]
-    told = [
-        f"{beside.called(one)}{f', as of {one.lag_s:.3g} s before' if one.lag_s else ''}" for one in calibration.drivers
-    ]
+    told = [f"{with_unit(one)}{f', as of {one.lag_s:.3g} s before' * bool(one.lag_s)}" for one in calibration.drivers]
     gains = [
         f"gain = 1.0 + {one.gain_per_unit!r} * ({one.name} - {one.reference!r})"
         for one in calibration.drivers
@@ -234,11 +236,9 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     """Verdict, its title, and what it is in a sentence."""
     if fit is None:
         return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
-    from flinders.report.view import sentence
-
     said = UNSTATED if claims_nothing(fit) else sentence(fit)
     title = "Of unknown quality" if claims_nothing(fit) else TITLES[fit.verdict]
-    return {"verdict": fit.verdict, "title": title, "sentence": said[:1].upper() + said[1:]}
+    return {"verdict": fit.verdict, "title": title, "sentence": capitalised(said)}
 
 
 def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
@@ -251,21 +251,18 @@ def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
     left = f"{fit.noise / fit.ellipsoid.radius:.1%}" if fit.ellipsoid.radius > 0.0 else "?"
     known = "known" if fit.calibration.field_strength_known else "relative: none was given"
     strengths = [
-        ("Strength of the field", drawing.length(field, unit), known),
-        ("Varies while turning", left, f"before: {spread:.1%} about {drawing.length(strength, unit)}"),
+        ("Strength of the field", length(field, unit), known),
+        ("Varies while turning", left, f"before: {spread:.1%} about {length(strength, unit)}"),
     ]
     if claims_nothing(fit):
         return strengths
     raw, error, limit = fit.uncorrected_heading_error_deg, fit.heading_error_deg, fit.attitude_limit_deg
+    target = f"{fit.target_deg:g}°"
     tilt = "any" if limit >= UPSIDE_DOWN else "none" if limit <= 0.0 else f"{limit:.0f}°"
     return [
-        (
-            "Worst heading off by",
-            degrees(error.worst),
-            f"before: {degrees(raw.worst)}; the target is {fit.target_deg:g}°",
-        ),
+        ("Worst heading off by", degrees(error.worst), f"before: {degrees(raw.worst)}; the target is {target}"),
         ("All headings, rms", degrees(error.rms), f"before: {degrees(raw.rms)}"),
-        ("Holds up to a tilt of", tilt, f"held level, dip {error.dip_deg:.3g}°".replace("-", "−")),
+        ("Holds up to a tilt of", tilt, minus(f"held level, dip {error.dip_deg:.3g}°")),
         *([] if fit.alignment_error_deg is None else [_mounting(fit, fit.alignment_error_deg)]),
         *strengths,
     ]
@@ -273,15 +270,19 @@ def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
 
 def _mounting(fit: Fit, error_deg: float) -> tuple[str, str, str]:
     """What the mounting adds, and who says so."""
-    is_told = fit.calibration.rotation == "estimated"
-    return ("Mounting adds", degrees(error_deg), f"as told by {beside.tellers(fit)}" if is_told else "as it was stated")
+    is_estimated = fit.calibration.rotation == "estimated"
+    return "Mounting adds", degrees(error_deg), f"as told by {sources(fit)}" if is_estimated else "as it was stated"
 
 
-def _beside(fit: Fit | None) -> dict[str, Any]:
+def _sections(fit: Fit | None) -> dict[str, Any]:
     """What was recorded beside the magnetometer; nothing of a refused fit."""
     if fit is None or fit.verdict == "refused":
         return {"aids": [], "found": [], "drivers": []}
-    return {"aids": beside.aids(fit), "found": beside.found_beside(fit), "drivers": beside.drivers(fit)}
+    return {
+        "aids": aiding_rows(fit),
+        "found": instrument_rows(fit),
+        "drivers": disturbance_rows(fit),
+    }
 
 
 def _walk(walk: Walk | None, fit: Fit | None) -> dict[str, Any] | None:
@@ -291,12 +292,9 @@ def _walk(walk: Walk | None, fit: Fit | None) -> dict[str, Any] | None:
     unit = label(fit.calibration.unit)
     is_claimed = fit.verdict != "refused" and not claims_nothing(fit)
     dip = abs(fit.heading_error_deg.dip_deg)
-    words = (
-        walk.words(unit, level_deg=fit.target_deg, dip_deg=dip)
-        if is_claimed
-        else walk.story(unit, level_deg=fit.target_deg, dip_deg=dip)
-    )
-    return {"words": f"{words[:1].upper()}{words[1:]}.", "is_proven": walk.is_proven}
+    say = walk.words if is_claimed else walk.story
+    words = say(unit, level_deg=fit.target_deg, dip_deg=dip)
+    return {"words": as_sentence(words), "is_proven": walk.is_proven}
 
 
 def _findings(fit: Fit | None) -> list[dict[str, str]]:
@@ -307,7 +305,7 @@ def _findings(fit: Fit | None) -> list[dict[str, str]]:
             "severity": finding.severity,
             "word": words[finding.severity],
             "code": finding.code,
-            "advice": f"{finding.advice[:1].upper()}{finding.advice[1:].rstrip('.')}.",
+            "advice": as_sentence(finding.advice),
         }
         for finding in (() if fit is None else fit.findings)
     ]
@@ -317,8 +315,6 @@ def _parameters(fit: Fit | None) -> dict[str, Any] | None:
     """Offset and matrix with their uncertainties, as they are printed; none of a refused fit."""
     if fit is None or fit.verdict == "refused":
         return None
-    from flinders.report.view import matrix_sigma
-
     calibration = fit.calibration
     unit = label(calibration.unit)
     finest = FINEST * calibration.field_strength
@@ -338,8 +334,8 @@ def _parameters(fit: Fit | None) -> dict[str, Any] | None:
             (axis, _split(offset), [_split(entry) for entry in row])
             for axis, offset, row in zip("xyz", offsets, entries, strict=True)
         ],
-        "noise": drawing.length(fit.noise, unit) if math.isfinite(fit.noise) else "?",
-        "strength": drawing.length(calibration.field_strength, unit),
+        "noise": length(fit.noise, unit) if math.isfinite(fit.noise) else "?",
+        "strength": length(calibration.field_strength, unit),
         "axes": "" if calibration.axes.is_identity else str(calibration.axes),
         "scale": "" if calibration.raw.scale == 1.0 else f"{calibration.raw.scale:g}",
         "raw_unit": calibration.raw.name,
@@ -348,7 +344,7 @@ def _parameters(fit: Fit | None) -> dict[str, Any] | None:
 
 def _split(number: str) -> tuple[str, str]:
     """Value and uncertainty."""
-    value, _, sigma = number.replace("-", "−").partition(" ± ")
+    value, _, sigma = minus(number).partition(" ± ")
     return value, sigma
 
 
@@ -371,7 +367,7 @@ def _file(file: SourceFile) -> dict[str, str]:
 # ----------------------------------------------------------------------------------------------------- what is drawn
 
 
-def _figures(drawn: Drawn, fit: Fit | None, walk: Walk | None) -> dict[str, Any]:
+def _figures(drawn: FigureData, fit: Fit | None, walk: Walk | None) -> dict[str, Any]:
     """Figures by name; those that nothing is known for are left out."""
     from markupsafe import Markup  # what is marked as safe is numbers and words of our own
 
@@ -391,18 +387,20 @@ def _figures(drawn: Drawn, fit: Fit | None, walk: Walk | None) -> dict[str, Any]
     found["error_map"], found["coverage_map"] = marked([drawing.error_map(view, target), drawing.coverage_map(view)])
     found["error_legend"], found["seen_legend"] = drawing.error_legend(target), drawing.seen_legend(view)
     found["residuals"] = Markup(drawing.residuals(drawn))
-    found["wandered"] = None if walk is None else Markup(drawing.wandered(walk, drawn.unit, drawn.plane))
+    found["offset_over_time"] = (
+        None if walk is None else Markup(drawing.offset_over_time(walk, drawn.unit, drawn.plane))
+    )
     if view.residuals is not None:
         found["histogram"] = Markup(drawing.histogram(view, drawn.unit))
     if view.turn is not None:
         found["deviation"] = Markup(drawing.deviation(view, target))
     if fit is not None and fit.verdict != "refused":
         found["correlation"] = None if claims_nothing(fit) else Markup(drawing.correlation(fit))
-        found["followed"] = marked([drawing.followed(drawn, driver) for driver in fit.calibration.drivers])
+        found["compensated"] = marked([drawing.compensated(drawn, driver) for driver in fit.calibration.drivers])
     return found
 
 
-def _data(drawn: Drawn, fit: Fit | None) -> str:
+def _data(drawn: FigureData, fit: Fit | None) -> str:
     """What the 3-D view draws, as JSON that may stand in a page: no ``<`` is left in it."""
     view = drawn.view
     assert view is not None
@@ -435,33 +433,6 @@ def _wrapped_plain() -> str:
 
 
 def _style() -> str:
-    """The style sheet, with the colours of both themes; paper is always light."""
-    light, dark = variables("light"), variables("dark")
+    """The style sheet, with the colours of the maps."""
     steps = [*(f"e{step}" for step in range(STEPS)), "unknown", *(f"s{level}" for level in range(5))]
-    tints = "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in steps)
-    return (
-        f"\n:root {{ {light} }}\n"
-        f'@media screen and (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ {dark} }} }}\n'
-        f'@media screen {{ :root[data-theme="dark"] {{ {dark} }} }}\n'
-        f"{tints}\n{asset('figure.css')}\n{asset('report.css')}"
-    )
-
-
-def _hash(text: str) -> str:
-    """As a Content-Security-Policy names what may run."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
-
-
-def _template() -> Template:
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("flinders.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["counted"] = counted
-    environment.filters["figures"] = figures
-    return environment.get_template("report.html.j2")
+    return style_of() + "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in steps)

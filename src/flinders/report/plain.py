@@ -22,8 +22,8 @@ from flinders.findings import CATALOGUE, limit_of
 from flinders.fitting.advice import UPSIDE_DOWN, remedy, unseen_side
 from flinders.fitting.result import TILTS, Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
-from flinders.report.beside import mounting
 from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
+from flinders.report.sections import mounting
 from flinders.report.words import REFUSALS
 
 if TYPE_CHECKING:

@@ -18,9 +18,9 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.report import charts
-from flinders.report.charts import circle, minus, segment, shape, text, thinned
+from flinders.report.charts import circle, segment, shape, text, thinned
 from flinders.report.fit_pages import evenness, is_mean
-from flinders.report.formatting import degrees
+from flinders.report.formatting import degrees, minus
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

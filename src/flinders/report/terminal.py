@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
     from flinders.heading.deviation import Deviation
-    from flinders.report.drawn import Drawn
+    from flinders.report.figure_data import FigureData
     from flinders.report.view import View
 
 ROWS, COLUMNS, WIDE, GAP = 10, 20, 32, 3
@@ -50,12 +50,12 @@ STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0
 """Degrees at the ends of the axis of deviation."""
 
 
-def plot(drawn: Drawn, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
+def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
     """Draw a fit: twelve lines.
 
     Parameters
     ----------
-    drawn : Drawn
+    drawn : FigureData
     fit : Fit
         Good or limited.
     is_plain : bool

@@ -8,7 +8,7 @@ directions is that of the recording.
 >>> from flinders.fitting.judged import Judged
 >>> samples = simulate.tumble(seed=1).samples
 >>> fit = calibrate.fit(samples)
->>> again = revisited(Judged.from_fit(fit), samples)
+>>> again = restored(Judged.from_fit(fit), samples)
 >>> again.verdict, abs(again.heading_error_deg.worst - fit.heading_error_deg.worst) < 1e-9
 ('good', True)
 """
@@ -57,7 +57,7 @@ STATES_NOTHING: Final = (
 )
 
 
-def revisited(
+def restored(
     judged: Judged, recording: Recording, *, target_deg: float | None = None, dip_deg: float | None = None
 ) -> Fit:
     """Put a calibration and a recording together.

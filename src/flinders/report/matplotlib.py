@@ -2,10 +2,10 @@
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
->>> from flinders.report.drawn import Drawn
+>>> from flinders.report.figure_data import FigureData
 >>> samples = simulate.tumble(seed=1, n=400).samples
 >>> fit = calibrate.fit(samples)
->>> figure = plotted(Drawn.of(fit, samples), fit, "projections")
+>>> figure = figure_of(FigureData.of(fit, samples), fit, "projections")
 >>> [len(axes.collections) > 0 for axes in figure.axes]
 [True, True, True, True, True, True]
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
-    from flinders.report.drawn import Drawn
+    from flinders.report.figure_data import FigureData
 
 FORMATS: Final = ("svg", "png", "pdf")
 
@@ -58,12 +58,12 @@ RC: Final = {
 }  # fmt: skip
 
 
-def plotted(drawn: Drawn, fit: Fit, what: str = "all") -> Figure:
+def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
     """Draw a part, or all of them below each other.
 
     Parameters
     ----------
-    drawn : Drawn
+    drawn : FigureData
     fit : Fit
         Good or limited.
     what : str
@@ -97,7 +97,7 @@ def plotted(drawn: Drawn, fit: Fit, what: str = "all") -> Figure:
     return figure
 
 
-def saved(figure: Figure, kind: str) -> bytes:
+def figure_bytes(figure: Figure, kind: str) -> bytes:
     """The bytes of a file; the same figure gives the same bytes.
 
     Raises
@@ -129,11 +129,11 @@ def matplotlib_of() -> ModuleType:
     return found
 
 
-def _is_known(drawn: Drawn, name: str) -> bool:
+def _is_known(drawn: FigureData, name: str) -> bool:
     return drawn.view is not None and (name != "deviation" or drawn.view.turn is not None)
 
 
-def _projections(part: SubFigure, drawn: Drawn, _: Fit) -> None:
+def _projections(part: SubFigure, drawn: FigureData, _: Fit) -> None:
     """xy, xz and yz, before with the outline of the ellipsoid, after with the circle."""
     grid = part.subplots(2, 3)
     for row, is_corrected in zip(grid, (False, True), strict=True):
@@ -155,7 +155,7 @@ def _projections(part: SubFigure, drawn: Drawn, _: Fit) -> None:
         row[1].set_title("after correction" if is_corrected else "before correction", color=INK, weight="bold")
 
 
-def _deviation(part: SubFigure, drawn: Drawn, fit: Fit) -> None:
+def _deviation(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """What the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
     assert drawn.view is not None
     assert drawn.view.turn is not None
@@ -176,7 +176,7 @@ def _deviation(part: SubFigure, drawn: Drawn, fit: Fit) -> None:
     below.set(xlim=(0.0, 360.0), xticks=np.arange(0.0, 361.0, 45.0), xlabel="heading, °")
 
 
-def _residuals(part: SubFigure, drawn: Drawn, fit: Fit) -> None:
+def _residuals(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """How much longer corrected readings are than the field."""
     assert drawn.view is not None
     over, counted = part.subplots(1, 2, width_ratios=(3, 1), sharey=True)
@@ -194,7 +194,7 @@ def _residuals(part: SubFigure, drawn: Drawn, fit: Fit) -> None:
     counted.set_xlabel("readings")
 
 
-def _coverage(part: SubFigure, drawn: Drawn, fit: Fit) -> None:
+def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """Readings and predicted error in all directions: two hemispheres each, in a projection that keeps areas."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Circle
@@ -252,7 +252,7 @@ def _flat(ring: Floats, up: float) -> Floats:
     return np.stack([scale * x, up * scale * y], axis=1)
 
 
-PARTS: Final[dict[str, Callable[[SubFigure, Drawn, Fit], None]]] = {
+PARTS: Final[dict[str, Callable[[SubFigure, FigureData, Fit], None]]] = {
     "projections": _projections,
     "deviation": _deviation,
     "residuals": _residuals,

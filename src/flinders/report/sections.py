@@ -1,4 +1,4 @@
-"""What a report says of what was recorded beside the magnetometer: aids that helped a fit, and what its offset follows.
+"""Sections of a report on aiding sensors, and on disturbances that the offset depends on, in words.
 
 >>> import flinders
 >>> from flinders import simulate
@@ -6,7 +6,7 @@
 >>> fit = flinders.fit(boat, aids=("rate", "dip"))
 >>> mounting(fit)
 'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.75° (1 σ)'
->>> [row.name for row in aids(fit)]
+>>> [row.name for row in aiding_rows(fit)]
 ['Gyro', 'Accelerometer']
 """
 
@@ -20,23 +20,23 @@ import numpy as np
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import figures
-from flinders.report.formatting import degrees, with_uncertainty
+from flinders.report.formatting import degrees, minus, with_uncertainty
 
 if TYPE_CHECKING:
     from flinders.core.disturbance import Driver
     from flinders.estimators.regressors import Driven
     from flinders.fitting.result import Fit
 
-WHO: Final = {"rate": "gyro", "dip": "accelerometer", "tilt": "logged tilt", "attitude": "logged attitude"}
-"""What each aid goes by."""
+SOURCES: Final = {"rate": "gyro", "dip": "accelerometer", "tilt": "logged tilt", "attitude": "logged attitude"}
+"""What each aiding sensor is called."""
 
 LOST_DEG: Final = 90.0
 """An error from which on a heading says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
-class AidRow:
-    """What one aid did, in words."""
+class AidingRow:
+    """What one aiding sensor changed, in words."""
 
     name: str
     changed: str
@@ -45,8 +45,8 @@ class AidRow:
 
 
 @dataclass(frozen=True, slots=True)
-class DriverRow:
-    """What one driver does, in words: the offset in x, y and z for one of its unit, as value and uncertainty."""
+class DisturbanceRow:
+    """One disturbance in words: the offset in x, y and z for one of its unit, as value and uncertainty."""
 
     name: str
     per: str
@@ -55,32 +55,32 @@ class DriverRow:
 
 
 def mounting(fit: Fit) -> str:
-    """What is not known of how the sensor sits in the vehicle, and adds to the heading error; empty where none is told.
+    """What the mounting of the sensor adds to the heading error; empty where that is not known.
 
-    A rotation that an aid has found is seen by it; one that was stated is seen by nothing.
+    A rotation that an aiding sensor has found is observed by it; one that was stated is observed by nothing.
     """
     error = fit.alignment_error_deg
     if error is None:
         return ""
     if fit.calibration.rotation != "estimated":
         return f"the mounting adds {degrees(error)} (1 σ), which no magnetometer can see"
-    who = tellers(fit)
+    who = sources(fit)
     if not error < LOST_DEG:
         return f"how the axes sit in the body is not told by {who}: no heading of the body is known"
     return f"how the axes sit in the body, as {who} tell{'' if ' and ' in who else 's'} it, adds {degrees(error)} (1 σ)"
 
 
-def tellers(fit: Fit) -> str:
-    """What was recorded beside the magnetometer and is in the fit."""
-    kept = [] if fit.aids is None else [WHO[aid.name] for aid in fit.aids.each if aid.kept and aid.name in WHO]
+def sources(fit: Fit) -> str:
+    """The aiding sensors that are in the fit."""
+    kept = [] if fit.aids is None else [SOURCES[aid.name] for aid in fit.aids.each if aid.kept and aid.name in SOURCES]
     return f"the {' and '.join(kept)}" if kept else "what was recorded beside"
 
 
-def aids(fit: Fit) -> list[AidRow]:
-    """Each aid that was asked for or tried, in the order in which they were taken."""
+def aiding_rows(fit: Fit) -> list[AidingRow]:
+    """Each aiding sensor that was asked for or tried, in the order in which they were taken."""
     return [
-        AidRow(
-            WHO.get(aid.name, aid.name).capitalize(),
+        AidingRow(
+            SOURCES.get(aid.name, aid.name).capitalize(),
             degrees(aid.changed_deg) if aid.kept else "–",
             f"{degrees(aid.before_deg)} → {degrees(aid.after_deg)}" if aid.kept else "left out",
             aid.words,
@@ -89,8 +89,8 @@ def aids(fit: Fit) -> list[AidRow]:
     ]
 
 
-def found_beside(fit: Fit) -> list[tuple[str, str]]:
-    """What an aided fit found of the instruments beside the magnetometer: name, and number with its uncertainty."""
+def instrument_rows(fit: Fit) -> list[tuple[str, str]]:
+    """Biases and delays of the aiding sensors: name, and number with its uncertainty."""
     told = fit.aids
     if told is None:
         return []
@@ -107,35 +107,35 @@ def found_beside(fit: Fit) -> list[tuple[str, str]]:
     if told.delay_s is not None:
         delay = with_uncertainty(1e3 * told.delay_s, 1e3 * (told.delay_sigma_s or 0.0))
         rows.append(("Magnetometer behind the gyro", f"{delay} ms"))
-    return [(name, number.replace("-", "−")) for name, number in rows]
+    return [(name, minus(number)) for name, number in rows]
 
 
-def called(driver: Driver) -> str:
-    """A driver with its unit, as an axis says it.
+def with_unit(driver: Driver) -> str:
+    """A disturbance with its unit, as an axis says it.
 
     >>> from flinders.core.disturbance import Driver
-    >>> called(Driver("current", [0, 0, 0])), called(Driver("throttle", [0, 0, 0]))
+    >>> with_unit(Driver("current", [0, 0, 0])), with_unit(Driver("throttle", [0, 0, 0]))
     ('current, A', 'throttle')
     """
     return f"{driver.name},{driver.kind.unit}" if driver.kind.unit else driver.name
 
 
-def drivers(fit: Fit) -> list[DriverRow]:
-    """Each thing that the offset follows."""
+def disturbance_rows(fit: Fit) -> list[DisturbanceRow]:
+    """Each disturbance that the offset depends on."""
     dip = fit.heading_error_deg.dip_deg
     known = {driven.name: driven for driven in fit.driven if driven.driver is not None}
     rows = []
     for place, driver in enumerate(fit.calibration.drivers):
         rows.append(
-            DriverRow(
+            DisturbanceRow(
                 driver.name.capitalize(),
                 f"{label(fit.calibration.unit)} per {driver.kind.per}",
                 _offsets(fit, driver, place),
-                _told(
+                _words(
                     driver,
                     fit.calibration.driven_deg(driver, dip_deg=dip),
                     known.get(driver.name),
-                    _running(fit, driver),
+                    _other_motors(fit, driver),
                 ),
             )
         )
@@ -146,25 +146,25 @@ def _offsets(fit: Fit, driver: Driver, place: int) -> tuple[tuple[str, str], ...
     """Value and uncertainty of each axis; no uncertainty where none is known."""
     values = driver.per_unit.tolist()
     if fit.drivers_covariance is None:
-        return tuple((f"{value:.4g}".replace("-", "−"), "") for value in values)
+        return tuple((minus(f"{value:.4g}"), "") for value in values)
     first = 9 + 3 * place
     sigma = np.sqrt(np.diag(fit.drivers_covariance)[first : first + 3]).tolist()
-    pairs = [with_uncertainty(*pair).replace("-", "−").partition(" ± ") for pair in zip(values, sigma, strict=True)]
+    pairs = [minus(with_uncertainty(*pair)).partition(" ± ") for pair in zip(values, sigma, strict=True)]
     return tuple((value, uncertainty) for value, _, uncertainty in pairs)
 
 
-def _running(fit: Fit, driver: Driver) -> str:
+def _other_motors(fit: Fit, driver: Driver) -> str:
     """Of one of several motors: how the others run where so much is left."""
     beside = [motor(other.name)[1] for other in fit.calibration.drivers if other is not driver]
     return " and the other motors run along as they did then" if motor(driver.name)[1] and any(beside) else ""
 
 
-def _told(driver: Driver, taken_deg: float, driven: Driven | None, running: str) -> str:
-    """Where it was seen, what it does to a heading, and what is left of that."""
+def _words(driver: Driver, taken_deg: float, driven: Driven | None, running: str) -> str:
+    """In which range it was recorded, what it does to a heading, and what is left of that."""
     told = [f"recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}"]
     left = "" if driven is None else f", of which {degrees(driven.left_deg)} (1 σ) is left when it is followed{running}"
     told.append(f"at {driver.amount(driver.farthest)} it moves headings by up to {degrees(taken_deg)}{left}")
-    return f"{'; '.join([*told, *_more(driver)])}.".replace("-", "−")
+    return minus(f"{'; '.join([*told, *_more(driver)])}.")
 
 
 def _more(driver: Driver) -> list[str]:

@@ -3,7 +3,7 @@
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> samples = simulate.tumble(seed=1).samples
->>> drawn = Drawn.of(calibrate.fit(samples), samples, most=1000)
+>>> drawn = FigureData.of(calibrate.fit(samples), samples, most=1000)
 >>> len(drawn.raw), drawn.total, drawn.stride, drawn.clock
 (1000, 3000, 3, 's')
 >>> bool(np.linalg.norm(drawn.corrected, axis=1).std() < 1.1 * drawn.view.noise)
@@ -39,7 +39,7 @@ MOST: Final = 10_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class FigureData:
     """A fit and readings, ready to be drawn.
 
     Attributes
@@ -150,11 +150,11 @@ class Drawn:
         corrected: Floats = (self.raw - shown.offset) @ np.transpose(shown.matrix)
         return corrected
 
-    def strengths(self, *, is_followed: bool) -> Floats:
+    def strengths(self, *, is_compensated: bool) -> Floats:
         """(n,) lengths of the corrected readings: with what drives the offset taken off, and not."""
         if self.view is None or self.view.shown is None:
             return np.empty(0)
-        shown, field = self.view.shown, self.raw if is_followed else self.recorded
+        shown, field = self.view.shown, self.raw if is_compensated else self.recorded
         strengths: Floats = np.linalg.norm((field - shown.offset) @ np.transpose(shown.matrix), axis=1)
         return strengths
 
