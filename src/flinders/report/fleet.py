@@ -44,32 +44,12 @@ FAIR: Final = 0.02
 """Share of recordings without a calibration up to which a fleet is called good."""
 
 ADVICE: Final = {
-    "one-plane": "turn the sensor about its other axes too, onto its side and upside down",
-    "level-plane": "keep the vehicle level, or turn the sensor onto its sides and upside down too",
     "heading-error": "turn the sensor through all directions and record for longer, or ask for less",
     "coverage": "turn the sensor so that the unseen directions are seen too",
-    "noise": "record away from iron and currents, with nothing magnetic moving near; check the columns",
-    "rings": "turn the sensor about one more axis",
     "prior": "turn the sensor through more directions, or trust that soft iron is mild",
-    "bias": "nothing, unless many units have it: then the sensor is not linear",
     "inflation": "turn the sensor further: the readings lie on a small patch",
-    "field-changed": "keep currents and everything magnetic as they will be, let the sensor warm up, record again",
-    "structure": "nothing: the heading error allows for it",
-    "few-samples": "record for longer, turning all the time",
-    "correlated": "nothing: the heading error allows for it",
-    "alternating": "record one sensor alone: readings of two take turns",
     "strays": "look for what passed by, a cable that moved, or bits lost on the way",
-    "saturated": "choose a larger range of the sensor, or move it away from magnets",
-    "stale-repeats": "nothing: log no faster than the sensor measures",
-    "time-back": "check the clock and the order of the recordings",
-    "time-gap": "nothing, unless the sensor was turned meanwhile",
     "skipped-rows": "check the sensor, its cable and what was saved",
-    "axis-ratio": "check the unit and scale of each axis, and iron close to the sensor",
-    "field-strength": "check the unit; or record away from iron",
-    "unit-unknown": "give the unit or the scale of the readings",
-    "scale-unknown": "nothing: headings do not depend on it",
-    "rotation-unknown": "nothing, if the sensor is mounted square to the vehicle",
-    "mirrored-axes": "check the mapping of the axes",
     "unreadable": "check whether the file is whole, and of a kind that is read",
     "no-magnetometer": "name the columns of the magnetometer",
     "no-unit": "say in the table whose readings they are",
@@ -91,7 +71,7 @@ ADVICE: Final = {
     "missing-extra": "install what the example names",
     "internal": "report it: this is a fault in Flinders",
 }
-"""What to do about findings and errors that a fleet has many of; docs/findings.md has all of them."""
+"""What to do about errors, and about findings whose own advice names directions or rows of one unit."""
 
 
 def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str] = ()) -> str:
@@ -134,7 +114,8 @@ def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str]
 
 def advice(code: str) -> str:
     """Say what to do about a finding or an error; empty where that is said elsewhere."""
-    return ADVICE.get(code, "")
+    row = CATALOGUE.get(code)
+    return ADVICE.get(code) or ("" if row is None else row.action.replace("`", ""))
 
 
 def when(seconds: float) -> str:

@@ -3,7 +3,7 @@
 What comes from files, such as names and comments, is escaped; of a script the policy of the page names the hash.
 
 >>> style_of("fleet.css").strip()[:25]
-':root { --paper: #f4f6f8;
+':root { --paper: #f4f6f8;'
 """
 
 from __future__ import annotations
