@@ -256,41 +256,43 @@ def _meaning(code: str) -> str:
 
 
 def _figures(overview: Overview, drift: Drift | None) -> dict[str, Any]:
-    """Figures by name."""
-    from markupsafe import Markup  # what is marked as safe is numbers and words of our own, and names escaped
-
+    """Figures by name: numbers and words of our own, and names escaped."""
     shown: dict[str, Any] = {
-        "verdicts": Markup(drawing.bar(overview.verdicts)),
-        "batches": Markup(drawing.batch_map(overview.batches)) if overview.batches else None,
+        "verdicts": drawing.bar(overview.verdicts),
+        "batches": drawing.batch_map(overview.batches) if overview.batches else None,
         "change": None,
         "batch_states": None,
+        "distributions": _distributions(overview),
     }
-    histograms = [
-        ("Worst heading error", overview.heading_deg, "degrees, 1 σ", "°", overview.target_deg),
-        ("Offset", overview.offset, "length, in field strengths", "", None),
-        ("Noise", overview.noise, "% of the field", "%", None),
-        *(
-            (f"Field strength, {label(unit)}", histogram, label(unit), "", None)
-            for unit, histogram in overview.field.items()
-        ),
-    ]
-    shown["distributions"] = [
-        (
-            title,
-            drawing.told(histogram, unit),
-            Markup(drawing.distribution(histogram, words, target=target, factor=100.0 if unit == "%" else 1.0)),
-        )
-        for title, histogram, words, unit, target in histograms
-        if histogram.total
-    ]
     if drift is not None and drift.batches:
         states = {one.batch: one.states for one in drift.batches}
         odd = {one.batch for one in _odd(drift)}
         kinds = ("steady", "single", "none", "unordered", "unsure", "changed", "recalibrate")
-        shown["batch_states"] = Markup(drawing.batch_map(states, kinds, kinds[:-2], odd))
+        shown["batch_states"] = drawing.batch_map(states, kinds, kinds[:-2], odd)
     if drift is not None and drift.change_deg.total:
-        shown["change"] = Markup(drawing.distribution(drift.change_deg, "degrees", target=drift.target_deg))
+        shown["change"] = drawing.distribution(drift.change_deg, "degrees", target=drift.target_deg)
     return shown
+
+
+def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
+    """Title, words and figure of each number that a fleet has a distribution of."""
+    fields = [(f"Field strength, {label(unit)}", counts, label(unit), "") for unit, counts in overview.field.items()]
+    listed = [
+        ("Offset", overview.offset, "length, in field strengths", ""),
+        ("Noise", overview.noise, "% of the field", "%"),
+        *fields,
+    ]
+    worst, target = overview.heading_deg, overview.target_deg
+    heading = (
+        "Worst heading error",
+        drawing.told(worst, "°"),
+        drawing.distribution(worst, "degrees, 1 σ", target=target),
+    )
+    return [heading] * bool(worst.total) + [
+        (title, drawing.told(counts, unit), drawing.distribution(counts, words, factor=100.0 if unit else 1.0))
+        for title, counts, words, unit in listed
+        if counts.total
+    ]
 
 
 def _share(value: float) -> str:

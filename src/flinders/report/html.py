@@ -368,35 +368,28 @@ def _file(file: SourceFile) -> dict[str, str]:
 
 
 def _figures(drawn: FigureData, fit: Fit | None, walk: Walk | None) -> dict[str, Any]:
-    """Figures by name; those that nothing is known for are left out."""
-    from markupsafe import Markup  # what is marked as safe is numbers and words of our own
-
-    view = drawn.view
-    target = 1.0 if fit is None else fit.target_deg
-
-    def marked(figures: Sequence[str]) -> list[Markup]:
-        return [Markup(figure) for figure in figures]
-
+    """Figures by name, numbers and words of our own; None of those that nothing is known for."""
+    view, target = drawn.view, 1.0 if fit is None else fit.target_deg
     found: dict[str, Any] = dict.fromkeys(FIGURES)
     if len(drawn.raw):
-        found["before"] = marked(drawing.projections(drawn, is_corrected=False))
-        found["pictures"] = [(title, Markup(figure)) for title, figure in drawing.pictures(drawn, target)]
+        found["before"] = drawing.projections(drawn, is_corrected=False)
+        found["pictures"] = drawing.pictures(drawn, target)
     if view is None or view.shown is None:
         return found
-    found["after"] = marked(drawing.projections(drawn, is_corrected=True))
-    found["error_map"], found["coverage_map"] = marked([drawing.error_map(view, target), drawing.coverage_map(view)])
-    found["error_legend"], found["seen_legend"] = drawing.error_legend(target), drawing.seen_legend(view)
-    found["residuals"] = Markup(drawing.residuals(drawn))
-    found["offset_over_time"] = (
-        None if walk is None else Markup(drawing.offset_over_time(walk, drawn.unit, drawn.plane))
-    )
-    if view.residuals is not None:
-        found["histogram"] = Markup(drawing.histogram(view, drawn.unit))
-    if view.turn is not None:
-        found["deviation"] = Markup(drawing.deviation(view, target))
+    found |= {
+        "after": drawing.projections(drawn, is_corrected=True),
+        "error_map": drawing.error_map(view, target),
+        "error_legend": drawing.error_legend(target),
+        "coverage_map": drawing.coverage_map(view),
+        "seen_legend": drawing.seen_legend(view),
+        "residuals": drawing.residuals(drawn),
+        "histogram": None if view.residuals is None else drawing.histogram(view, drawn.unit),
+        "deviation": None if view.turn is None else drawing.deviation(view, target),
+        "offset_over_time": None if walk is None else drawing.offset_over_time(walk, drawn.unit, drawn.plane),
+    }
     if fit is not None and fit.verdict != "refused":
-        found["correlation"] = None if claims_nothing(fit) else Markup(drawing.correlation(fit))
-        found["compensated"] = marked([drawing.compensated(drawn, driver) for driver in fit.calibration.drivers])
+        found["correlation"] = None if claims_nothing(fit) else drawing.correlation(fit)
+        found["compensated"] = [drawing.compensated(drawn, driver) for driver in fit.calibration.drivers]
     return found
 
 
