@@ -139,10 +139,10 @@ def of_several(found: Together, target_deg: float) -> RenderableType:
 def _findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
     """What limits it and what to do; how to move on, which is `turn`, is said once."""
     said: list[tuple[str, str]] = []
-    is_told = False
+    is_repeated = False
     for finding in findings:
-        advice = finding.advice.replace(turn, "turn the sensor as above") if is_told else finding.advice
-        is_told = is_told or bool(turn and turn in finding.advice)
+        advice = finding.advice.replace(turn, "turn the sensor as above") if is_repeated else finding.advice
+        is_repeated = is_repeated or bool(turn and turn in finding.advice)
         said.append((finding.severity, advice))
     return notes(said)
 

@@ -100,7 +100,7 @@ def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str]
         "most_findings": SHOWN,
         "worst": [(rank, units) for rank, units in overview.worst.items() if units],
         "findings": [(code, count, _meaning(code), advice(code)) for code, count in overview.findings.items()],
-        "codes": [(code, *told, advice(code)) for code, told in overview.codes.items()],
+        "codes": [(code, *example, advice(code)) for code, example in overview.codes.items()],
         "held_against": "" if drift is None else drift.against,
         "odd_states": [] if drift is None else _odd(drift)[:10],
         "shown_batches": len(drawing.shown_batches(overview.batches)),
@@ -229,9 +229,9 @@ def _numbers(overview: Overview, drift: Drift | None) -> list[tuple[str, str, st
     ]
 
 
-def _median(name: str, counts: Histogram, told: str) -> list[tuple[str, str, str]]:
+def _median(name: str, counts: Histogram, words: str) -> list[tuple[str, str, str]]:
     """A large figure of what was counted; none of nothing."""
-    return [(name, degrees(counts.quantile(0.5)), told)] if counts.total else []
+    return [(name, degrees(counts.quantile(0.5)), words)] if counts.total else []
 
 
 def _orders(drift: Drift) -> list[tuple[str, list[UnitDrift]]]:
@@ -285,11 +285,15 @@ def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
     worst, target = overview.heading_deg, overview.target_deg
     heading = (
         "Worst heading error",
-        drawing.told(worst, "°"),
+        drawing.quantile_words(worst, "°"),
         drawing.distribution(worst, "degrees, 1 σ", target=target),
     )
     return [heading] * bool(worst.total) + [
-        (title, drawing.told(counts, unit), drawing.distribution(counts, words, factor=100.0 if unit else 1.0))
+        (
+            title,
+            drawing.quantile_words(counts, unit),
+            drawing.distribution(counts, words, factor=100.0 if unit else 1.0),
+        )
         for title, counts, words, unit in listed
         if counts.total
     ]

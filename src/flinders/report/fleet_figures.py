@@ -77,9 +77,9 @@ def bar(counts: Mapping[str, int], kinds: Sequence[str] = VERDICTS) -> str:
         width = 1000.0 * share / sum(widths.values())
         parts.append(f'<rect class="v-{kind}" x="{x:.2f}" y="0" width="{width:.2f}" height="10"/>')
         x += width
-    told = listed_counts(counts, kinds)
+    words = listed_counts(counts, kinds)
     return (
-        f'<svg class="shares" viewBox="0 0 1000 10" preserveAspectRatio="none" role="img" aria-label="{told}">'
+        f'<svg class="shares" viewBox="0 0 1000 10" preserveAspectRatio="none" role="img" aria-label="{words}">'
         f"{''.join(parts)}</svg>"
     )
 
@@ -197,10 +197,10 @@ def _numbers(low: float, high: float, factor: float) -> list[tuple[float, str]]:
     return [(value / factor, f"{value:,.6g}") for value in values if first <= value <= last]
 
 
-def told(histogram: Histogram, unit: str) -> str:
+def quantile_words(histogram: Histogram, unit: str) -> str:
     """Median and 95th percentile in words.
 
-    >>> told(Histogram.over(0.01, 100.0, 400).counted([0.5] * 9 + [2.0] * 91), "°")
+    >>> quantile_words(Histogram.over(0.01, 100.0, 400).counted([0.5] * 9 + [2.0] * 91), "°")
     'median 2.0°, 95 % below 2.0°'
     """
     if not histogram.total:

@@ -215,13 +215,19 @@ def _driven_lines(calibration: Calibration) -> list[str]:
     terms = [
         f"np.outer({driver.name} - {driver.reference!r}, {driver.per_unit.tolist()})" for driver in calibration.drivers
     ]
-    told = [f"{with_unit(one)}{f', as of {one.lag_s:.3g} s before' * bool(one.lag_s)}" for one in calibration.drivers]
+    columns = [
+        f"{with_unit(one)}{f', as of {one.lag_s:.3g} s before' * bool(one.lag_s)}" for one in calibration.drivers
+    ]
     gains = [
         f"gain = 1.0 + {one.gain_per_unit!r} * ({one.name} - {one.reference!r})"
         for one in calibration.drivers
         if one.gain_per_unit
     ]
-    return [f"# of each row: {'; '.join(told)}", f"driven = {' + '.join(terms)}  # {label(calibration.unit)}", *gains]
+    return [
+        f"# of each row: {'; '.join(columns)}",
+        f"driven = {' + '.join(terms)}  # {label(calibration.unit)}",
+        *gains,
+    ]
 
 
 def _divided(calibration: Calibration, field: str) -> str:

@@ -203,8 +203,8 @@ def _of_the_file(contents: Contents) -> list[tuple[str, str]]:
         site = contents.site
         side = "E" if site.declination_deg >= 0 else "W"
         declination = f"declination {abs(site.declination_deg):.1f}° {side}"
-        told = f"{site.strength:.2f} µT, dip {site.inclination_deg:.1f}°, {declination} ({site.model})"
-        rows.append(("field there", told))
+        words = f"{site.strength:.2f} µT, dip {site.inclination_deg:.1f}°, {declination} ({site.model})"
+        rows.append(("field there", words))
     return rows + [("·", note) for note in contents.notes]
 
 
@@ -233,10 +233,10 @@ def _of_a_sensor(sensor: Sensor, site: SiteField | None) -> list[tuple[str, str]
 
 
 def _pace(sensor: Sensor) -> str:
-    told = f"{sensor.readings:,}"
+    words = f"{sensor.readings:,}"
     if sensor.rate_hz is not None and sensor.seconds is not None:
-        told += f" at {figures(sensor.rate_hz, 3)} Hz over {written_time(sensor.seconds)}"
-    return told if sensor.longest_gap_s is None else f"{told}; longest gap {written_time(sensor.longest_gap_s)}"
+        words += f" at {figures(sensor.rate_hz, 3)} Hz over {written_time(sensor.seconds)}"
+    return words if sensor.longest_gap_s is None else f"{words}; longest gap {written_time(sensor.longest_gap_s)}"
 
 
 def _doubts(sensor: Sensor, site: SiteField | None) -> list[str]:

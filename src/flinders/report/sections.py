@@ -91,21 +91,21 @@ def aiding_rows(fit: Fit) -> list[AidingRow]:
 
 def instrument_rows(fit: Fit) -> list[tuple[str, str]]:
     """Biases and delays of the aiding sensors: name, and number with its uncertainty."""
-    told = fit.aids
-    if told is None:
+    aiding = fit.aids
+    if aiding is None:
         return []
     rows = []
-    if told.dip_deg is not None:
-        rows.append(("Dip of the field", f"{with_uncertainty(told.dip_deg, told.dip_sigma_deg or 0.0)}°"))
-    if told.gyro_bias is not None and told.gyro_bias_sigma is not None:
-        pairs = zip(np.rad2deg(told.gyro_bias), np.rad2deg(told.gyro_bias_sigma), strict=True)
+    if aiding.dip_deg is not None:
+        rows.append(("Dip of the field", f"{with_uncertainty(aiding.dip_deg, aiding.dip_sigma_deg or 0.0)}°"))
+    if aiding.gyro_bias is not None and aiding.gyro_bias_sigma is not None:
+        pairs = zip(np.rad2deg(aiding.gyro_bias), np.rad2deg(aiding.gyro_bias_sigma), strict=True)
         rows.append(("Bias of the gyro, °/s", ", ".join(with_uncertainty(float(b), float(s)) for b, s in pairs)))
-    if told.acceleration_bias is not None and told.acceleration_bias_sigma is not None:
-        pairs = zip(told.acceleration_bias, told.acceleration_bias_sigma, strict=True)
+    if aiding.acceleration_bias is not None and aiding.acceleration_bias_sigma is not None:
+        pairs = zip(aiding.acceleration_bias, aiding.acceleration_bias_sigma, strict=True)
         biases = ", ".join(with_uncertainty(float(b), float(s)) for b, s in pairs)
         rows.append(("Bias of the accelerometer, m/s²", biases))
-    if told.delay_s is not None:
-        delay = with_uncertainty(1e3 * told.delay_s, 1e3 * (told.delay_sigma_s or 0.0))
+    if aiding.delay_s is not None:
+        delay = with_uncertainty(1e3 * aiding.delay_s, 1e3 * (aiding.delay_sigma_s or 0.0))
         rows.append(("Magnetometer behind the gyro", f"{delay} ms"))
     return [(name, minus(number)) for name, number in rows]
 
@@ -161,17 +161,17 @@ def _other_motors(fit: Fit, driver: Driver) -> str:
 
 def _words(driver: Driver, taken_deg: float, driven: Driven | None, running: str) -> str:
     """In which range it was recorded, what it does to a heading, and what is left of that."""
-    told = [f"recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}"]
+    parts = [f"recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}"]
     left = "" if driven is None else f", of which {degrees(driven.left_deg)} (1 σ) is left when it is followed{running}"
-    told.append(f"at {driver.amount(driver.farthest)} it moves headings by up to {degrees(taken_deg)}{left}")
-    return minus(f"{'; '.join([*told, *_more(driver)])}.")
+    parts.append(f"at {driver.amount(driver.farthest)} it moves headings by up to {degrees(taken_deg)}{left}")
+    return minus(f"{'; '.join([*parts, *_more(driver)])}.")
 
 
 def _more(driver: Driver) -> list[str]:
     """Where the offset holds, where that is not at zero, and lag and growth of the scale, where there are any."""
-    told = [f"the offset of the table below is that at {driver.amount(driver.reference)}"] if driver.reference else []
+    parts = [f"the offset of the table below is that at {driver.amount(driver.reference)}"] if driver.reference else []
     if driver.lag_s:
-        told.append(f"readings follow {abs(driver.lag_s):.2g} s {'later' if driver.lag_s > 0 else 'earlier'}")
+        parts.append(f"readings follow {abs(driver.lag_s):.2g} s {'later' if driver.lag_s > 0 else 'earlier'}")
     if driver.gain_per_unit:
-        told.append(f"the scale grows by {figures(100.0 * driver.gain_per_unit)} % per °C")
-    return told
+        parts.append(f"the scale grows by {figures(100.0 * driver.gain_per_unit)} % per °C")
+    return parts
