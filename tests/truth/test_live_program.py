@@ -90,7 +90,7 @@ class Program:
         process = Path(f"/proc/{self.pid}")
         try:
             state = (process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0]
-            return state == "Z" and len(os.listdir(process / "task")) == 1
+            return state == "Z" and len(list((process / "task").iterdir())) == 1
         except FileNotFoundError:
             return True
 
