@@ -150,7 +150,7 @@ def aided_fits_of_recording(name: str) -> list[Row]:
     samples = flinders.read(FOLDER / name)
     if len(samples) > SHORT or (samples.acceleration is None and samples.rate is None):
         return []
-    return [_aided(name, samples, aids) for aids in AIDING]
+    return [_aided(name, samples, aiding) for aiding in AIDING]
 
 
 def aided_fits_of_simulation(world: tuple[str, int]) -> list[Row]:
@@ -159,16 +159,16 @@ def aided_fits_of_simulation(world: tuple[str, int]) -> list[Row]:
     bare = simulate.tumble(seed=seed, motion=motion, n=1000).samples
     disturbances: list[Disturbance] = [simulate.MotorCurrent(0.3), simulate.ThermalDrift(0.2)]
     disturbed = simulate.tumble(seed=seed, motion=motion, n=1000, disturbances=disturbances).samples
-    rows = [_aided(f"{motion} {seed}", bare, aids) for aids in AIDING]
+    rows = [_aided(f"{motion} {seed}", bare, aiding) for aiding in AIDING]
     for names in (("current",), ("temperature",), ("current", "temperature")):
-        make = partial(flinders.fit, disturbed, drivers=names)
+        make = partial(flinders.fit, disturbed, disturbances=names)
         rows.append({"recording": f"{motion} {seed} disturbed", "method": " ".join(names), **attempt(make)})
     return [*rows, *_together(f"{motion} {seed}", seed, motion)]
 
 
-def _aided(name: str, samples: Samples, aids: tuple[str, ...]) -> Row:
-    make = partial(flinders.fit, samples, aids=aids[0] if len(aids) == 1 else aids)
-    return {"recording": name, "method": f"with {' '.join(aids)}", **attempt(make)}
+def _aided(name: str, samples: Samples, aiding: tuple[str, ...]) -> Row:
+    make = partial(flinders.fit, samples, aiding=aiding[0] if len(aiding) == 1 else aiding)
+    return {"recording": name, "method": f"with {' '.join(aiding)}", **attempt(make)}
 
 
 def _together(name: str, seed: int, motion: str) -> list[Row]:
@@ -179,7 +179,7 @@ def _together(name: str, seed: int, motion: str) -> list[Row]:
         "second": simulate.tumble(seed=seed, motion=motion, n=800, sensor=second).samples,
     }
     try:
-        both = flinders.fit_together(sensors)
+        both = flinders.fit_multi(sensors)
     except FlindersError as error:
         return [{"recording": name, "method": "together", "error": error.code}]
     members = [(one.name, one.fit) for one in both.members]

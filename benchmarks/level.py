@@ -177,17 +177,17 @@ def aids_table(trials: int) -> Iterator[str]:
     yield f"| turn | asked for | run | true at {tilts}° | claimed | ratio | largest ratio |"
     yield "|---|---|---|---|---|---|---:|"
     for title in TURNS:
-        for aids in (("dip",), "auto"):
+        for aiding in (("dip",), "auto"):
             scores, run = [], Counter[str]()
             for number in range(trials):
                 truth, site = TURNS[title].record(number)
-                found = tried(truth.samples, aids=aids, site=site)
+                found = tried(truth.samples, aiding=aiding, site=site)
                 run[found if isinstance(found, str) else found.method] += 1
                 if not isinstance(found, str):
                     scores.append(scored(found, truth))
             told = ", ".join(f"{count} {name}" for name, count in run.most_common())
             largest = max((max(np.divide(true, claimed)) for true, claimed in scores), default=math.nan)
-            asked = aids if isinstance(aids, str) else ", ".join(aids)
+            asked = aiding if isinstance(aiding, str) else ", ".join(aiding)
             yield f"| {title} | {asked} | {told} | {row(scores) if scores else '| |'} | {largest:.1f} |"
 
 

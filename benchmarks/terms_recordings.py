@@ -1,4 +1,4 @@
-"""Aids on real recordings: the accelerometer's, the gyro's, and scripted turns.
+"""Aiding on real recordings: the accelerometer's, the gyro's, and scripted turns.
 
 ``python -m benchmarks.terms --tables real`` prints the tables.
 
@@ -241,9 +241,9 @@ def tables() -> Iterator[str]:
 def automatic(name: str) -> tuple[str, str]:
     """What `auto` keeps of a recording, each with its worth in degrees, and what it leaves out."""
     try:
-        fit = flinders.fit(flinders.read(FOLDER / name), aids="auto")
+        fit = flinders.fit(flinders.read(FOLDER / name), aiding="auto")
     except Refused as refusal:
         fit = refusal.fit
-    each = () if fit.aids is None else fit.aids.each
+    each = () if fit.aiding is None else fit.aiding.each
     kept = ", ".join(f"{aid.name} ({aid.changed_deg:.2g}°)" for aid in each if aid.kept)
     return kept or "–", ", ".join(aid.name for aid in each if not aid.kept) or "–"

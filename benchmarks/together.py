@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.datasets import heading_error_deg
 from flinders import open_log, read, simulate
 from flinders.comparison.agreement import departures
-from flinders.comparison.multi_sensor import fit_together
+from flinders.comparison.multi_sensor import fit_multi
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto
 from flinders.estimators.multi_sensor import Several, solve
@@ -179,8 +179,8 @@ def real_table() -> Iterator[str]:
     arm = sorted((Path(data) / "leiria_robot").glob("V_300_path1_*.npz"))
     yield "| sensor | worst heading alone, ° | together, ° | axes | but for, ° | ± | off by, ° | clock, ms |"
     yield "|---|---:|---:|---|---:|---:|---:|---:|"
-    yield from _rows(fit_together({each.name: each for each in log.instruments}))
-    yield from _rows(fit_together({path.stem.rpartition("_")[2]: read(path, unit="uT") for path in arm}))
+    yield from _rows(fit_multi({each.name: each for each in log.instruments}))
+    yield from _rows(fit_multi({path.stem.rpartition("_")[2]: read(path, unit="uT") for path in arm}))
 
 
 def _rows(found: Together) -> Iterator[str]:

@@ -59,18 +59,18 @@ class Attack:
     Attributes
     ----------
     samples : Samples
-    aids : tuple of str
+    aiding : tuple of str
     code : str
         Of the finding; nothing for a good recording.
     site : Site, optional
-    drivers : tuple of str
+    disturbances : tuple of str
     """
 
     samples: Samples
-    aids: tuple[str, ...]
+    aiding: tuple[str, ...]
     code: str
     site: Site | None = None
-    drivers: tuple[str, ...] = ()
+    disturbances: tuple[str, ...] = ()
 
 
 def recorded(motion: str, seed: int) -> tuple[Simulated, Samples, np.random.Generator]:
@@ -159,7 +159,7 @@ def current(motion: str, seed: int, strength: float) -> Attack:
     """A current that only varies by its noise, of so many A."""
     _, samples, rng = recorded(motion, seed)
     flat = 12.0 + rng.normal(0.0, strength, len(samples))
-    return Attack(replace(samples, current=flat), (), "driver-constant", drivers=("current",))
+    return Attack(replace(samples, current=flat), (), "disturbance-constant", disturbances=("current",))
 
 
 def one_axis(motion: str, seed: int, strength: float) -> Attack:
@@ -199,19 +199,19 @@ CASES: Final[Mapping[str, tuple[Callable[[str, int, float], Attack], tuple[float
 
 def codes_of(attack: Attack) -> tuple[str, ...]:
     """The findings that a fit has about its instruments; ``refused`` and why, where it has no fit."""
-    if attack.drivers:
+    if attack.disturbances:
         try:
-            findings = fit(attack.samples, drivers=attack.drivers).findings
+            findings = fit(attack.samples, disturbances=attack.disturbances).findings
         except Refused as refusal:
             findings = refusal.fit.findings
         except FitError as refusal:
             return (f"refused: {type(refusal).__name__}",)
         return tuple(finding.code for finding in findings if finding.code.startswith("driver"))
     try:
-        _, aids = aided_by(attack.samples, attack.aids, site=attack.site)
+        _, aiding = aided_by(attack.samples, attack.aiding, site=attack.site)
     except FitError as refusal:
         return (f"refused: {type(refusal).__name__}",)
-    return tuple(mistake.code for mistake in aids.mistakes)
+    return tuple(mistake.code for mistake in aiding.mistakes)
 
 
 def tried(case: str, strength: float, motion: str, seed: int) -> tuple[str, tuple[str, ...]]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flinders.comparison.comparison import compare as compare
     from flinders.comparison.merging import merge as merge
     from flinders.comparison.methods import compare_methods as compare_methods
-    from flinders.comparison.multi_sensor import fit_together as fit_together
+    from flinders.comparison.multi_sensor import fit_multi as fit_multi
     from flinders.core import units as units
     from flinders.core.axes import Axes as Axes
     from flinders.core.calibration import Calibration as Calibration
@@ -57,7 +57,7 @@ _HOMES: Final = {
     "estimators": "estimators",
     "fit": "fitting.calibrate",
     "fit_many": "fleet",
-    "fit_together": "comparison.multi_sensor",
+    "fit_multi": "comparison.multi_sensor",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
@@ -67,6 +67,9 @@ _HOMES: Final = {
 }
 """Public names and the module each lives in; a module of that name is the thing itself."""
 
+_RENAMED: Final = {"fit_together": "fit_multi"}
+"""Old names, which work for one release."""
+
 __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
 
 
@@ -75,6 +78,11 @@ def __getattr__(name: str) -> object:
         from importlib.metadata import version
 
         return version("flinders")
+    if name in _RENAMED:
+        from flinders.deprecation import warn
+
+        warn(f"flinders.{name} is called {_RENAMED[name]!r} now: the old name goes with the next release")
+        return __getattr__(_RENAMED[name])
     if name not in _HOMES:
         raise AttributeError(f"module 'flinders' has no attribute {name!r}")
     home = _HOMES[name]

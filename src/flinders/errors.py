@@ -20,7 +20,7 @@
     ├── FitError                     fit               4    no calibration can be given from this recording
     │   ├── TooFewSamples            too-few-samples   4
     │   ├── StuckAxis                stuck-axis        4    an axis that never changes
-    │   ├── NotTurned                not-turned        4    a still sensor, and readings that follow a driver
+    │   ├── NotTurned                not-turned        4    a still sensor, and readings that follow a disturbance
     │   ├── Unmoved                  unmoved           4    a sensor that was hardly turned
     │   ├── OutOfScale               out-of-scale      4    numbers that no magnetometer reads
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
@@ -250,18 +250,18 @@ class Unmoved(FitError):
 
 
 class NotTurned(FitError):
-    """The sensor was still, and its readings follow a driver alone (`left`: what is left of an axis, in their unit)."""
+    """The sensor was still, and a disturbance explains its readings (`left`: residual of an axis, in their unit)."""
 
     code = "not-turned"
 
-    def __init__(self, left: float, drivers: str) -> None:
-        self.left, self.drivers = left, drivers
+    def __init__(self, left: float, disturbances: str) -> None:
+        self.left, self.disturbances = left, disturbances
         super().__init__(
-            f"the sensor was not turned: its readings follow {drivers} and hardly anything else ({figures(left)} of "
-            "their unit is left, 1 σ). That tells what the driver does, and no offset or matrix: give the calibration "
-            "that it belongs to with --previous, or turn the sensor while recording",
+            f"the sensor was not turned: its readings follow {disturbances} and hardly anything else ({figures(left)} "
+            "of their unit is left, 1 σ). That tells what the disturbance does, and no offset or matrix: give the "
+            "calibration that it belongs to with --previous, or turn the sensor while recording",
             left=left,
-            drivers=drivers,
+            disturbances=disturbances,
         )
 
 

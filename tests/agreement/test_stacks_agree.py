@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from flinders.core.samples import Samples
-from flinders.diagnostics.axis_swap import SLIPS
+from flinders.diagnostics.axis_swap import SWAPS
 from flinders.errors import FitError
 from flinders.fitting import calibrate
 from flinders.fitting.result import Refused
@@ -81,8 +81,8 @@ def level(rng: np.random.Generator, units: int) -> list[Floats]:
 
 def spiky(rng: np.random.Generator, units: int) -> list[Floats]:
     readings = measured(rng, spheres(rng, units, 200))
-    strays = rng.random(readings.shape[:2]) < rng.uniform(0.0, 0.03, size=(units, 1))
-    readings[strays] += 40.0 * rng.normal(size=(int(strays.sum()), 3))
+    outliers = rng.random(readings.shape[:2]) < rng.uniform(0.0, 0.03, size=(units, 1))
+    readings[outliers] += 40.0 * rng.normal(size=(int(outliers.sum()), 3))
     return list(readings)
 
 
@@ -200,7 +200,7 @@ def slipped(rng: np.random.Generator) -> list[Samples]:
     """Turned by hand, with an axis that changes its sign or two that change places on the way."""
     fields = measured(rng, walks(rng, 6, 400, 0.1), noise=0.1)
     for place, field in enumerate(fields):
-        field[200:] = field[200:] @ list(SLIPS.values())[place]
+        field[200:] = field[200:] @ list(SWAPS.values())[place]
     return [Samples.of(field, unit="uT") for field in fields]
 
 
@@ -217,7 +217,7 @@ def in_another_unit(rng: np.random.Generator) -> list[Samples]:
     return [Samples.of(field, unit="uT") for one in (1.0, 1.5, 10.0, 0.02) for field in one * np.array(clean(rng, 2))]
 
 
-@pytest.mark.parametrize(("units", "code"), [(slipped, "slipped-axes"), (driven, "driver-unfollowed")])
+@pytest.mark.parametrize(("units", "code"), [(slipped, "axis-swap"), (driven, "disturbance-unmodelled")])
 def test_what_only_a_look_at_the_whole_recording_tells_leaves_the_lane(
     units: Callable[[np.random.Generator], list[Samples]], code: str
 ) -> None:
@@ -265,10 +265,10 @@ def test_quiet_sensors_and_large_offsets_agree_too(*, polish: bool) -> None:
 
 def test_a_stack_that_all_units_leave_leaves_the_others_in_peace() -> None:
     rng = np.random.default_rng(12)
-    good, stray = clean(rng, 3), measured(rng, spheres(rng, 8, 400))
-    stray[:, ::20] += 40.0 * rng.normal(size=stray[:, ::20].shape)
+    good, outlier = clean(rng, 3), measured(rng, spheres(rng, 8, 400))
+    outlier[:, ::20] += 40.0 * rng.normal(size=outlier[:, ::20].shape)
     for polish in (True, False):
-        found = fit_stack([Samples.of(field, unit="uT") for field in [*good, *stray]], polish=polish)
+        found = fit_stack([Samples.of(field, unit="uT") for field in [*good, *outlier]], polish=polish)
         assert found.through[:3].all()
 
 

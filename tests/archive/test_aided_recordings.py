@@ -92,11 +92,11 @@ def test_auto_keeps_the_rotation_of_a_tumble_with_an_accelerometer(
     """0.9° of the first are no bias of its accelerometer, which is found with the rest."""
     assert recordings(name).exists()
     samples = real.read(name)
-    found, aids = aided_by(samples[:: 1 + len(samples) // 4000], "auto")
-    assert found.aids == ()
-    assert [aid.kept for aid in aids.each] == [True]
-    assert aids.rotation is not None
-    turned = np.degrees(np.arccos(np.clip((np.trace(aids.rotation) - 1.0) / 2.0, -1.0, 1.0)))
+    found, aiding = aided_by(samples[:: 1 + len(samples) // 4000], "auto")
+    assert found.aiding == ()
+    assert [aid.kept for aid in aiding.each] == [True]
+    assert aiding.rotation is not None
+    turned = np.degrees(np.arccos(np.clip((np.trace(aiding.rotation) - 1.0) / 2.0, -1.0, 1.0)))
     assert turned == pytest.approx(angle_deg, abs=0.8)
 
 

@@ -13,7 +13,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders import open_log
-from flinders.comparison.multi_sensor import Member, Together, fit_together
+from flinders.comparison.multi_sensor import Member, Together, fit_multi
 from flinders.fitting.result import Fit, Refused
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ ONBOARD_UT: Final = np.array([9.77916, -11.811, -21.318])
 @pytest.fixture(scope="module")
 def flight(recordings: Callable[[str], Path]) -> Together:
     log = open_log(recordings("dronekit_log171_3mags/log171.bin"))
-    return fit_together({each.name: each for each in log.instruments})
+    return fit_multi({each.name: each for each in log.instruments})
 
 
 def fit_of(member: Member) -> Fit:
@@ -40,12 +40,12 @@ def test_the_compasses_inside_sit_as_the_one_outside_and_hear_the_current(flight
     outside, *inside = flight.members
     found = fit_of(outside)
     assert found.heading_error_deg.worst < 1.0
-    assert [one.code for one in found.findings if one.severity == "limits"] == ["driver-unfollowed"]  # a little, too
+    assert [one.code for one in found.findings if one.severity == "limits"] == ["disturbance-unmodelled"]
     for member in inside:
         assert member.axes == "x,y,z"
         assert member.off_axes_deg < 10.0
         assert member.scatter_deg > 10.0 * outside.scatter_deg
-        assert "departs-throughout" in {finding.code for finding in member.findings}
+        assert "sensor-deviates-throughout" in {finding.code for finding in member.findings}
 
 
 def test_each_is_known_better_than_by_itself(flight: Together) -> None:

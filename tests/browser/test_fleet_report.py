@@ -67,7 +67,9 @@ def test_a_telephone_shows_it_without_scrolling_sideways(browser: Browser, writt
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A fleet with a long name, many findings, batches and what could not be read."""
-    findings = ("heading-error", "coverage", "correlated", "strays", "few-samples", "scale-unknown", "rotation-unknown")
+    findings = (
+        "heading-error", "coverage", "correlated", "outliers", "few-samples", "scale-unknown", "rotation-unknown",
+    )  # fmt: skip
     known: dict[str, Any] = {
         "method": "robust",
         "offset": (1.0, 2.0, 3.0),

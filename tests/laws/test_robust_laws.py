@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders.core.samples import Samples
-from flinders.estimators import Readings, strays_of
+from flinders.estimators import Readings, outliers_of
 from flinders.estimators.inliers import LEAST, MARGIN, NO_RUN, WINDOW, Near, dense_enough, dense_in, left_out
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -80,12 +80,14 @@ def test_what_is_left_out_does_not_depend_on_blocks(far: NDArray[np.bool_], size
     assert np.all(whole[far])
     kept = [block.field for block in Near(samples, SPHERE, LIMIT, dense).blocks()]
     npt.assert_array_equal(np.concatenate(kept), samples.field[~whole])
-    listed = strays_of(blocks, SPHERE, LIMIT, dense)
-    assert [str(stray) for stray in listed] == [str(stray) for stray in strays_of([samples], SPHERE, LIMIT, dense)]
-    assert sum(stray.rows for stray in listed) == np.count_nonzero(whole)
-    for stray in listed:
-        assert whole[stray.first - 1]
-        assert whole[stray.last - 1]
+    listed = outliers_of(blocks, SPHERE, LIMIT, dense)
+    assert [str(outlier) for outlier in listed] == [
+        str(outlier) for outlier in outliers_of([samples], SPHERE, LIMIT, dense)
+    ]
+    assert sum(outlier.rows for outlier in listed) == np.count_nonzero(whole)
+    for outlier in listed:
+        assert whole[outlier.first - 1]
+        assert whole[outlier.last - 1]
 
 
 @given(far=arrays(np.bool_, st.integers(1, 300), elements=st.sampled_from([False] * 4 + [True])))
@@ -111,8 +113,8 @@ def test_strays_are_the_same_over_any_split_into_blocks(lengths: Floats, cuts: l
     samples = Samples(field, time=np.arange(len(field)) * 0.5 if timed else None)
     edges = sorted({0, len(field), *(cut for cut in cuts if cut < len(field))})
     blocks = [samples[begin:end] for begin, end in pairwise(edges)]
-    whole, parts = strays_of([samples], SPHERE, LIMIT), strays_of(blocks, SPHERE, LIMIT)
-    assert [str(stray) for stray in parts] == [str(stray) for stray in whole]
+    whole, parts = outliers_of([samples], SPHERE, LIMIT), outliers_of(blocks, SPHERE, LIMIT)
+    assert [str(outlier) for outlier in parts] == [str(outlier) for outlier in whole]
     for one, other in zip(whole, parts, strict=True):
         assert (one.first, one.last, one.rows, one.farthest) == (other.first, other.last, other.rows, other.farthest)
         npt.assert_array_equal([one.start, one.end], [other.start, other.end])
@@ -122,7 +124,7 @@ def test_strays_are_the_same_over_any_split_into_blocks(lengths: Floats, cuts: l
 def test_every_far_reading_is_in_one_run_and_no_run_is_empty(lengths: Floats) -> None:
     field = np.outer(lengths, [0.6, 0.0, 0.8])
     far = np.flatnonzero(np.abs(magnitude.distances(field, SPHERE)) > LIMIT) + 1
-    runs = strays_of([Samples(field)], SPHERE, LIMIT)
+    runs = outliers_of([Samples(field)], SPHERE, LIMIT)
     assert sum(run.rows for run in runs) == len(far)
     inside = [row for run in runs for row in far if run.first <= row <= run.last]
     assert inside == far.tolist()

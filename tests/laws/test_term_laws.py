@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 LAYOUT = Layout.of(
-    drivers=2,
+    disturbances=2,
     rotation=True,
     slope=True,
     gyro_bias=True,
@@ -30,7 +30,14 @@ LAYOUT = Layout.of(
     sine=True,
 )
 POINTED = Layout.of(
-    drivers=2, rotation=True, slope=True, gyro_bias=True, gyro_scale=True, gyro_turn=True, delay=True, direction=True
+    disturbances=2,
+    rotation=True,
+    slope=True,
+    gyro_bias=True,
+    gyro_scale=True,
+    gyro_turn=True,
+    delay=True,
+    direction=True,
 )
 WEIGHTS = Weights(0.5, 0.004)
 STEP = 1e-6
@@ -46,7 +53,7 @@ def group(seed: int, windows: int = 3, n: int = 5) -> Group:
         turned=gyro.integrated(rng.normal(size=(windows, n, 3)), np.full((windows, n), 0.02), np.zeros(3)),
         down=down / np.linalg.norm(down, axis=2, keepdims=True),
         trust=rng.uniform(0.2, 1.0, size=(windows, n)),
-        drivers=rng.normal(size=(windows, n, 2)),
+        disturbances=rng.normal(size=(windows, n, 2)),
         warmth=rng.normal(size=(windows, n)),
     )
 
@@ -60,12 +67,12 @@ def with_attitudes(seed: int) -> Group:
 
 def somewhere(seed: int) -> Parameters:
     rng = np.random.default_rng(seed)
-    plain = Parameters.at(rng.normal(scale=5.0, size=3), 50.0 * np.eye(3) + np.diag(rng.normal(size=3)), drivers=2)
+    plain = Parameters.at(rng.normal(scale=5.0, size=3), 50.0 * np.eye(3) + np.diag(rng.normal(size=3)), disturbances=2)
     turned = gyro.rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
     scale = rng.normal(scale=0.02, size=6)
     lean = 0.03 * rng.standard_normal(3)
     return replace(
-        plain, rotation=turned, drivers=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3, gyro_scale=scale,
+        plain, rotation=turned, disturbances=rng.normal(size=(2, 3)), sine=0.7, slope=1e-3, gyro_scale=scale,
         gyro_turn=0.5 * lean, acceleration_bias=lean,
     )  # fmt: skip
 

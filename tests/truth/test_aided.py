@@ -19,7 +19,7 @@ from flinders.fitting.aid_selection import aided_by
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
 from flinders.heading.error_propagation import level_turn
-from flinders.likelihood.disturbances import Drivers
+from flinders.likelihood.disturbances import Disturbances
 from flinders.likelihood.gyro import rotations
 from flinders.likelihood.site_field import Site
 
@@ -166,10 +166,10 @@ def test_a_driver_is_found_beside_the_rest() -> None:
     current = 10.0 + 8.0 * np.sin(np.arange(len(true.samples)) * 0.013)
     pull = np.array([0.4, -0.2, 0.3])
     flown = replace(true.samples, field=true.samples.field + np.outer(current, pull))
-    found = solve(flown, ("rate",), drivers=Drivers.of({"current": current}))
+    found = solve(flown, ("rate",), disturbances=Disturbances.of({"current": current}))
     covariance = found.of("drivers")
     assert covariance is not None
-    assert np.all(np.abs(found.parameters.drivers[0] - pull) < 4.0 * np.sqrt(np.diag(covariance)))
+    assert np.all(np.abs(found.parameters.disturbances[0] - pull) < 4.0 * np.sqrt(np.diag(covariance)))
 
 
 def test_strays_are_left_out() -> None:
@@ -177,19 +177,19 @@ def test_strays_are_left_out() -> None:
     field = true.samples.field.copy()
     field[200:210] += 40.0
     found = solve(replace(true.samples, field=field), ("rate", "dip"))
-    assert found.strays.tolist() == list(range(200, 210))
+    assert found.outliers.tolist() == list(range(200, 210))
 
 
-def codes(samples: flinders.Samples, aids: tuple[str, ...], site: Site | None = None) -> list[str]:
-    return [mistake.code for mistake in aided_by(samples, aids, site=site)[1].mistakes]
+def codes(samples: flinders.Samples, aiding: tuple[str, ...], site: Site | None = None) -> list[str]:
+    return [mistake.code for mistake in aided_by(samples, aiding, site=site)[1].mistakes]
 
 
 def test_a_gyro_in_degrees_is_named_and_not_used() -> None:
     true = swayed(8)
-    found, aids = aided_by(replace(true.samples, rate=np.rad2deg(true.samples.rate)), ("rate",))  # type: ignore[arg-type]
-    assert [mistake.code for mistake in aids.mistakes] == ["gyro-unit"]
-    assert "°/s" in aids.mistakes[0].words
-    assert found.aids == ()
+    found, aiding = aided_by(replace(true.samples, rate=np.rad2deg(true.samples.rate)), ("rate",))  # type: ignore[arg-type]
+    assert [mistake.code for mistake in aiding.mistakes] == ["gyro-unit"]
+    assert "°/s" in aiding.mistakes[0].words
+    assert found.aiding == ()
 
 
 @pytest.mark.parametrize("aid", ["rate", "dip"])
@@ -225,21 +225,21 @@ def test_an_attitude_from_the_same_compass_is_named_and_not_used() -> None:
 
 
 def test_a_driver_that_never_changes_is_left_out() -> None:
-    still = Drivers.of({"current": np.full(10, 3.0)})
+    still = Disturbances.of({"current": np.full(10, 3.0)})
     assert still.constant == ("current",)
     assert still.without(still.constant) is None
 
 
 def test_fit_takes_aids_and_says_what_each_changed() -> None:
     true = swayed(13)
-    fit = flinders.fit(true.samples, aids=("rate", "dip"))
+    fit = flinders.fit(true.samples, aiding=("rate", "dip"))
     plain = flinders.fit(true.samples)
     assert fit.heading_error_deg.worst < plain.heading_error_deg.worst
     assert fit.calibration.rotation == "estimated"
-    assert fit.aids is not None
-    assert [aid.name for aid in fit.aids.each if aid.kept] == ["rate", "dip"]
-    assert fit.aids.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.aids.dip_sigma_deg or 0.0))
-    assert fit.aids.acceleration_bias == pytest.approx(0.0, abs=0.3)
+    assert fit.aiding is not None
+    assert [aid.name for aid in fit.aiding.each if aid.kept] == ["rate", "dip"]
+    assert fit.aiding.dip_deg == pytest.approx(DIP_DEG, abs=3.0 * (fit.aiding.dip_sigma_deg or 0.0))
+    assert fit.aiding.acceleration_bias == pytest.approx(0.0, abs=0.3)
     assert "rotation-unknown" not in {finding.code for finding in fit.findings}
     assert fit.as_dict()["aids"]["each"][0]["name"] == "rate"
     again = flinders.Calibration.from_document(fit.to_document())
@@ -253,12 +253,12 @@ def test_what_is_missing_is_named() -> None:
     with pytest.raises(UsageError, match="not known"):
         solve(true.samples, ("sonar",))
     with pytest.raises(UsageError, match="aids go with"):
-        flinders.fit(true.samples, aids="auto", method="sphere")
+        flinders.fit(true.samples, aiding="auto", method="sphere")
 
 
 def test_where_no_aid_is_kept_the_fit_is_that_of_the_magnetometer() -> None:
     true = swayed(8)
-    fit = flinders.fit(replace(true.samples, rate=np.rad2deg(true.samples.rate)), aids=("rate",))  # type: ignore[arg-type]
+    fit = flinders.fit(replace(true.samples, rate=np.rad2deg(true.samples.rate)), aiding=("rate",))  # type: ignore[arg-type]
     plain = flinders.fit(true.samples)
     assert fit.method == plain.method
     npt.assert_array_equal(fit.calibration.offset, plain.calibration.offset)

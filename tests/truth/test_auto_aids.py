@@ -1,4 +1,4 @@
-"""`auto` keeps what helps and leaves out what does not: aids and drivers of recordings whose truth is known."""
+"""`auto` keeps what helps and leaves out what does not: aids and disturbances of recordings whose truth is known."""
 
 from __future__ import annotations
 
@@ -85,16 +85,16 @@ def test_an_aid_that_helps_is_kept(spoilt: Callable[[Samples], Samples], kept: t
     """A vertical that is late while the body turns, or shaken by a third of gravity, claims nothing beside the gyro."""
     true = swayed(2)
     samples = spoilt(true.samples)
-    found, aids = aided_by(samples, "auto", acceleration_bias=0.0)
-    assert found.aids == kept
+    found, aiding = aided_by(samples, "auto", acceleration_bias=0.0)
+    assert found.aiding == kept
     assert heading_error_deg(found, true) < 0.5 * heading_error_deg(solve(samples, ()), true)
-    assert all(aid.after_deg < aid.before_deg for aid in aids.each if aid.kept)
+    assert all(aid.after_deg < aid.before_deg for aid in aiding.each if aid.kept)
 
 
 def test_an_accelerometer_of_unknown_bias_adds_nothing_to_a_gyro() -> None:
-    _, aids = aided_by(swayed(2).samples, "auto")
-    assert [aid.name for aid in aids.each if aid.kept] == ["rate"]
-    assert aids.each[1].words.startswith("claims no less")
+    _, aiding = aided_by(swayed(2).samples, "auto")
+    assert [aid.name for aid in aiding.each if aid.kept] == ["rate"]
+    assert aiding.each[1].words.startswith("claims no less")
 
 
 def test_the_scales_of_the_gyro_are_found() -> None:
@@ -112,52 +112,52 @@ def test_a_gyro_that_knows_nothing_of_the_motion_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.rate is not None
     mixed = replace(true.samples, rate=true.samples.rate[np.random.default_rng(1).permutation(1500)])
-    found, aids = aided_by(mixed, "auto")
-    assert "rate" not in found.aids
-    assert aids.each[0].words
+    found, aiding = aided_by(mixed, "auto")
+    assert "rate" not in found.aiding
+    assert aiding.each[0].words
 
 
 def test_a_gyro_a_fifth_too_strong_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.rate is not None
-    _, aids = aided_by(replace(true.samples, rate=1.2 * true.samples.rate), "auto")
-    assert [aid.name for aid in aids.each if aid.kept] == ["dip"]
+    _, aiding = aided_by(replace(true.samples, rate=1.2 * true.samples.rate), "auto")
+    assert [aid.name for aid in aiding.each if aid.kept] == ["dip"]
 
 
 def test_an_accelerometer_that_points_anywhere_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.acceleration is not None
     mixed = replace(true.samples, acceleration=true.samples.acceleration[np.random.default_rng(1).permutation(1500)])
-    found, aids = aided_by(mixed, "auto")
-    assert found.aids == ("rate",)
-    assert [aid.name for aid in aids.each if not aid.kept] == ["dip"]
+    found, aiding = aided_by(mixed, "auto")
+    assert found.aiding == ("rate",)
+    assert [aid.name for aid in aiding.each if not aid.kept] == ["dip"]
 
 
 def test_an_accelerometer_in_coordinated_turns_is_left_out() -> None:
     flight = simulate.tumble(seed=1, motion="flight", n=1500, imu=IMU)
-    _, aids = aided_by(flight.samples, "auto")
-    assert [aid.name for aid in aids.each if aid.kept] == ["rate"]
+    _, aiding = aided_by(flight.samples, "auto")
+    assert [aid.name for aid in aiding.each if aid.kept] == ["rate"]
 
 
 def test_a_rotation_is_kept_where_the_ellipsoid_needs_no_help() -> None:
     """A tumble by hand tells offset and shape by itself, and nothing of how the accelerometer sits."""
     true = simulate.tumble(seed=3, n=1500, imu=simulate.Imu(acceleration_noise=0.5))
-    fit = flinders.fit(replace(with_another_mounting(true.samples), rate=None), aids="auto")
-    assert fit.aids is not None
-    assert [aid.kept for aid in fit.aids.each] == [True]
+    fit = flinders.fit(replace(with_another_mounting(true.samples), rate=None), aiding="auto")
+    assert fit.aiding is not None
+    assert [aid.kept for aid in fit.aiding.each] == [True]
     assert fit.calibration.rotation == "estimated"
-    assert fit.aids.rotation is not None
-    npt.assert_allclose(fit.aids.rotation, MOUNTING, atol=0.02)
+    assert fit.aiding.rotation is not None
+    npt.assert_allclose(fit.aiding.rotation, MOUNTING, atol=0.02)
 
 
 def test_a_current_that_moves_the_offset_is_followed_and_says_what_it_takes_away() -> None:
     motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
     flown = simulate.tumble(seed=3, n=1500, disturbances=[motors]).samples
-    fit = flinders.fit(flown, aids="auto")
-    assert [driver.name for driver in fit.calibration.drivers] == ["current"]
-    assert fit.aids is not None
-    assert fit.aids.each[0].name == "current"
-    assert fit.aids.each[0].changed_deg > 10.0
+    fit = flinders.fit(flown, aiding="auto")
+    assert [disturbance.name for disturbance in fit.calibration.disturbances] == ["current"]
+    assert fit.aiding is not None
+    assert fit.aiding.each[0].name == "current"
+    assert fit.aiding.each[0].changed_deg > 10.0
 
 
 def test_a_current_that_does_nothing_is_left_out() -> None:

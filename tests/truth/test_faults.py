@@ -139,7 +139,7 @@ def test_the_verdict_names_a_slip_and_says_from_when_on() -> None:
         fitted = flinders.fit(field)
     except Refused as error:
         fitted = error.fit
-    finding = next(finding for finding in fitted.findings if finding.code == "slipped-axes")
+    finding = next(finding for finding in fitted.findings if finding.code == "axis-swap")
     assert finding.severity == "limits"
     assert finding.number > finding.limit
     assert finding.advice.startswith("from reading 901 on x and y changed places")
@@ -167,4 +167,4 @@ def test_the_table_counts_what_was_said() -> None:
         "recall at the larger severity: 75.00% of 4; of the worst fault 75.00%",
         "false alarms: 0.50% of 200 good units, 0.50% beyond notes; off unseen: 0",
     ]
-    assert "strays" in TELLING
+    assert "outliers" in TELLING

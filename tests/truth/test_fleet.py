@@ -181,11 +181,11 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path) -> None:
     run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]
-    driver = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.PIPE)
-    while not list((tmp_path / "out.parquet.parts").glob("part-*.arrow")) and driver.poll() is None:
+    disturbance = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.PIPE)
+    while not list((tmp_path / "out.parquet.parts").glob("part-*.arrow")) and disturbance.poll() is None:
         time.sleep(0.002)
-    driver.kill()
-    driver.communicate()
+    disturbance.kill()
+    disturbance.communicate()
     with pytest.raises(UsageError, match="go on with --resume"):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
@@ -393,7 +393,7 @@ def test_a_table_that_holds_a_driver_says_what_the_single_command_says(tmp_path:
         single = json.loads(CliRunner().invoke(main, command, prog_name="flinders").stdout)
         codes = [finding["code"] for finding in single["findings"]]
         assert list(rows_out.findings[place]) == codes
-        assert ("driver-unfollowed" in codes) == (place == 1)
+        assert ("disturbance-unmodelled" in codes) == (place == 1)
 
 
 def test_a_unit_with_many_readings_beside_small_ones_is_streamed(

@@ -48,9 +48,9 @@ def test_scales_that_run_away_are_held(seed: int) -> None:
 
 def test_an_aid_that_goes_against_a_sound_gyro_is_named_whatever_their_order() -> None:
     flight = simulate.tumble(seed=1, motion="flight", n=1500).samples
-    for aids in (("rate", "dip"), ("dip", "rate")):
-        found, told = aided_by(flight, aids)
-        assert found.aids == ("rate",)
+    for aiding in (("rate", "dip"), ("dip", "rate")):
+        found, told = aided_by(flight, aiding)
+        assert found.aiding == ("rate",)
         assert [(one.code, one.aid, one.drops) for one in told.mistakes] == [("aids-disagree", "dip", True)]
 
 
@@ -58,7 +58,7 @@ def test_a_gyro_a_fifth_too_strong_is_named_and_the_fit_made_without_it() -> Non
     true = swayed()
     strong = with_rate(true.samples, 1.25 * np.asarray(true.samples.rate))
     found, told = aided_by(strong, ("rate", "dip"))
-    assert found.aids == ("dip",)
+    assert found.aiding == ("dip",)
     [mistake] = told.mistakes
     assert (mistake.code, mistake.aid, mistake.drops) == ("gyro-scales", "rate", True)
     assert mistake.number == pytest.approx(0.2, abs=0.03)
@@ -86,7 +86,8 @@ def test_short_gaps_of_the_gyro_are_bridged_and_counted() -> None:
     sigma = np.sqrt(np.diag(whole.covariance)[:3])
     assert np.all(np.abs(found.parameters.offset - whole.parameters.offset) < sigma)
     codes = {
-        finding.code: finding.severity for finding in flinders.fit(with_rate(true.samples, rate), aids="rate").findings
+        finding.code: finding.severity
+        for finding in flinders.fit(with_rate(true.samples, rate), aiding="rate").findings
     }
     assert codes["gyro-gaps"] == "note"
 
@@ -106,7 +107,7 @@ def test_a_gyro_at_its_limit_is_named_and_not_used(limit: float) -> None:
     true = swayed()
     clipped = with_rate(true.samples, np.clip(np.asarray(true.samples.rate), -limit, limit))
     found, told = aided_by(clipped, ("rate", "dip"))
-    assert found.aids == ("dip",)
+    assert found.aiding == ("dip",)
     assert [(one.code, one.drops) for one in told.mistakes] == [("gyro-clipped", True)]
 
 
@@ -131,11 +132,11 @@ def test_where_another_fit_stood_is_as_good_a_start_as_any() -> None:
 
 def test_a_known_gyro_has_its_scales_held() -> None:
     true = swayed()
-    free, held = (flinders.fit(true.samples, aids="rate", gyro_scale=scale) for scale in (0.02, 0.0))
+    free, held = (flinders.fit(true.samples, aiding="rate", gyro_scale=scale) for scale in (0.02, 0.0))
     assert held.heading_error_deg.worst < 0.9 * free.heading_error_deg.worst
     for wrong in (-0.1, 0.6, np.nan):
         with pytest.raises(UsageError, match="gyro scale is"):
-            flinders.fit(true.samples, aids="rate", gyro_scale=wrong)
+            flinders.fit(true.samples, aiding="rate", gyro_scale=wrong)
 
 
 @pytest.mark.parametrize(("seen", "words"), [(-47.0, "turned round"), (-66.0, "upside down"), (50.0, "check place")])
@@ -147,11 +148,11 @@ def test_a_reversed_accelerometer_is_named_where_only_its_rotation_is_kept() -> 
     true = simulate.tumble(seed=3, n=800, dip_deg=60.0, imu=simulate.Imu(acceleration_noise=0.5))
     turned = -np.asarray(true.samples.acceleration) @ rotations(np.array([[0.06, -0.05, 0.08]]))[0].T
     reversed_ = replace(true.samples, rate=None, acceleration=turned)
-    for aids in ("auto", "dip"):
-        fit = flinders.fit(reversed_, aids=aids, site=Site(None, 60.0))
-        assert fit.aids is not None
-        assert [one.code for one in fit.aids.mistakes] == ["site-differs"]
-        assert "upside down" in fit.aids.mistakes[0].words
+    for aiding in ("auto", "dip"):
+        fit = flinders.fit(reversed_, aiding=aiding, site=Site(None, 60.0))
+        assert fit.aiding is not None
+        assert [one.code for one in fit.aiding.mistakes] == ["site-differs"]
+        assert "upside down" in fit.aiding.mistakes[0].words
 
 
 def test_a_rate_is_the_mean_to_the_next_reading() -> None:

@@ -138,8 +138,8 @@ def test_three_percent_of_strays_are_left_out() -> None:
         field[struck] += simulate.uniform(rng, 18) * rng.uniform(25.0, 150.0, (18, 1))
         fit, plain = flinders.fit(field), flinders.fit(recording.samples.field)
         assert (fit.method, fit.verdict) == ("level", "limited")
-        assert "strays" in codes(fit)
-        assert 0.01 < next(finding.number for finding in fit.findings if finding.code == "strays") < 0.06
+        assert "outliers" in codes(fit)
+        assert 0.01 < next(finding.number for finding in fit.findings if finding.code == "outliers") < 0.06
         true.append(heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording))
         clean.append(heading_error_deg(plain.calibration.matrix, plain.calibration.offset, recording))
     assert rms(true) < 1.25 * rms(clean)

@@ -174,8 +174,8 @@ def test_killed_ten_times_at_random_moments_it_loses_at_most_a_second_and_goes_o
     board = Board(port)
     board.start()
     lost = []
-    for number in range(10):
-        program = start(*words, *(["--resume", str(session)] if number else ["-o", str(session)]))
+    for _ in range(10):
+        program = start(*words, "--resume" if session.exists() else "-o", str(session))
         time.sleep(rng.uniform(0.05, 0.45))
         program.signal(signal.SIGKILL)
         killed = time.monotonic()

@@ -140,7 +140,7 @@ def test_a_magnet_that_is_put_beside_it_changes_the_field() -> None:
     samples = simulate.tumble(seed=1, disturbances=[simulate.Step(6.0, at=0.5)]).samples
     shown = state(after(samples))
     assert shown.phase == "wrong"
-    assert {"field-changed", "strays", "structure", "noise"} & set(codes(shown))
+    assert {"field-changed", "outliers", "structure", "noise"} & set(codes(shown))
 
 
 def test_a_sensor_that_lies_still_is_reminded_of_and_not_called_wrong() -> None:

@@ -27,7 +27,7 @@ class Long:
     """So many blocks of a tumble that goes on and on, made as they are asked for; some readings are strays."""
 
     count: int
-    strays: float = 0.0
+    outliers: float = 0.0
     source = "a long recording"
     unit = Unit.of("uT")
     axes = Axes()
@@ -37,7 +37,7 @@ class Long:
         for block in range(self.count):
             rng = np.random.default_rng(block)
             field = TUMBLE.field + rng.normal(scale=0.3, size=TUMBLE.field.shape)
-            field[rng.random(len(field)) < self.strays] += 40.0
+            field[rng.random(len(field)) < self.outliers] += 40.0
             yield Samples(field, unit=self.unit, time=(block * 8192 + np.arange(8192)) / 50.0)
 
 
@@ -51,10 +51,10 @@ def peak_of(recording: Long) -> int:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("strays", [0.0, 0.01])
-def test_memory_does_not_grow_with_the_recording(strays: float, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("outliers", [0.0, 0.01])
+def test_memory_does_not_grow_with_the_recording(outliers: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "HELD", 20_000)
-    short, long = (peak_of(Long(blocks, strays)) for blocks in (12, 36))
+    short, long = (peak_of(Long(blocks, outliers)) for blocks in (12, 36))
     assert long - short < 0.5 * 24 * 8192, "not one block more"
 
 

@@ -182,7 +182,7 @@ def limited_by(one: Judged, code: str) -> Judged:
 
 def test_what_one_lacks_another_makes_up_for() -> None:
     assert merge([limited_by(judged(1), "coverage"), judged(2)]).verdict == "good"
-    both = merge([limited_by(judged(1), "coverage"), limited_by(judged(2), "rings")])
+    both = merge([limited_by(judged(1), "coverage"), limited_by(judged(2), "unobservable-parameters")])
     assert both.verdict == "limited"
     assert "not even the best of them" in both.findings[0].advice
 

@@ -211,13 +211,13 @@ def test_trimming_takes_off_what_spoils_the_extremes() -> None:
     assert np.abs(plain.ellipsoid.centre - OFFSET).min() > 20.0
     npt.assert_allclose(trimmed.ellipsoid.centre, OFFSET, atol=1.5)
     npt.assert_allclose(trimmed.ellipsoid.shape, 50.0 * IRON["gains"], atol=3.0)
-    assert trimmed.used + sum(stray.rows for stray in trimmed.strays) == len(spoilt())
-    assert sum(stray.rows for stray in trimmed.strays) >= 253
+    assert trimmed.used + sum(outlier.rows for outlier in trimmed.outliers) == len(spoilt())
+    assert sum(outlier.rows for outlier in trimmed.outliers) >= 253
 
 
 def test_trimming_tells_what_it_left_out() -> None:
     fit = flinders.fit(spoilt(), method="minmax", trim=True, target_deg=5.0)
-    assert "strays" in [finding.code for finding in fit.findings]
+    assert "outliers" in [finding.code for finding in fit.findings]
     assert fit.samples <= 2000 - 3
     assert np.all(np.abs(fit.calibration.offset - OFFSET) < 3 * fit.offset_sigma)
 

@@ -67,7 +67,7 @@ def test_of_any_turn_the_start_is_the_truth_without_noise() -> None:
 def test_an_attitude_from_world_to_body_is_named_and_turns_nothing(aid: str) -> None:
     attitude = attitudes(1.2)
     samples = recorded(attitude, np.eye(3), inverse(attitude))
-    fit = flinders.fit(samples, aids=aid)
+    fit = flinders.fit(samples, aiding=aid)
     assert fit.verdict == "limited"
     assert "aid-astray" in [finding.code for finding in fit.findings]
     assert fit.calibration.rotation == "symmetric"
@@ -77,7 +77,7 @@ def test_a_rotation_that_is_hardly_known_is_said() -> None:
     """An accelerometer of unknown bias that always points the same way, and the same one in a tumble."""
     said = {}
     for lean in (0.2, 6.0):
-        fit = flinders.fit(recorded(attitudes(lean), np.eye(3), bias=np.zeros(3)), aids="dip")
+        fit = flinders.fit(recorded(attitudes(lean), np.eye(3), bias=np.zeros(3)), aiding="dip")
         said[lean] = [finding.code == "rotation-uncertain" for finding in fit.findings].count(True)
     assert said == {0.2: 1, 6.0: 0}
 
@@ -123,16 +123,16 @@ def test_a_rotation_is_known_better_where_the_accelerometer_is_calibrated() -> N
     samples = recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3))
     errors = []
     for sigma in (0.3, 0.0):
-        aids = flinders.fit(samples, aids="dip", acceleration_bias=sigma).aids
-        assert aids is not None
-        errors.append(aids.alignment_error_deg(60.0) or np.nan)
+        aiding = flinders.fit(samples, aiding="dip", acceleration_bias=sigma).aiding
+        assert aiding is not None
+        errors.append(aiding.alignment_error_deg(60.0) or np.nan)
     assert errors[1] < 0.5 * errors[0]
 
 
 @pytest.mark.parametrize("wrong", [-0.1, 3.0, float("nan")])
 def test_a_bias_that_no_accelerometer_has_is_refused(wrong: float) -> None:
     with pytest.raises(UsageError, match="acceleration bias is"):
-        flinders.fit(recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3)), aids="dip", acceleration_bias=wrong)
+        flinders.fit(recorded(attitudes(0.5), np.eye(3), bias=np.zeros(3)), aiding="dip", acceleration_bias=wrong)
 
 
 @pytest.mark.parametrize("missing", [np.nan, 0.0])

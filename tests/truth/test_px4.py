@@ -202,7 +202,7 @@ def test_an_old_log_comes_back_on_the_steps_of_its_sensor(recordings: Callable[[
 
 
 def test_a_log_of_1_11_comes_back_on_the_steps_of_its_sensor(recordings: Callable[[str], Path]) -> None:
-    """Its AK09916 counts in 0.15 µT, and the driver had corrected: what is logged lies on no such grid."""
+    """Its AK09916 counts in 0.15 µT, and the disturbance had corrected: what is logged lies on no such grid."""
     log = real(recordings("px4_pyulog_cubeorange/sample_log_small.ulg"))
     assert [(one.name, one.readings) for one in log.instruments] == [
         ("vehicle_magnetometer 0", 319),

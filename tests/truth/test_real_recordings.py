@@ -49,7 +49,7 @@ HONEST: Final = {
     # Good but for this: not enough that is independent for one degree, too much that does not belong, or a change.
     "jremington_icm20948/icm_20948_cal_mag.csv": {"heading-error"},  # 300 readings that hang together
     "pichim_betaflight/20231008_apex5_mag_gyro_dedup.csv": {"field-changed"},  # its halves differ by 2.4° of heading
-    "uutzinger_gearvr/Officemag.txt": {"strays"},  # its last 1,700 readings and others, up to a quarter of the field
+    "uutzinger_gearvr/Officemag.txt": {"outliers"},  # its last 1,700 readings and others, up to a quarter of the field
     "uutzinger_gearvr/mag_data.txt": {"few-samples"},
 }
 DOUBTFUL: Final = {

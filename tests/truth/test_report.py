@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from flinders import simulate
 from flinders.core.calibration import Calibration
-from flinders.core.disturbance import Driver
+from flinders.core.disturbance import Disturbance
 from flinders.core.samples import Joined, Samples
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import FitError, TooFewSamples
@@ -288,7 +288,7 @@ def test_a_calibration_of_another_sensor_is_doubted() -> None:
 def driven() -> tuple[Fit, Samples]:
     motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3], amperes=20.0)
     flight = simulate.tumble(seed=3, n=1500, disturbances=[motors]).samples
-    return calibrate.fit(flight, drivers=("current",)), flight
+    return calibrate.fit(flight, disturbances=("current",)), flight
 
 
 def test_what_the_offset_follows_is_taken_off_before_anything_is_drawn() -> None:
@@ -305,7 +305,7 @@ def test_a_report_tells_what_the_offset_follows_and_its_python_does_so_too() -> 
     found = Page.of(page(fit, flight))
     assert "What the offset follows" in found.words
     assert "Current, µT per A" in found.words
-    sigma = np.sqrt(np.diag(fit.drivers_covariance)[9:12])  # type: ignore[arg-type]
+    sigma = np.sqrt(np.diag(fit.disturbances_covariance)[9:12])  # type: ignore[arg-type]
     assert f"± {sigma[0]:.4f}" in found.words
     assert flight.current is not None
     names: dict[str, Any] = {"raw": flight.field, "current": flight.current}
@@ -314,10 +314,10 @@ def test_a_report_tells_what_the_offset_follows_and_its_python_does_so_too() -> 
 
 
 def test_python_of_a_growing_scale_divides_by_it() -> None:
-    warm = Driver(
+    warm = Disturbance(
         "temperature", np.array([0.1, 0.0, -0.2]), reference=20.0, lowest=10.0, highest=30.0, gain_per_unit=0.002
     )
-    calibration = replace(fitted()[0].calibration, drivers=(warm,))
+    calibration = replace(fitted()[0].calibration, disturbances=(warm,))
     rows, celsius = np.array([[20.0, 5.0, -40.0], [10.0, 30.0, 20.0]]), np.array([12.0, 28.0])
     names: dict[str, Any] = {"raw": rows, "temperature": celsius}
     exec(python_of(calibration), names)
@@ -326,7 +326,7 @@ def test_python_of_a_growing_scale_divides_by_it() -> None:
 
 def test_a_rotation_that_was_found_is_not_said_to_be_unseen() -> None:
     boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
-    fit = calibrate.fit(boat, aids=("rate", "dip"))
+    fit = calibrate.fit(boat, aiding=("rate", "dip"))
     text = Page.of(page(fit, boat)).words
     assert "no magnetometer can see" not in text
     assert "as told by the gyro and accelerometer" in text

@@ -104,8 +104,8 @@ def test_a_fifth_in_one_tight_cluster_cannot_win(place: float) -> None:
     field[:100] = SENSOR.offset + place * 50.0 * SENSOR.matrix @ [0.6, 0.0, 0.8] + 0.3 * rng.standard_normal((100, 3))
     fit = flinders.fit(field)
     assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.35
-    assert sum(stray.rows for stray in fit.strays) >= 100
-    assert fit.strays[0].first == 1
+    assert sum(outlier.rows for outlier in fit.outliers) >= 100
+    assert fit.outliers[0].first == 1
 
 
 def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pulled() -> None:
@@ -113,14 +113,14 @@ def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pull
     fit = flinders.fit(samples, field_strength=50.0)
     assert fit.method == "robust"
     assert np.linalg.norm(fit.calibration.offset - truth.sensor.offset) < 0.2
-    largest = max(fit.strays, key=lambda stray: stray.rows)
+    largest = max(fit.outliers, key=lambda outlier: outlier.rows)
     assert largest.rows > 60
     assert PASSED.start - 25 < largest.first <= largest.last <= PASSED.stop + 25
     assert samples.time is not None
     assert largest.start == samples.time[largest.first - 1]
     assert largest.end == samples.time[largest.last - 1]
     assert 10.0 < largest.farthest < 60.0
-    finding = next(finding for finding in fit.findings if finding.code == "strays")
+    finding = next(finding for finding in fit.findings if finding.code == "outliers")
     assert finding.severity == "note"
     assert finding.number < 0.08
     assert f"{largest.start:.1f}–{largest.end:.1f} s" in finding.advice
@@ -134,9 +134,9 @@ def test_what_is_listed_is_what_was_left_out(rows: int | None, monkeypatch: pyte
     if rows is not None:
         monkeypatch.setattr(cache, "HELD", 500)
     found = whole if rows is None else Robust().estimate(Readings.of(Streamed(samples, rows)))
-    assert found.used + sum(stray.rows for stray in found.strays) == len(samples)
-    assert [str(stray) for stray in found.strays] == [str(stray) for stray in whole.strays]
-    run = max(found.strays, key=lambda stray: stray.rows)
+    assert found.used + sum(outlier.rows for outlier in found.outliers) == len(samples)
+    assert [str(outlier) for outlier in found.outliers] == [str(outlier) for outlier in whole.outliers]
+    run = max(found.outliers, key=lambda outlier: outlier.rows)
     assert run.rows == run.last - run.first + 1 > 120
 
 
@@ -145,9 +145,13 @@ def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
     for row in (0, 99, 599):
         field[row] = SENSOR.offset + np.array([200.0, 0.0, 0.0])
     fit = flinders.fit(field)
-    assert [(stray.first, stray.last, stray.rows) for stray in fit.strays] == [(1, 1, 1), (100, 100, 1), (600, 600, 1)]
-    assert [str(stray) for stray in fit.strays][1] == "reading 100"
-    assert all(np.isnan(stray.start) for stray in fit.strays)
+    assert [(outlier.first, outlier.last, outlier.rows) for outlier in fit.outliers] == [
+        (1, 1, 1),
+        (100, 100, 1),
+        (600, 600, 1),
+    ]
+    assert [str(outlier) for outlier in fit.outliers][1] == "reading 100"
+    assert all(np.isnan(outlier.start) for outlier in fit.outliers)
     assert fit.samples == 597
 
 
@@ -159,14 +163,14 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
     streamed = flinders.fit(Streamed(samples))
     apart = np.abs(streamed.calibration.offset - whole.calibration.offset)
     assert (apart < 0.1 * whole.offset_sigma).all()
-    for one, other in zip(whole.strays, streamed.strays, strict=True):
+    for one, other in zip(whole.outliers, streamed.outliers, strict=True):
         assert (one.first, one.last, one.start, one.end) == (other.first, other.last, other.start, other.end)
     monkeypatch.setattr(likelihood, "ENOUGH", 800)
     monkeypatch.setattr("flinders.estimators.robust.ENOUGH", 800)
     thinned = flinders.fit(Streamed(samples))
     assert thinned.method == "robust"
     assert (np.abs(thinned.calibration.offset - whole.calibration.offset) < 0.7 * whole.offset_sigma).all()
-    longest = max(thinned.strays, key=lambda stray: stray.rows)
+    longest = max(thinned.outliers, key=lambda outlier: outlier.rows)
     assert PASSED.start - 25 <= longest.first <= longest.last <= PASSED.stop + 25
 
 
@@ -196,7 +200,7 @@ def test_the_method_and_the_option_are_the_same() -> None:
     assert {fit.method for fit in fits} == {"robust"}
     for fit in fits:
         npt.assert_array_equal(fit.calibration.offset, fits[0].calibration.offset)
-        assert fit.strays == fits[0].strays
+        assert fit.outliers == fits[0].outliers
     assert Robust().estimate(Readings.of(field)).rejected_beyond < 3.0
 
 
@@ -207,7 +211,7 @@ def test_a_sensor_that_lies_still_most_of_the_time_is_not_rejected(method: str) 
         truth = tumble(seed=seed, motion="clumped", n=1250, sensor=SENSOR)
         for field in (truth.samples.field, truth.samples.field[::-1]):
             fit = flinders.fit(field, method=method)
-            assert sum(stray.rows for stray in fit.strays) <= 2
+            assert sum(outlier.rows for outlier in fit.outliers) <= 2
             assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.3
 
 
@@ -218,7 +222,7 @@ def test_a_rest_that_is_disturbed_is_rejected_though_it_is_the_majority() -> Non
     field[500:] += 0.2 * 50.0 * truth.directions[500:] @ SENSOR.matrix.T
     fit = flinders.fit(field)
     assert np.linalg.norm(fit.calibration.offset - SENSOR.offset) < 0.4
-    assert sum(stray.rows for stray in fit.strays) >= 750
+    assert sum(outlier.rows for outlier in fit.outliers) >= 750
 
 
 def test_coverage_does_not_count_directions_of_strays() -> None:

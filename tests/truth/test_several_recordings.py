@@ -111,7 +111,7 @@ def test_long_or_short_the_fit_is_the_same(method: str, monkeypatch: pytest.Monk
         npt.assert_allclose(streamed.calibration.offset, whole.calibration.offset, rtol=0, atol=1e-6)
         npt.assert_allclose(streamed.covariance, whole.covariance, rtol=1e-4, atol=1e-9)
         assert streamed.samples == whole.samples
-        assert [str(stray) for stray in streamed.strays] == [str(stray) for stray in whole.strays]
+        assert [str(outlier) for outlier in streamed.outliers] == [str(outlier) for outlier in whole.outliers]
 
 
 def test_an_empty_recording_adds_nothing() -> None:
@@ -159,12 +159,12 @@ def test_a_magnet_at_the_end_of_one_recording_leaves_the_next_alone() -> None:
     field[-60:] += np.array([60.0, 30.0, 0.0])
     struck = Samples(field, unit=first.unit, time=first.time)
     found = Robust().estimate(Readings.of(Joined((struck, second))))
-    run = max(found.strays, key=lambda stray: stray.rows)
+    run = max(found.outliers, key=lambda outlier: outlier.rows)
     assert 2941 - 30 <= run.first <= 2941
     assert run.last == 3000
     assert run.end == first.time[-1] if first.time is not None else False
-    assert all(stray.rows < 4 for stray in found.strays if stray.first > 3000)
-    assert found.used + sum(stray.rows for stray in found.strays) == 6000
+    assert all(outlier.rows < 4 for outlier in found.outliers if outlier.first > 3000)
+    assert found.used + sum(outlier.rows for outlier in found.outliers) == 6000
 
 
 def test_rows_of_strays_are_counted_over_all_recordings() -> None:
@@ -172,7 +172,7 @@ def test_rows_of_strays_are_counted_over_all_recordings() -> None:
     field = second.field.copy()
     field[[99, 199]] += 200.0
     found = Robust().estimate(Readings.of(Joined((first, Samples(field, unit=second.unit, time=second.time)))))
-    far = [stray for stray in found.strays if stray.farthest > 50.0]
-    assert [(stray.first, stray.rows) for stray in far] == [(3100, 1), (3200, 1)]
+    far = [outlier for outlier in found.outliers if outlier.farthest > 50.0]
+    assert [(outlier.first, outlier.rows) for outlier in far] == [(3100, 1), (3200, 1)]
     assert second.time is not None
     assert far[0].start == second.time[99]

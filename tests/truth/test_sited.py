@@ -137,12 +137,12 @@ def test_what_stays_in_the_body_is_a_bias_of_the_accelerometer_and_no_slope(slop
 
 
 @pytest.mark.parametrize("aids", [("dip",), ("rate",), ("rate", "dip"), "auto"])
-def test_aids_of_a_level_turn_are_left_out_and_named(aids: str | tuple[str, ...]) -> None:
+def test_aids_of_a_level_turn_are_left_out_and_named(aiding: str | tuple[str, ...]) -> None:
     truth, site = Turned(mounted_deg=2.0).record(2, 300)
-    fit = flinders.fit(truth.samples, aids=aids, site=site)
+    fit = flinders.fit(truth.samples, aiding=aiding, site=site)
     assert fit.method == "level"
-    assert fit.aids is not None
-    assert all(not aid.kept and "one plane" in aid.words for aid in fit.aids.each)
+    assert fit.aiding is not None
+    assert all(not aid.kept and "one plane" in aid.words for aid in fit.aiding.each)
     npt.assert_array_equal(fit.calibration.matrix, flinders.fit(truth.samples, site=site).calibration.matrix)
 
 
@@ -159,7 +159,7 @@ def test_a_turn_about_another_axis_asks_for_that_axis() -> None:
     samples = truth.samples
     turned = Samples.of(samples.field[:, [2, 0, 1]], unit="uT", acceleration=samples.acceleration)
     with pytest.raises(Refused, match="map that axis to z with --axes"):
-        flinders.fit(turned, aids=("dip",), site=site)
+        flinders.fit(turned, aiding=("dip",), site=site)
 
 
 def test_a_sensor_upside_down_is_not_placed_by_the_dip() -> None:

@@ -12,7 +12,7 @@ import pytest
 import flinders
 from flinders import simulate
 from flinders.comparison.agreement import departures, heading_deg
-from flinders.comparison.multi_sensor import Member, fit_together, nearest_axes
+from flinders.comparison.multi_sensor import Member, fit_multi, nearest_axes
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import between, paired
 from flinders.errors import FitError, InputError, UsageError
@@ -105,7 +105,7 @@ def test_the_rotation_between_any_two_and_its_covariance() -> None:
 
 def test_a_noisy_sensor_gains_most_from_a_good_one_beside_it() -> None:
     recordings, _, _ = body(4, motion="tilted", n=1500, noises=(0.3, 3.0))
-    found = fit_together(recordings)
+    found = fit_multi(recordings)
     good, noisy = found.members
     assert isinstance(noisy.fit, Fit)
     alone = noisy.alone.fit if isinstance(noisy.alone, Refused) else noisy.alone
@@ -117,7 +117,7 @@ def test_a_noisy_sensor_gains_most_from_a_good_one_beside_it() -> None:
 
 def test_corrected_readings_are_in_the_axes_of_the_reference() -> None:
     recordings, _, directions = body(5)
-    found = fit_together(recordings, reference="a")
+    found = fit_multi(recordings, reference="a")
     for name, samples in recordings.items():
         calibration = fit_of(found[name]).calibration
         corrected = calibration.apply(samples.field) / calibration.field_strength
@@ -129,7 +129,7 @@ def test_corrected_readings_are_in_the_axes_of_the_reference() -> None:
 def test_more_coverage_is_not_claimed_of_a_body_that_was_not_turned_over() -> None:
     """Two sensors see the same: what the first leaves open the second leaves open as well."""
     recordings, _, _ = body(6, motion="level", n=600)
-    found = fit_together(recordings)
+    found = fit_multi(recordings)
     assert not found.is_joint
     assert all("not-together" in codes(member) for member in found.members)
     assert all(member.fit is member.alone or fit_of(member).plane for member in found.members)
@@ -142,7 +142,7 @@ def test_what_lies_beside_the_reference_turns_all_into_the_body() -> None:
     first, second = simulate.Sensor.random(rng, noise=0.5), simulate.Sensor.random(rng, noise=0.5)
     reference = replace(path.samples, field=first.read(FIELD * path.directions @ mounted, rng))
     other = replace(path.samples, field=second.read(FIELD * path.directions @ mounted @ TURNED, rng))
-    found = fit_together({"a": reference, "b": other}, aids=("rate", "dip"))
+    found = fit_multi({"a": reference, "b": other}, aiding=("rate", "dip"))
     assert found.in_body
     for name, samples in (("a", reference), ("b", other)):
         calibration = fit_of(found[name]).calibration
@@ -158,7 +158,7 @@ def test_what_lies_beside_the_reference_turns_all_into_the_body() -> None:
 def test_different_rates_meet_at_the_slower_ones_moments() -> None:
     recordings, sensors, _ = body(7, n=3000)
     slow = recordings["b"][::5]
-    found = fit_together({"a": recordings["a"], "b": slow})
+    found = fit_multi({"a": recordings["a"], "b": slow})
     assert found.agreement.moments == len(slow)
     npt.assert_allclose(fit_of(found["b"]).calibration.offset, sensors[1].offset, atol=0.3)
 
@@ -168,7 +168,7 @@ def test_a_clock_that_is_off_is_found_and_taken_off(delay: float) -> None:
     recordings, _, _ = body(8, n=3000)
     time = recordings["b"].time
     assert time is not None
-    found = fit_together({"a": recordings["a"], "b": changed(recordings["b"], time=time + delay)})
+    found = fit_multi({"a": recordings["a"], "b": changed(recordings["b"], time=time + delay)})
     assert found["b"].delay_s == pytest.approx(delay, abs=max(4.0 * found["b"].delay_sigma_s, 2e-3))
     assert "clock-differs" in codes(found["b"])
     assert np.rad2deg(np.linalg.norm(np.asarray(found["b"].rotation) - TURNED)) < 0.5
@@ -191,11 +191,11 @@ def test_no_line_is_drawn_across_a_gap() -> None:
 def test_rows_without_time_belong_together_where_they_are_as_many() -> None:
     recordings, _, _ = body(9, n=600)
     timeless = {name: changed(samples, time=None) for name, samples in recordings.items()}
-    assert fit_together(timeless).is_joint
+    assert fit_multi(timeless).is_joint
     with pytest.raises(UsageError, match="record time"):
-        fit_together({"a": timeless["a"], "b": timeless["b"][:500]})
+        fit_multi({"a": timeless["a"], "b": timeless["b"][:500]})
     with pytest.raises(UsageError, match="some have time"):
-        fit_together({"a": recordings["a"], "b": timeless["b"]})
+        fit_multi({"a": recordings["a"], "b": timeless["b"]})
 
 
 def test_recordings_of_different_times_are_refused() -> None:
@@ -203,7 +203,7 @@ def test_recordings_of_different_times_are_refused() -> None:
     time = recordings["b"].time
     assert time is not None
     with pytest.raises(InputError, match="common to two"):
-        fit_together({"a": recordings["a"], "b": changed(recordings["b"], time=time + 1e4)})
+        fit_multi({"a": recordings["a"], "b": changed(recordings["b"], time=time + 1e4)})
 
 
 # what may be wrong with one
@@ -212,7 +212,7 @@ def test_recordings_of_different_times_are_refused() -> None:
 def test_exchanged_axes_are_named() -> None:
     recordings, _, _ = body(11, same=True)
     swapped = changed(recordings["b"], field=recordings["b"].field[:, [1, 0, 2]] * [1.0, -1.0, 1.0])
-    found = fit_together({"a": recordings["a"], "b": swapped})["b"]
+    found = fit_multi({"a": recordings["a"], "b": swapped})["b"]
     assert (found.axes, found.is_mirrored) == ("-y,x,z", False)
     assert found.off_axes_deg < 1.0
     [turned] = [finding for finding in found.findings if finding.code == "turned-to"]
@@ -223,7 +223,7 @@ def test_exchanged_axes_are_named() -> None:
 def test_a_mirror_image_is_found_and_corrected() -> None:
     recordings, _, directions = body(12, same=True)
     mirrored = changed(recordings["b"], field=recordings["b"].field * [1.0, 1.0, -1.0])
-    found = fit_together({"a": recordings["a"], "b": mirrored})["b"]
+    found = fit_multi({"a": recordings["a"], "b": mirrored})["b"]
     assert (found.axes, found.is_mirrored) == ("x,y,-z", True)
     assert "mirrored-sensor" in codes(found)
     corrected = fit_of(found).calibration.apply(mirrored.field) / fit_of(found).calibration.field_strength
@@ -243,7 +243,7 @@ def test_the_rotation_of_a_mirror_image_is_as_uncertain_as_of_its_original() -> 
 
 def test_another_unit_is_named() -> None:
     recordings, _, _ = body(13)
-    found = fit_together({"a": recordings["a"], "b": changed(recordings["b"], field=recordings["b"].field * 10.0)})
+    found = fit_multi({"a": recordings["a"], "b": changed(recordings["b"], field=recordings["b"].field * 10.0)})
     assert "unlike-units" in codes(found["b"])
     assert found["b"].size == pytest.approx(10.0, rel=0.3)  # scales of either are off by up to a quarter
 
@@ -251,10 +251,10 @@ def test_another_unit_is_named() -> None:
 def test_a_copy_is_no_second_witness() -> None:
     recordings, _, _ = body(14, n=800, noises=(0.5, 0.5, 0.5))
     copy = changed(recordings["a"], field=recordings["a"].field[:, [2, 0, 1]] * 16.0)
-    found = fit_together({**recordings, "d": copy})
+    found = fit_multi({**recordings, "d": copy})
     assert found["d"].copy_of == "a"
     assert codes(found["d"]) == {"copied-sensor"}
-    without = fit_together(recordings)
+    without = fit_multi(recordings)
     npt.assert_allclose(fit_of(found["a"]).covariance, fit_of(without["a"]).covariance, rtol=1e-6)
 
 
@@ -262,7 +262,7 @@ def test_readings_at_the_limit_do_not_count() -> None:
     recordings, sensors, _ = body(15)
     limit = float(np.quantile(recordings["b"].field[:, 0], 0.9))
     cut = changed(recordings["b"], field=np.minimum(recordings["b"].field, [limit, np.inf, np.inf]))
-    found = fit_together({"a": recordings["a"], "b": cut})
+    found = fit_multi({"a": recordings["a"], "b": cut})
     assert "saturated" in {finding.code for finding in fit_of(found["b"]).findings}
     error = fit_of(found["b"]).calibration.offset - sensors[1].offset
     assert np.all(np.abs(error) < 4.0 * fit_of(found["b"]).offset_sigma)
@@ -273,14 +273,14 @@ def test_a_sensor_that_departs_for_a_while_is_told_by_the_others() -> None:
     time = recordings["b"].time
     assert time is not None
     disturbed = recordings["b"].field + np.outer((time > 10.0) & (time < 14.0), [6.0, -3.0, 2.0])
-    found = fit_together({**recordings, "b": changed(recordings["b"], field=disturbed)})
+    found = fit_multi({**recordings, "b": changed(recordings["b"], field=disturbed)})
     runs = found.agreement.departures
     assert [run.sensor for run in runs] == [1]
     assert runs[0].start_s == pytest.approx(10.0, abs=1.1)
     assert runs[0].end_s == pytest.approx(14.0, abs=1.1)
     assert runs[0].heading_deg == pytest.approx(heading_deg(7.0 / FIELD, 60.0), rel=0.35)
-    assert "departs" in codes(found["b"])
-    assert not {"departs", "disagree"} & (codes(found["a"]) | codes(found["c"]))
+    assert "sensor-deviates" in codes(found["b"])
+    assert not {"sensor-deviates", "disagree"} & (codes(found["a"]) | codes(found["c"]))
     npt.assert_allclose(fit_of(found["b"]).calibration.offset, sensors[1].offset, atol=0.3)
 
 
@@ -303,7 +303,7 @@ def test_two_that_disagree_say_so_both() -> None:
     astray = directions.copy()
     astray[400:500] = directions[400:500] @ rotations(np.array([[0.0, 0.0, 0.2]]))[0].T
     field = sensors[1].read(FIELD * astray, np.random.default_rng(1))
-    found = fit_together({"a": recordings["a"], "b": changed(recordings["b"], field=field)})
+    found = fit_multi({"a": recordings["a"], "b": changed(recordings["b"], field=field)})
     for member in found.members:
         [told] = [finding for finding in member.findings if finding.code == "disagree"]
         assert 8.0 < told.number < 25.0
@@ -324,7 +324,7 @@ def loose(recordings: dict[str, Samples], sensors: list[simulate.Sensor], direct
 def test_of_two_that_disagree_all_the_time_neither_is_blamed_nor_bent(name: str) -> None:
     recordings, sensors, directions = body(41, n=1000, same=True)
     swinging = loose(recordings, sensors, directions, name)
-    found = fit_together({**recordings, name: swinging})
+    found = fit_multi({**recordings, name: swinging})
     assert not found.is_joint
     assert found.agreement.departures == ()
     for member, sensor in zip(found.members, sensors, strict=True):
@@ -337,22 +337,22 @@ def test_of_two_that_disagree_all_the_time_neither_is_blamed_nor_bent(name: str)
 
 def test_of_three_the_one_that_swings_is_blamed_and_the_others_stay_joint() -> None:
     recordings, sensors, directions = body(41, n=1000, same=True, noises=(0.5, 0.5, 0.5))
-    found = fit_together({**recordings, "b": loose(recordings, sensors, directions, "b")})
+    found = fit_multi({**recordings, "b": loose(recordings, sensors, directions, "b")})
     assert found.is_joint
     assert [member.is_kept for member in found.members] == [False, True, False]
-    assert codes(found["b"]) == {"departs-throughout", "not-together"}
+    assert codes(found["b"]) == {"sensor-deviates-throughout", "not-together"}
     assert found["b"].rotation is None
     worst = fit_of(found["b"]).heading_error_deg.worst
     [told] = [finding for finding in found["b"].findings if finding.code == "not-together"]
     assert told.limit == pytest.approx(1.5 * worst)
     assert told.number > told.limit
-    assert not codes(found["a"]) & {"departs-throughout", "not-together"}
+    assert not codes(found["a"]) & {"sensor-deviates-throughout", "not-together"}
 
 
 def test_two_white_noises_are_no_disagreement() -> None:
     for seed in range(3):
         recordings, _, _ = body(50 + seed, n=1000, noises=(0.3, 3.0))
-        found = fit_together(recordings)
+        found = fit_multi(recordings)
         assert found.is_joint
         assert found.agreement.apart_deg == 0.0
         assert not any({"disagree", "not-together"} & codes(member) for member in found.members)
@@ -364,7 +364,7 @@ def test_a_clock_that_is_off_by_more_than_is_looked_for_harms_nobody() -> None:
         recordings, sensors, _ = body(seed, n=1500, noises=(0.5, 0.5, 0.5))
         time = recordings["b"].time
         assert time is not None
-        found = fit_together({**recordings, "b": changed(recordings["b"], time=time + 3.0)})
+        found = fit_multi({**recordings, "b": changed(recordings["b"], time=time + 3.0)})
         assert found["b"].is_kept
         for member, sensor in zip(found.members, sensors, strict=True):
             alone = member.alone
@@ -382,12 +382,12 @@ def test_two_that_are_disturbed_alike_are_no_majority(noises: tuple[float, ...])
         pushed = sensors["abcd".index(name)].matrix @ (TURNED.T @ [8.0, 8.0, 0.0])
         disturbed = recordings[name].field + np.outer((time > 8.0) & (time < 13.0), pushed)
         recordings[name] = changed(recordings[name], field=disturbed)
-    found = fit_together(recordings)
+    found = fit_multi(recordings)
     assert {run.sensor for run in found.agreement.departures} == {1, 2}
-    assert not codes(found["a"]) & {"departs", "departs-throughout", "disagree"}
+    assert not codes(found["a"]) & {"sensor-deviates", "sensor-deviates-throughout", "disagree"}
     for place, name in ((1, "b"), (2, "c")):
-        assert "departs" in codes(found[name])
-        assert "strays" in {finding.code for finding in fit_of(found[name]).findings}
+        assert "sensor-deviates" in codes(found[name])
+        assert "outliers" in {finding.code for finding in fit_of(found[name]).findings}
         npt.assert_allclose(fit_of(found[name]).calibration.offset, sensors[place].offset, atol=0.3)
 
 
@@ -407,22 +407,22 @@ def test_lengths_tell_against_a_majority_only_where_all_of_it_changed() -> None:
 def test_no_departure_where_there_is_none() -> None:
     for seed in range(3):
         recordings, _, _ = body(30 + seed, n=1000, noises=(0.5, 1.0, 0.5))
-        assert fit_together(recordings).agreement.departures == ()
+        assert fit_multi(recordings).agreement.departures == ()
 
 
 def test_a_sensor_beside_a_motor_is_told_from_one_that_is_only_noisy() -> None:
     recordings, _, _ = body(18, noises=(0.5, 3.0, 0.5))
     rng = np.random.default_rng(2)
     hum = 6.0 * np.repeat(rng.normal(size=(15, 1)), 100, axis=0) * [1.0, 0.5, -0.5]
-    found = fit_together({**recordings, "c": changed(recordings["c"], field=recordings["c"].field + hum)})
-    assert "departs-throughout" not in codes(found["b"])
-    assert codes(found["c"]) & {"departs-throughout", "departs"}
+    found = fit_multi({**recordings, "c": changed(recordings["c"], field=recordings["c"].field + hum)})
+    assert "sensor-deviates-throughout" not in codes(found["b"])
+    assert codes(found["c"]) & {"sensor-deviates-throughout", "sensor-deviates"}
 
 
 def test_a_dead_sensor_stands_beside_the_others() -> None:
     recordings, _, _ = body(19, n=600, noises=(0.5, 0.5, 0.5))
     stuck = changed(recordings["b"], field=np.tile([1.0, 2.0, 3.0], (600, 1)))
-    found = fit_together({**recordings, "b": stuck})
+    found = fit_multi({**recordings, "b": stuck})
     assert isinstance(found["b"].fit, FitError)
     assert [member.name for member in found.members] == ["a", "b", "c"]
     assert found["c"].rotation is not None
@@ -431,12 +431,12 @@ def test_a_dead_sensor_stands_beside_the_others() -> None:
 def test_wrong_use_says_what_is_needed() -> None:
     recordings, _, _ = body(1, n=100)
     with pytest.raises(UsageError, match="two or more"):
-        fit_together({"a": recordings["a"]})
+        fit_multi({"a": recordings["a"]})
     with pytest.raises(UsageError, match="none of a, b"):
-        fit_together(recordings, reference="c")
+        fit_multi(recordings, reference="c")
     counts = Samples.of(recordings["b"].field, time=recordings["b"].time)
     with pytest.raises(UsageError, match="one field strength"):
-        fit_together({"a": recordings["a"], "b": counts}, field_strength=50.0)
+        fit_multi({"a": recordings["a"], "b": counts}, field_strength=50.0)
 
 
 def test_nearest_axes_of_each_of_the_24_and_their_mirror_images() -> None:
@@ -447,4 +447,4 @@ def test_nearest_axes_of_each_of_the_24_and_their_mirror_images() -> None:
 
 
 def test_the_facade_has_it() -> None:
-    assert flinders.fit_together is fit_together
+    assert flinders.fit_multi is fit_multi

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 import flinders
 from flinders import simulate
-from flinders.core.compensation import Settler
+from flinders.core.compensation import Compensator
 from flinders.diagnostics.random_walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.disturbance import driving_of
@@ -87,7 +87,7 @@ def test_what_motors_do_is_no_drift_once_it_is_followed_and_a_drift_beside_them_
         moved = samples.field + drift * np.outer((samples.time / samples.time[-1]) ** 2, [1.0, 0.0, 0.0])
         drifting = replace(samples, field=moved)
         found = driving_of([drifting], ("current",))
-        walk = walk_through(Settler(found.calibration)(drifting), found.ellipsoid)
+        walk = walk_through(Compensator(found.calibration)(drifting), found.ellipsoid)
         assert walk.is_proven == (drift > 0.0)
         assert (walk.as_dict(level_deg=2.0)["valid_for_s"] or np.inf) == walk.valid_for_s(2.0)
 

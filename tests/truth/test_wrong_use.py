@@ -88,8 +88,8 @@ def test_a_mounting_five_degrees_off_is_no_circular_attitude(motion: str) -> Non
 def test_a_site_a_thousand_kilometres_off_is_named_and_does_not_bend_the_fit(north_km: float) -> None:
     attack = CASES["site"][0]("swayed", 1, north_km)
     assert codes_of(attack) == ("site-differs",)
-    wrong = flinders.fit(attack.samples, aids=("dip",), site=attack.site)
-    without = flinders.fit(attack.samples, aids=("dip",))
+    wrong = flinders.fit(attack.samples, aiding=("dip",), site=attack.site)
+    without = flinders.fit(attack.samples, aiding=("dip",))
     np.testing.assert_array_equal(wrong.calibration.offset, without.calibration.offset)
 
 
@@ -125,7 +125,7 @@ def test_an_empty_column_is_named_and_left_out(column: str, aid: str) -> None:
     true = simulate.tumble(seed=5, motion="swayed", n=300)
     width = 4 if column == "attitude" else 3
     empty = replace(true.samples, **{column: np.full((300, width), np.nan)})  # type: ignore[arg-type]
-    fit = flinders.fit(empty, aids=(aid,))
+    fit = flinders.fit(empty, aiding=(aid,))
     assert "aid-empty" in {finding.code for finding in fit.findings}
 
 
@@ -138,7 +138,7 @@ def test_time_that_goes_back_leaves_the_gyro_out() -> None:
 
 def test_a_current_that_only_has_noise_is_named() -> None:
     for seed in SEEDS:
-        assert codes_of(CASES["current"][0]("swayed", seed, 0.02)) == ("driver-constant",)
+        assert codes_of(CASES["current"][0]("swayed", seed, 0.02)) == ("disturbance-constant",)
 
 
 def test_with_needs_a_name() -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split what stands after ``--with`` into aids and into the rest, which are drivers.
+    """Split what stands after ``--with`` into aids and into the rest, which are disturbances.
 
     Raises
     ------
@@ -33,10 +33,10 @@ def taken(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     names = [name.strip() for word in words for name in word.split(",") if name.strip()]
     if words and not names:
         raise UsageError("--with names nothing: say what else was recorded, such as --with rate,dip, or --with auto")
-    aids = tuple(dict.fromkeys(name for name in names if name in AIDS or name == AUTO))
-    if AUTO in aids and len(aids) > 1:
-        raise UsageError(f"--with {','.join(aids)}: auto takes what the recording contains, name nothing beside it")
-    return aids, tuple(name for name in names if name not in aids)
+    aiding = tuple(dict.fromkeys(name for name in names if name in AIDS or name == AUTO))
+    if AUTO in aiding and len(aiding) > 1:
+        raise UsageError(f"--with {','.join(aiding)}: auto takes what the recording contains, name nothing beside it")
+    return aiding, tuple(name for name in names if name not in aiding)
 
 
 def add(
@@ -58,15 +58,15 @@ def add(
         For a site without a date or beyond what the model holds, for what goes with a site where there is none, and
         for what goes with a gyro or an accelerometer that does not count.
     """
-    aids, rest = taken(words)
-    if aids:
-        options["aids"] = "auto" if aids == ("auto",) else aids
+    aiding, rest = taken(words)
+    if aiding:
+        options["aiding"] = "auto" if aiding == ("auto",) else aiding
     if gyro_scale is not None:
-        if not {"rate", "auto"} & set(aids):
+        if not {"rate", "auto"} & set(aiding):
             raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
         options["gyro_scale"] = gyro_scale
     if acceleration_bias is not None:
-        if not {"dip", "auto"} & set(aids):
+        if not {"dip", "auto"} & set(aiding):
             raise UsageError(
                 "--accelerometer-bias goes with --with dip or auto: leave it out, or name the accelerometer"
             )
@@ -112,27 +112,32 @@ def _field_of(place: str, date: str | None) -> SiteField:
 
 
 def told(fit: Any) -> str:  # noqa: ANN401 - a Fit
-    """What each aid and each driver changed, a line each; nothing where there were none.
+    """What each aid and each disturbance changed, a line each; nothing where there were none.
 
     >>> from types import SimpleNamespace
-    >>> from flinders.fitting.aiding import Aid, Aids
-    >>> each = Aid("rate", True, 0.4, 2.0, 0.5), Aid("dip", False, words="claims no less: 0.60° with it, 0.50° without")
-    >>> print(told(SimpleNamespace(aids=Aids(each))))
+    >>> from flinders.fitting.aiding import AidingSensor, Aiding
+    >>> each = AidingSensor("rate", True, 0.4, 2.0, 0.5), AidingSensor("dip", False, words="claims no less: 0.60° with
+    it, 0.50° without")
+    >>> print(told(SimpleNamespace(aiding=Aiding(each))))
     rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
     dip was left out: claims no less: 0.60° with it, 0.50° without
     """
     lines = []
-    for aid in () if fit.aids is None else fit.aids.each:
+    for aid in () if fit.aiding is None else fit.aiding.each:
         claims = aid.words or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
         lines.append(
             f"{aid.name} changed the heading by {aid.changed_deg:.2f}°: {claims}"
             if aid.kept
             else f"{aid.name} was left out: {aid.words}"
         )
-    if fit.aids is not None and fit.aids.acceleration_bias is not None and fit.aids.acceleration_bias_sigma is not None:
-        x, y, z = (f"{value:.3f}" for value in fit.aids.acceleration_bias_sigma)
+    if (
+        fit.aiding is not None
+        and fit.aiding.acceleration_bias is not None
+        and fit.aiding.acceleration_bias_sigma is not None
+    ):
+        x, y, z = (f"{value:.3f}" for value in fit.aiding.acceleration_bias_sigma)
         lines.append(
-            f"{biased(fit.aids.acceleration_bias)} (1 σ: {x}, {y}, {z}); the calibration file keeps it, and flinders "
+            f"{biased(fit.aiding.acceleration_bias)} (1 σ: {x}, {y}, {z}); the calibration file keeps it, and flinders "
             "heading uses it"
         )
     return "\n".join(lines)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.cli._filters import Smoother
-    from flinders.core.compensation import Settler
+    from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Samples
     from flinders.fitting.judged import Judged
@@ -80,7 +80,7 @@ class Log:
     site : SiteField, optional
     smoother : Smoother, optional
         What the readings go through.
-    settler : Settler, optional
+    settler : Compensator, optional
         What takes off that which drives their offset, before that.
     """
 
@@ -89,7 +89,7 @@ class Log:
     compass: Compass
     site: SiteField | None
     smoother: Smoother | None = None
-    settler: Settler | None = None
+    settler: Compensator | None = None
 
     def __str__(self) -> str:
         """What was recognised, and which columns are taken for the accelerometer."""

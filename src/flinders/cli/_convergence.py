@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 KINDS: Final = (".svg", ".csv")
 
-OF_THE_FIT: Final = ("method", "target_deg", "alignment_sigma_deg", "drivers", "sensor")
+OF_THE_FIT: Final = ("method", "target_deg", "alignment_sigma_deg", "disturbances", "sensor")
 """Options of `flinders.fit` that no method asks for."""
 
 

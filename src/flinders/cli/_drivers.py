@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from flinders.core.calibration import Calibration
-    from flinders.core.compensation import Settler
+    from flinders.core.compensation import Compensator
     from flinders.core.samples import Recording
     from flinders.estimators.static_bench import Still
     from flinders.fitting.judged import Judged
@@ -32,7 +32,7 @@ def values_of(held: Iterable[str]) -> dict[str, float]:
     Raises
     ------
     UsageError
-        For what is no driver or no number.
+        For what is no disturbance or no number.
 
     Examples
     --------
@@ -55,34 +55,35 @@ def values_of(held: Iterable[str]) -> dict[str, float]:
     return values
 
 
-def settler_of(judged: Judged, held: Iterable[str]) -> tuple[Judged, Settler]:
+def settler_of(judged: Judged, held: Iterable[str]) -> tuple[Judged, Compensator]:
     """A calibration of settled readings, and what settles them; at fixed values where ``--hold`` says so."""
-    from flinders.core.compensation import Settler
+    from flinders.core.compensation import Compensator
 
-    settler = Settler(holding(judged.calibration, held))
+    settler = Compensator(holding(judged.calibration, held))
     return replace(judged, calibration=settler.calibration.at()), settler
 
 
 def holding(calibration: Calibration, held: Iterable[str]) -> Calibration:
     """The calibration at the values that ``--hold`` gives, and what that costs at the far end of each range."""
     values = values_of(held)
-    for driver in calibration.drivers:
-        if driver.name in values:
-            value = values[driver.name]
-            away = driver.farthest - value
-            cost = calibration.driven_deg(driver, driver.reference + away)
+    for disturbance in calibration.disturbances:
+        if disturbance.name in values:
+            value = values[disturbance.name]
+            away = disturbance.farthest - value
+            cost = calibration.disturbance_deg(disturbance, disturbance.reference + away)
             say(
-                f"taken at {driver.amount(value)} of {driver.name}: at {driver.amount(driver.farthest)}, which it was "
-                f"made for too, headings are off by up to {figures(min(cost, 180.0))}° (dip 60°)"
+                f"taken at {disturbance.amount(value)} of {disturbance.name}: at "
+                f"{disturbance.amount(disturbance.farthest)}, which it was made for too, "
+                f"headings are off by up to {figures(min(cost, 180.0))}° (dip 60°)"
             )
     return calibration.holding(**values)
 
 
-def say_beyond(settler: Settler | None) -> dict[str, Any]:
-    """Say what lay outside the range that a driver was found in; the same for JSON, where there are drivers."""
+def say_beyond(settler: Compensator | None) -> dict[str, Any]:
+    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are drivers."""
     from flinders.fitting.verdict import of_extrapolation
 
-    if settler is None or not settler.calibration.drivers:
+    if settler is None or not settler.calibration.disturbances:
         return {}
     findings = list(of_extrapolation(settler.calibration, settler.beyond))
     for finding in findings:
@@ -92,11 +93,11 @@ def say_beyond(settler: Settler | None) -> dict[str, Any]:
 
 def say_references(judged: Judged) -> None:
     """Say where a calibration is taken that follows something, for a command that looks at offset and matrix only."""
-    for driver in judged.calibration.drivers:
-        cost = figures(min(judged.calibration.driven_deg(driver), 180.0))
+    for disturbance in judged.calibration.disturbances:
+        cost = figures(min(judged.calibration.disturbance_deg(disturbance), 180.0))
         say(
-            f"{judged.name} follows {driver.name}: it is taken at {driver.amount(driver.reference)}; what it "
-            f"follows is up to {cost}° of heading at {driver.amount(driver.farthest)}"
+            f"{judged.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
+            f"what it follows is up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
         )
 
 
@@ -104,20 +105,20 @@ def say_difference(a: Judged, b: Judged) -> None:
     """Say where two calibrations are compared that follow something, and how far apart what they follow is."""
     for judged in (a, b):
         say_references(judged)
-    theirs = {driver.name: driver for driver in b.calibration.drivers}
-    for driver in a.calibration.drivers:
-        other = theirs.get(driver.name)
+    theirs = {disturbance.name: disturbance for disturbance in b.calibration.disturbances}
+    for disturbance in a.calibration.disturbances:
+        other = theirs.get(disturbance.name)
         if other is not None:
-            between = replace(driver, per_unit=other.per_unit - driver.per_unit)
-            cost = figures(min(a.calibration.driven_deg(between), 180.0))
+            between = replace(disturbance, per_unit=other.per_unit - disturbance.per_unit)
+            cost = figures(min(a.calibration.disturbance_deg(between), 180.0))
             say(
-                f"what both follow of {driver.name} differs by up to {cost}° of heading at "
-                f"{driver.amount(driver.farthest)}"
+                f"what both follow of {disturbance.name} differs by up to {cost}° of heading at "
+                f"{disturbance.amount(disturbance.farthest)}"
             )
 
 
 def asked_for(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split what ``--with`` names into drivers and all else.
+    """Split what ``--with`` names into disturbances and all else.
 
     >>> asked_for(["currents,rate", "temperature,throttle2"])
     (('currents', 'temperature', 'throttle2'), ('rate',))
@@ -127,8 +128,8 @@ def asked_for(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     known = {*BY_KEY.values(), *MOTORS.values()}
 
     names = [name.strip() for text in words for name in text.split(",") if name.strip()]
-    drivers = tuple(dict.fromkeys(name for name in names if name in known))
-    return drivers, tuple(dict.fromkeys(name for name in names if name not in known))
+    disturbances = tuple(dict.fromkeys(name for name in names if name in known))
+    return disturbances, tuple(dict.fromkeys(name for name in names if name not in known))
 
 
 def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> None:
@@ -137,11 +138,11 @@ def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> 
     Raises
     ------
     UsageError
-        For what nothing is known of, or ``--previous`` with no driver.
+        For what nothing is known of, or ``--previous`` with no disturbance.
     """
     from flinders.core.disturbance import KINDS, MOTORS
 
-    drivers, others = asked_for(words)
+    disturbances, others = asked_for(words)
     if others:
         from flinders.fitting.aid_selection import AIDS, AUTO
 
@@ -150,23 +151,29 @@ def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> 
             f"--with {others[0]}: need one of {allowed} (rate is that of a gyro; currents and throttles are those of "
             "each motor, and current2 that of one)"
         )
-    if previous is not None and not drivers:
+    if previous is not None and not disturbances:
         raise UsageError(
             "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
         )
-    if drivers:
-        options["drivers"] = drivers
+    if disturbances:
+        options["disturbances"] = disturbances
 
 
 def bench(
-    recording: Recording, drivers: tuple[str, ...], previous: str, output: str | None, *, force: bool, as_json: bool
+    recording: Recording,
+    disturbances: tuple[str, ...],
+    previous: str,
+    output: str | None,
+    *,
+    force: bool,
+    as_json: bool,
 ) -> int:
     """Find what drives a sensor that was not turned, and put it onto a calibration of that sensor.
 
     Raises
     ------
     NotTurned
-        Where no driver changed, so that there is nothing to find.
+        Where no disturbance changed, so that there is nothing to find.
     UsageError
         For a calibration of another unit or other axes.
     """
@@ -178,25 +185,25 @@ def bench(
     from flinders.fitting.verdict import of_alike, of_column, of_noisy
 
     parts = list(singles(recording))
-    found = still(parts, drivers)
-    if found is None or not found.drivers:
-        raise NotTurned(0.0 if found is None else found.noise, " and ".join(drivers))
+    found = still(parts, disturbances)
+    if found is None or not found.disturbances:
+        raise NotTurned(0.0 if found is None else found.noise, " and ".join(disturbances))
     unit = label(recording.unit.inside)
     say(described(found, unit))
     known = Judged.load(previous)
     refuse_other_axes(known.calibration, parts, previous)
     calibration = found.onto(known.calibration)
-    alone = "; it alone running" if len(found.drivers) > 1 else ""
-    for driver in found.drivers:
-        cost = figures(min(calibration.driven_deg(driver), 180.0))
-        left = figures(_left_deg(found, calibration, driver.name))
-        far = driver.amount(driver.farthest)
-        say(f"{driver} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°{alone})")
+    alone = "; it alone running" if len(found.disturbances) > 1 else ""
+    for disturbance in found.disturbances:
+        cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
+        left = figures(_left_deg(found, calibration, disturbance.name))
+        far = disturbance.amount(disturbance.farthest)
+        say(f"{disturbance} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°{alone})")
     findings = [
         *found.findings,
-        *of_alike(found.driven),
-        *of_noisy(found.driven),
-        *(finding for driven in found.driven for finding in of_column(driven)),
+        *of_alike(found.estimates),
+        *of_noisy(found.estimates),
+        *(finding for estimate in found.estimates for finding in of_column(estimate)),
     ]
     for finding in findings:
         say(f"! {finding.advice}")
@@ -207,7 +214,7 @@ def bench(
                 "calibration": calibration.as_dict(),
                 "noise": found.noise,
                 "turned": False,
-                "driven": [driven.as_dict() for driven in found.driven],
+                "driven": [estimate.as_dict() for estimate in found.estimates],
                 "findings": [finding.as_dict() for finding in findings],
             }
         )
@@ -230,19 +237,19 @@ def refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], path
 
 
 def _left_deg(found: Still, calibration: Calibration, name: str) -> float:
-    """Heading error (1 σ) that the uncertainty of a driver leaves at the far end of its range, at the worst."""
+    """Heading error (1 σ) that the uncertainty of a disturbance leaves at the far end of its range, at the worst."""
     import numpy as np
 
-    place = [driver.name for driver in found.drivers].index(name)
-    driver = found.drivers[place]
+    place = [disturbance.name for disturbance in found.disturbances].index(name)
+    disturbance = found.disturbances[place]
     block = found.covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]
     sigma = float(np.sqrt(np.linalg.eigvalsh(calibration.matrix @ block @ calibration.matrix.T)[-1]))
-    away = abs(driver.farthest - driver.reference) * sigma / calibration.field_strength
+    away = abs(disturbance.farthest - disturbance.reference) * sigma / calibration.field_strength
     return float(np.rad2deg(away / np.cos(np.deg2rad(60.0))))
 
 
 def _save(calibration: Calibration, known: Judged, output: str | None, *, force: bool) -> None:
-    """Write a calibration with the drivers it follows now, and all else that is known of it."""
+    """Write a calibration with the disturbances it follows now, and all else that is known of it."""
     from flinders.core.calibration_file import dumps, write
 
     if output is None:
@@ -256,17 +263,19 @@ def _save(calibration: Calibration, known: Judged, output: str | None, *, force:
         click.echo(dumps(document), nl=False)
         return
     write(document, output, force=force)
-    say(f"written to {output}: {known.name}, which follows {' and '.join(d.name for d in calibration.drivers)} now")
+    say(
+        f"written to {output}: {known.name}, which follows {' and '.join(d.name for d in calibration.disturbances)} now"
+    )
 
 
-def seen(recording: Recording, settler: Settler) -> Settler:
-    """Go through a recording for what lies outside the range that a driver was found in."""
-    if settler.calibration.drivers:
-        from flinders.core.compensation import Settler
+def seen(recording: Recording, settler: Compensator) -> Compensator:
+    """Go through a recording for what lies outside the range that a disturbance was found in."""
+    if settler.calibration.disturbances:
+        from flinders.core.compensation import Compensator
         from flinders.core.samples import singles
 
         for part in singles(recording):
-            watch = Settler(settler.calibration, settler.beyond)
+            watch = Compensator(settler.calibration, settler.beyond)
             for block in part.blocks():
                 watch(block)
     return settler

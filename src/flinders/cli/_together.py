@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
     from flinders.readers import Log
 
-TAKEN: Final = ("target_deg", "dip_deg", "field_strength", "prior", "aids", "site")
-"""Options of `flinders.fit_together`."""
+TAKEN: Final = ("target_deg", "dip_deg", "field_strength", "prior", "aiding", "site")
+"""Options of `flinders.fit_multi`."""
 
 
 def refuse(options: dict[str, Any], by: Filter | None) -> None:
@@ -29,9 +29,9 @@ def refuse(options: dict[str, Any], by: Filter | None) -> None:
     given = {
         "--method": options["method"] != "auto",
         "--robust": bool(options.get("robust")),
-        "--with current, throttle or temperature": bool(options.get("drivers")),
+        "--with current, throttle or temperature": bool(options.get("disturbances")),
         "--alignment-sigma": options.get("alignment_sigma_deg") is not None,
-        "--at without --with": options.get("site") is not None and not options.get("aids"),
+        "--at without --with": options.get("site") is not None and not options.get("aiding"),
         "--filter": by is not None,
         "--prior none": options.get("prior", 1.0) is None,
     }
@@ -50,14 +50,14 @@ def fitted(
     UsageError
         For a reference that there is not, or a log with just one.
     """
-    from flinders.comparison.multi_sensor import fit_together
+    from flinders.comparison.multi_sensor import fit_multi
 
     chosen = None if reference is None else log.sensor(reference).name
     parts = {instrument.name: Counted(instrument) for instrument in log.instruments}
     if len(parts) < 2:
         raise UsageError(f"{log.source} has one magnetometer: leave --together out")
     asked = {name: options[name] for name in TAKEN if options.get(name) is not None}
-    found = fit_together(parts, reference=chosen, **asked)
+    found = fit_multi(parts, reference=chosen, **asked)
     for member, part, path in zip(found.members, parts.values(), paths, strict=True):
         if path and not isinstance(member.fit, FlindersError):
             member.fit.save(path, force=force, provenance=provenance([part]))

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.core.compensation import Settler
+    from flinders.core.compensation import Compensator
     from flinders.core.samples import Recording, Samples
     from flinders.heading.smoothing import Filter
     from flinders.readers import TextRecording
@@ -124,21 +124,21 @@ def _is_part(reading: dict[str, Any]) -> bool:
 
 
 def _rewritten(
-    source: TextRecording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Settler, *, add: bool
+    source: TextRecording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Compensator, *, add: bool
 ) -> Iterator[str]:
     """Yield the lines of a text with corrected readings in them."""
-    if smoother is None and not settler.calibration.drivers:
+    if smoother is None and not settler.calibration.disturbances:
         return source.corrected_lines(corrector, add=add)
 
     def correct(samples: Samples) -> Floats:
         settled = settler(samples)
         return corrector(settled.field) if smoother is None else smoother(settled.field, settled.time)
 
-    return source.corrected_lines(correct, add=add, driven=True)
+    return source.corrected_lines(correct, add=add, with_disturbances=True)
 
 
 def _tabulated(
-    source: Recording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Settler, *, add: bool
+    source: Recording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Compensator, *, add: bool
 ) -> Iterator[str]:
     """Yield the lines of a table of corrected readings, with what stands beside them."""
     from flinders.simulate import table

@@ -147,7 +147,7 @@ Example:
     help="With --together: into whose axes the others are turned, by number or name [default: the first].",
 )  # fmt: skip
 @click.option(
-    "--with", "aids", multiple=True, metavar="NAME,…",
+    "--with", "aiding", multiple=True, metavar="NAME,…",
     help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
     "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
 )  # fmt: skip
@@ -170,7 +170,7 @@ Example:
 )  # fmt: skip
 @click.option(
     "--previous", metavar="CALIBRATION",
-    help="With --with and a sensor that was not turned: the calibration that the drivers found belong to.",
+    help="With --with and a sensor that was not turned: the calibration that the disturbances found belong to.",
 )  # fmt: skip
 @_filters.option
 @click.option(
@@ -198,7 +198,7 @@ def command(
     prior: float | str | None,
     robust: bool,
     method_options: tuple[str, ...],
-    aids: tuple[str, ...],
+    aiding: tuple[str, ...],
     together: bool,
     reference: str | None,
     place: str | None,
@@ -242,7 +242,7 @@ def command(
     _check(recordings, options)
     _add(options, method_options)
     _convergence.refuse(convergence, options["method"])
-    _drivers.add(options, _aids.add(options, aids, place, date, gain_sigma, gyro_scale, acceleration_bias), previous)
+    _drivers.add(options, _aids.add(options, aiding, place, date, gain_sigma, gyro_scale, acceleration_bias), previous)
     asked = {**options, "filter": by}
     reading = {name: options.pop(name) for name in _options.READING}
     is_all = _sensors.is_all(recordings, options["sensor"])
@@ -264,7 +264,7 @@ def command(
         if previous is None:
             raise
         opened = _sensors.opened(recordings, options, **reading)
-        return _drivers.bench(opened, options["drivers"], previous, output, force=force, as_json=as_json)
+        return _drivers.bench(opened, options["disturbances"], previous, output, force=force, as_json=as_json)
     _write(fit, parts, results)
     _convergence.write(convergence, _filters.through(parts, by), options, force=force)
     _tell(fit, parts, by, results, asked)

@@ -128,10 +128,11 @@ def _told(file: str, name: str, calibration: Calibration) -> list[str]:
             f"! field strength {figures(calibration.field_strength, 4)} {unit} is a convention: give --field-strength "
             "where lengths matter"
         )
-    for driver in calibration.drivers:
-        cost = figures(min(calibration.driven_deg(driver), 180.0))
+    for disturbance in calibration.disturbances:
+        cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
         told.append(
-            f"it follows {driver} ({unit}): up to {cost}° of heading at {driver.amount(driver.farthest)} (dip 60°)"
+            f"it follows {disturbance} ({unit}): up to {cost}° of heading at "
+            f"{disturbance.amount(disturbance.farthest)} (dip 60°)"
         )
     if find(name).acts == "mapped":
         told.append("! for readings in the axes of the vehicle or board, after the mounting")

@@ -249,7 +249,7 @@ class _Watched:
         """Go through the readings."""
         for block in self._instrument.blocks():
             self.first = self.first or block
-            names = dict.fromkeys((*BESIDE, *block.drivers))
+            names = dict.fromkeys((*BESIDE, *block.disturbances))
             self.beside = tuple(name for name in names if name in self.beside or _has(block, name))
             yield block
 
@@ -258,5 +258,5 @@ def _has(block: Samples, name: str) -> bool:
     """Whether a column is there, and says anything."""
     import numpy as np
 
-    column = block.driving(name) if name in block.drivers else getattr(block, name)
+    column = block.driving(name) if name in block.disturbances else getattr(block, name)
     return column is not None and bool(np.isfinite(column).any())

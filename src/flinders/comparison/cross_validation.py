@@ -115,7 +115,7 @@ def cross_validated(
     dip_deg : float
         Inclination of the field at the site, positive where it points along +z.
     counted : (N,) bool, optional
-        Readings that are asked when their block is held back: not strays, which a method may fit or not.
+        Readings that are asked when their block is held back: not outliers, which a method may fit or not.
 
     Raises
     ------

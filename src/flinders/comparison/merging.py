@@ -36,7 +36,7 @@ from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import Part, compared
 from flinders.errors import FitError, UsageError, counted, figures
-from flinders.findings import CATALOGUE, Finding, Record, by_severity
+from flinders.findings import CATALOGUE, Finding, Record, by_severity, current
 from flinders.fitting.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
 from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import contradiction, of_calibration
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 METHOD: Final = "merged"
 
-LACKING: Final = frozenset({"coverage", "rings", "prior", "inflation", "level-plane"})
+LACKING: Final = frozenset({"coverage", "unobservable-parameters", "prior", "inflation", "level-plane"})
 """Findings of something that a recording did not see: one that did makes up for it."""
 
 RENEWED: Final = frozenset({"heading-error", "axis-ratio", "mirrored-axes"})
@@ -335,7 +335,7 @@ def _claim(part: Judged) -> Floats:
 def _refuse_alone(part: Judged) -> None:
     """Refuse a calibration that cannot be merged with any other."""
     _claim(part)
-    if names := [driver.name for driver in part.calibration.drivers]:
+    if names := [disturbance.name for disturbance in part.calibration.disturbances]:
         raise UsageError(
             f"{part.name} follows {' and '.join(names)}, and a mean of offset and matrix would lose that: fit the "
             f"recordings together, flinders calibrate ONE TWO --with {','.join(names)}"
@@ -498,4 +498,4 @@ def _limits(part: Judged) -> Iterator[Finding]:
     for record in part.record.findings if part.record is not None else ():
         if record.severity == "limits":
             number, limit = (0.0 if value is None else value for value in (record.number, record.limit))
-            yield Finding(record.code, "limits", number, limit, record.advice)
+            yield Finding(current(record.code), "limits", number, limit, record.advice)

@@ -9,7 +9,7 @@ rests on all of them; and it is told which of them departs from the others, when
 >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 >>> second = simulate.Sensor.random(rng, noise=2.0).read(tumble.field_strength * tumble.directions @ quarter, rng)
 >>> inside = replace(tumble.samples, field=second)
->>> found = fit_together({"outside": tumble.samples, "inside": inside})
+>>> found = fit_multi({"outside": tumble.samples, "inside": inside})
 >>> inside = found["inside"]
 >>> inside.fit.verdict, inside.axes, inside.fit.heading_error_deg.worst < inside.alone.heading_error_deg.worst
 ('good', '-y,x,z', True)
@@ -30,6 +30,7 @@ from flinders.comparison.agreement import Departure, departures, heading_deg, le
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, paired
+from flinders.deprecation import renamed_keywords
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
@@ -37,7 +38,7 @@ from flinders.estimators.cache import concatenated
 from flinders.estimators.inliers import dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
-from flinders.fitting.aiding import Aids
+from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit, judged_as
 from flinders.fitting.result import Fit, Refused
 from flinders.likelihood.magnitude import distances
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.estimators import Estimate
-    from flinders.estimators.outliers import Stray
+    from flinders.estimators.outliers import Outlier
     from flinders.likelihood.site_field import Site
 
 COPY: Final = 0.1
@@ -217,7 +218,8 @@ class Together:
         }
 
 
-def fit_together(
+@renamed_keywords(aids="aiding")
+def fit_multi(
     sources: Mapping[str, Recording],
     *,
     reference: str | None = None,
@@ -225,7 +227,7 @@ def fit_together(
     dip_deg: float = 60.0,
     field_strength: float | None = None,
     prior: float = SPREAD,
-    aids: str | Sequence[str] = (),
+    aiding: str | Sequence[str] = (),
     site: Site | None = None,
 ) -> Together:
     """Calibrate several magnetometers of one body, and say whether they agree.
@@ -247,11 +249,11 @@ def fit_together(
         Strength of the field at the site; for sensors in one unit.
     prior : float
         Soft iron thought likely where nothing was seen.
-    aids : str or sequence of str
+    aiding : str or sequence of str
         As for `flinders.fit`: what was recorded beside the reference and tells how it sits in the body. Where that is
         seen, corrected readings of all are in the axes of the body, those of gyro and accelerometer.
     site : Site, optional
-        What is known of the field at the place, with `aids`.
+        What is known of the field at the place, with `aiding`.
 
     Raises
     ------
@@ -275,7 +277,7 @@ def fit_together(
             silent[name] = error
     if chosen in silent or len(samples) < 2:
         raise silent[chosen] if chosen in silent else next(iter(silent.values()))
-    body = _in_body(sources[chosen], aids, site, prior, options) if aids else None
+    body = _in_body(sources[chosen], aiding, site, prior, options) if aiding else None
     found = _fitted({name: sources[name] for name in samples}, samples, chosen, prior, options, body)
     order = {member.name: member for member in found.members}
     members = [order.get(name) or Member(name, silent[name], silent[name]) for name in sources]
@@ -292,7 +294,7 @@ def _fitted(
     reference: str,
     prior: float,
     options: dict[str, Any],
-    body: Aids | None,
+    body: Aiding | None,
 ) -> Together:
     """Fit those that have readings, together where that can be."""
     names, held = list(sources), list(samples.values())
@@ -317,8 +319,8 @@ def _fitted(
             member = replace(_copied(member, common.fields, starts, place, chosen), copy_of=names[copies[place]])
         elif several is not None:
             index = own.index(place)
-            strays = _left_out(member, common.fields[place], starts[place], several.belongs[index])
-            member = _joined(member, several, index, sources[name], options, body, strays)
+            outliers = _left_out(member, common.fields[place], starts[place], several.belongs[index])
+            member = _joined(member, several, index, sources[name], options, body, outliers)
         members.append(member)
     if several is not None:
         off = scatter(_seen(several, common.fields[own]), several.directions, common.time)
@@ -333,8 +335,8 @@ def _fitted(
 
 
 def _in_body(
-    source: Recording, aids: str | Sequence[str], site: Site | None, prior: float, options: dict[str, Any]
-) -> Aids | None:
+    source: Recording, aiding: str | Sequence[str], site: Site | None, prior: float, options: dict[str, Any]
+) -> Aiding | None:
     """How the reference sits in the body, by what was recorded beside it; None where nothing saw that.
 
     Raises
@@ -343,21 +345,21 @@ def _in_body(
         For an aid that is not known, or was not recorded.
     """
     try:
-        found = fit(source, aids=aids, site=site, prior=prior, **options)
+        found = fit(source, aiding=aiding, site=site, prior=prior, **options)
     except Refused as refusal:
         found = refusal.fit
     except FitError:
         return None
-    told_by = found.aids
+    told_by = found.aiding
     return None if told_by is None or told_by.rotation is None or told_by.rotation_covariance is None else told_by
 
 
-def _turned(rotation: Floats, covariance: Floats, body: Aids | None) -> Aids:
+def _turned(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding:
     """A rotation into the reference, taken on into the body where that is known."""
     if body is None or body.rotation is None or body.rotation_covariance is None:
-        return Aids((), rotation, covariance)
+        return Aiding((), rotation, covariance)
     turned = body.rotation @ covariance @ body.rotation.T + body.rotation_covariance
-    return Aids((), body.rotation @ rotation, turned)
+    return Aiding((), body.rotation @ rotation, turned)
 
 
 def _joined(
@@ -366,16 +368,16 @@ def _joined(
     index: int,
     source: Recording,
     options: dict[str, Any],
-    body: Aids | None,
-    strays: tuple[Stray, ...],
+    body: Aiding | None,
+    outliers: tuple[Outlier, ...],
 ) -> Member:
-    """A member with what the joint fit finds of it; strays are what it left out by itself and with the others."""
+    """A member with what the joint fit finds of it; outliers are what it left out by itself and with the others."""
     rotation, covariance = several.rotation(index)
     told_by = None if index == several.reference and body is None else _turned(rotation, covariance, body)
     made: Fit | FitError
     try:
         made = judged_as(
-            replace(several.estimate(index), strays=strays), source, told_by=told_by, sensor=member.name, **options
+            replace(several.estimate(index), outliers=outliers), source, told_by=told_by, sensor=member.name, **options
         )
     except FitError as refusal:
         made = refusal
@@ -558,7 +560,7 @@ def _agreed(
 ) -> tuple[Several | None, tuple[Departure, ...]]:
     """Fit jointly, and again without the stretches in which a sensor departs; and those stretches, by their place.
 
-    What most sensors by themselves show to be strays does not count from the start, so that two of three which are
+    What most sensors by themselves show to be outliers does not count from the start, so that two of three which are
     disturbed alike have no majority. No fit where there is but one sensor, or where the readings leave it open: what no
     sensor sees by itself, they do not see together.
     """
@@ -568,8 +570,8 @@ def _agreed(
     runs: tuple[Departure, ...] = ()
     several: Several | None = None
     begins = [starts[place] for place in own]
-    strays = _own_strays(fields, begins)
-    alike = strays & (2 * strays.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
+    outliers = _own_strays(fields, begins)
+    alike = outliers & (2 * outliers.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
     for _ in range(ROUNDS):
         left = np.where(alike[..., np.newaxis], np.nan, fields)
         for run in runs:
@@ -599,11 +601,11 @@ def _own_strays(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np
     >>> q = rng.normal(size=(400, 3))
     >>> field = 50.0 * q / np.linalg.norm(q, axis=1, keepdims=True) + rng.normal(scale=0.5, size=q.shape)
     >>> field[100:150] *= 1.4
-    >>> strays = _own_strays(field[np.newaxis], [_estimated(field)])[0]
-    >>> float(strays[100:150].mean()), bool(strays[:80].mean() < 0.1), bool(strays[170:].mean() < 0.1)
+    >>> outliers = _own_strays(field[np.newaxis], [_estimated(field)])[0]
+    >>> float(outliers[100:150].mean()), bool(outliers[:80].mean() < 0.1), bool(outliers[170:].mean() < 0.1)
     (1.0, True, True)
     """
-    strays = np.zeros(fields.shape[:2], dtype=bool)
+    outliers = np.zeros(fields.shape[:2], dtype=bool)
     for sensor, (field, start) in enumerate(zip(fields, starts, strict=True)):
         if start is None or math.isinf(start.rejected_beyond):
             continue
@@ -613,17 +615,17 @@ def _own_strays(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np
         parts = left_out([Samples(some)], start.ellipsoid, limit, dense_in(far, len(some)))
         out = np.concatenate([part for _, _, part in parts])
         if np.count_nonzero(out) <= MOST_STRAYS * len(there):
-            strays[sensor, there[out]] = True
-    return strays
+            outliers[sensor, there[out]] = True
+    return outliers
 
 
-def _left_out(member: Member, field: Floats, start: Estimate | None, belongs: NDArray[np.bool_]) -> tuple[Stray, ...]:
+def _left_out(member: Member, field: Floats, start: Estimate | None, belongs: NDArray[np.bool_]) -> tuple[Outlier, ...]:
     """What a sensor left out by itself, where the joint fit left out most of that, too."""
     alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
-    strays = _own_strays(field[np.newaxis], [start])[0]
-    if not isinstance(alone, Fit) or not strays.any() or np.mean(belongs[strays]) > MOST_STRAYS:
+    outliers = _own_strays(field[np.newaxis], [start])[0]
+    if not isinstance(alone, Fit) or not outliers.any() or np.mean(belongs[outliers]) > MOST_STRAYS:
         return ()
-    return alone.strays
+    return alone.outliers
 
 
 def _stretches(runs: Sequence[Departure]) -> set[tuple[int | None, int, int]]:
@@ -689,7 +691,7 @@ def _findings(found: Together, place: int, target_deg: float) -> Iterator[Findin
     yield from _of_clock(member, reference)
     others = [other.scatter_deg for other in found.members if other is not member and not other.copy_of]
     numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
-    departs = CATALOGUE["departs-throughout"].finding(Record({**numbers, "target_deg": target_deg}))
+    departs = CATALOGUE["sensor-deviates-throughout"].finding(Record({**numbers, "target_deg": target_deg}))
     yield from () if departs is None else (departs,)
     yield from _of_departures(found, place, target_deg)
 
@@ -772,7 +774,7 @@ def _of_departures(found: Together, place: int, target_deg: float) -> Iterator[F
             "target_deg": target_deg,
         }
         yield _certain(
-            "departs",
+            "sensor-deviates",
             numbers,
             when=_when(runs),
             why="the length of its readings changes" if all(run.by_length for run in runs) else "the others agree",

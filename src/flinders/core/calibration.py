@@ -23,8 +23,8 @@ from flinders.arrays import Floats, floats, matrix, vectors
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import (
     Correction,
+    DisturbanceRecord,
     Document,
-    DriverRecord,
     Fitted,
     Provenance,
     Recorded,
@@ -32,9 +32,10 @@ from flinders.core.calibration_file import (
     read,
     write,
 )
-from flinders.core.disturbance import BY_KEY, Driver, checked, effect, known, named
+from flinders.core.disturbance import BY_KEY, Disturbance, checked, effect, known, named
 from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
+from flinders.deprecation import renamed_attribute
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class Calibration:
     frame : str
         What the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
         sensor is mounted, before they were logged. `axes` comes after either.
-    drivers : tuple of Driver
+    disturbances : tuple of Disturbance
         What the offset follows: a current, a throttle, a temperature. With any,
         ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
 
@@ -94,7 +95,9 @@ class Calibration:
     axes: Axes = AS_RECORDED
     sensor: str | None = None
     frame: str = "sensor"
-    drivers: tuple[Driver, ...] = ()
+    disturbances: tuple[Disturbance, ...] = ()
+
+    drivers = renamed_attribute("drivers", "disturbances")
 
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of them."""
@@ -103,7 +106,7 @@ class Calibration:
         object.__setattr__(self, "matrix", _frozen(_invertible(self.matrix, self.rotation)))
         object.__setattr__(self, "offset", _frozen(_triple(self.offset, "offset")))
         object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
-        object.__setattr__(self, "drivers", checked(self.drivers))
+        object.__setattr__(self, "disturbances", checked(self.disturbances))
 
     @classmethod
     def identity(
@@ -179,7 +182,7 @@ class Calibration:
     @property
     def is_identity(self) -> bool:
         """Readings come out as they go in."""
-        return bool(not (self.offset.any() or self.drivers) and np.array_equal(self.matrix, np.eye(3)))
+        return bool(not (self.offset.any() or self.disturbances) and np.array_equal(self.matrix, np.eye(3)))
 
     @property
     def inv(self) -> Calibration:
@@ -190,7 +193,7 @@ class Calibration:
         Raises
         ------
         UsageError
-            Where the offset follows a driver: there is a way back from `at` each value of it only.
+            Where the offset follows a disturbance: there is a way back from `at` each value of it only.
 
         Examples
         --------
@@ -198,7 +201,7 @@ class Calibration:
         >>> there.inv.apply(there.apply([1.0, 2.0, 3.0]))
         array([1., 2., 3.])
         """
-        self._refuse_driven("be inverted")
+        self._refuse_disturbances("be inverted")
         radius = self.field_strength * float(np.exp(-np.linalg.slogdet(self.matrix)[1] / 3))
         return Calibration(
             floats(np.linalg.inv(self.matrix)),
@@ -227,8 +230,8 @@ class Calibration:
         raw : (..., 3) in `unit`
             Raw readings in mapped axes (see `axes`); a reading with NaN in it comes out as NaN.
         current, throttle, temperature : (...), A, 0 to 1 and °C, optional
-            What the offset follows, where there are `drivers`: those of a driver with a lag are taken so much before
-            the reading. What the calibration does not ask for is left alone.
+            What the offset follows, where there are `disturbances`: those of a disturbance with a lag are taken so much
+            before the reading. What the calibration does not ask for is left alone.
         **motors : (...) or (..., M)
             The same of each motor, where each has an offset of its own: ``current1``, …, or all of M motors together as
             ``currents`` or ``throttles``.
@@ -243,7 +246,7 @@ class Calibration:
         ArrayError
             For a wrong shape, or values that are no numbers.
         UsageError
-            Where a driver is not given.
+            Where a disturbance is not given.
 
         Examples
         --------
@@ -254,14 +257,16 @@ class Calibration:
 
         Motors that add half a microtesla for each ampere:
 
-        >>> flown = replace(centred, drivers=(Driver("current", [0.5, 0.0, 0.0], highest=20.0),))
+        >>> flown = replace(centred, disturbances=(Disturbance("current", [0.5, 0.0, 0.0], highest=20.0),))
         >>> flown.apply([15, 20, 80], current=10.0)
         array([ 0.,  0., 50.])
         """
-        shift, gain = effect(self.drivers, named(current=current, throttle=throttle, temperature=temperature, **motors))
+        shift, gain = effect(
+            self.disturbances, named(current=current, throttle=throttle, temperature=temperature, **motors)
+        )
         with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
             readings = vectors(raw, "raw", finite=False)
-            if not self.drivers:
+            if not self.disturbances:
                 return (readings - self.offset) @ self.matrix.T
             corrected: Floats = (readings - self.offset - shift) @ self.matrix.T / gain[..., np.newaxis]
             return corrected
@@ -275,44 +280,46 @@ class Calibration:
         temperature: ArrayLike | None = None,
         **motors: ArrayLike | None,
     ) -> Floats:
-        """Tell what the sensor reads in a field: (..., 3) in `unit` to (..., 3) in `unit`, with the drivers of `apply`.
+        """Predict what the sensor reads in a field, (..., 3) in `unit`, with the disturbances of `apply`.
 
         >>> Calibration(np.diag([2.0, 1.0, 0.5]), [10, 20, 30], 50.0).unapply([0, 0, 50])
         array([ 10.,  20., 130.])
         """
-        shift, gain = effect(self.drivers, named(current=current, throttle=throttle, temperature=temperature, **motors))
+        shift, gain = effect(
+            self.disturbances, named(current=current, throttle=throttle, temperature=temperature, **motors)
+        )
         with np.errstate(invalid="ignore", over="ignore"):
             field = vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
-            if not self.drivers:
+            if not self.disturbances:
                 return field + self.offset
             raw: Floats = field * gain[..., np.newaxis] + self.offset + shift
             return raw
 
     def at(self, **values: float) -> Calibration:
-        """The plain calibration at fixed values of its drivers, of each that is not given at its reference.
+        """The plain calibration at fixed values of its disturbances, of each that is not given at its reference.
 
         Raises
         ------
         UsageError
-            For a value of what is none of its drivers.
+            For a value of what is none of its disturbances.
 
         Examples
         --------
-        >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
-        >>> Calibration(np.eye(3), [10, 20, 30], 50.0, drivers=(motors,)).at(current=10.0).offset
+        >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
+        >>> Calibration(np.eye(3), [10, 20, 30], 50.0, disturbances=(motors,)).at(current=10.0).offset
         array([15., 20., 30.])
         """
-        return replace(self.holding(**values), drivers=()) if self.drivers or values else self
+        return replace(self.holding(**values), disturbances=()) if self.disturbances or values else self
 
     def holding(self, **values: float) -> Calibration:
-        """The calibration at fixed values of some of its drivers; it goes on following the others.
+        """The calibration at fixed values of some of its disturbances; it goes on following the others.
 
         Raises
         ------
         UsageError
-            For a value of what is none of its drivers, or is no number.
+            For a value of what is none of its disturbances, or is no number.
         """
-        ours = {driver.name: driver for driver in self.drivers}
+        ours = {disturbance.name: disturbance for disturbance in self.disturbances}
         for name, value in values.items():
             known(name)
             if name not in ours:
@@ -321,15 +328,15 @@ class Calibration:
                 raise UsageError(f"{name} is {value:g}: need a number")
         held = [ours[name] for name in values]
         shift, gain = effect(held, {name: np.asarray(value, float) for name, value in values.items()})
-        left = tuple(driver for driver in self.drivers if driver.name not in values)
-        return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), drivers=left)
+        left = tuple(disturbance for disturbance in self.disturbances if disturbance.name not in values)
+        return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), disturbances=left)
 
-    def driven_deg(self, driver: Driver, value: float | None = None, *, dip_deg: float = 60.0) -> float:
-        """Heading error, in degrees, of leaving a driver out at a value: at the worst attitude and heading.
+    def disturbance_deg(self, disturbance: Disturbance, value: float | None = None, *, dip_deg: float = 60.0) -> float:
+        """Heading error, in degrees, of leaving a disturbance out at a value: at the worst attitude and heading.
 
         Parameters
         ----------
-        driver : Driver
+        disturbance : Disturbance
         value : float, optional
             By default the end of its recorded range that is farther from its reference.
         dip_deg : float
@@ -338,23 +345,23 @@ class Calibration:
         Returns
         -------
         float
-            180 where the driver is stronger than the level part of the field.
+            180 where the disturbance is stronger than the level part of the field.
 
         Examples
         --------
-        >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
-        >>> round(Calibration(np.eye(3), [0, 0, 0], 50.0, drivers=(motors,)).driven_deg(motors), 1)
+        >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
+        >>> round(Calibration(np.eye(3), [0, 0, 0], 50.0, disturbances=(motors,)).disturbance_deg(motors), 1)
         23.6
         """
-        shift = driver.shift(driver.farthest if value is None else value)
+        shift = disturbance.shift(disturbance.farthest if value is None else value)
         across = float(np.linalg.norm(self.matrix @ shift)) / (self.field_strength * np.cos(np.deg2rad(dip_deg)))
         return float(np.rad2deg(np.arcsin(across))) if across < 1.0 else 180.0
 
-    def _refuse_driven(self, what: str) -> None:
-        """Raise `UsageError` where the offset follows a driver, for what only a fixed one can."""
-        if self.drivers:
-            names = " and ".join(driver.name for driver in self.drivers)
-            example = self.drivers[0]
+    def _refuse_disturbances(self, what: str) -> None:
+        """Raise `UsageError` where the offset follows a disturbance, for what only a fixed one can."""
+        if self.disturbances:
+            names = " and ".join(disturbance.name for disturbance in self.disturbances)
+            example = self.disturbances[0]
             raise UsageError(
                 f"a calibration that follows {names} cannot {what}: take it at fixed values first, "
                 f"calibration.at({example.name}={example.reference:g})"
@@ -371,28 +378,28 @@ class Calibration:
         UnitError
             Where one is in µT and the other in counts.
         UsageError
-            Where this one follows a driver, or the scale of `first` does.
+            Where this one follows a disturbance, or the scale of `first` does.
         """
         if not isinstance(first, Calibration):
             return NotImplemented
         if self.unit != first.unit:
             raise UnitError(f"a calibration in {self.unit} cannot follow one in {first.unit}: give the scale of counts")
-        self._refuse_driven("follow another one")
+        self._refuse_disturbances("follow another one")
         sensor = self.sensor if first.sensor is None else first.sensor
         if self.is_identity:
             return replace(first, sensor=sensor)
         recorded = replace(self, raw=first.raw, axes=first.axes, sensor=sensor)
         if first.is_identity:
             return recorded
-        if any(driver.gain_per_unit for driver in first.drivers):
-            first._refuse_driven("come before another one where its scale follows the temperature")
+        if any(disturbance.gain_per_unit for disturbance in first.disturbances):
+            first._refuse_disturbances("come before another one where its scale follows the temperature")
         return replace(
             recorded,
             matrix=self.matrix @ first.matrix,
             offset=first.offset + np.linalg.solve(first.matrix, self.offset),
             rotation="composed",
             frame=first.frame,
-            drivers=first.drivers,
+            disturbances=first.disturbances,
         )
 
     def isclose(self, other: Calibration, *, tolerance: float = 1e-9) -> bool:
@@ -408,7 +415,7 @@ class Calibration:
             and abs(field - other.field_strength) <= tolerance * field
             and bool(np.abs(self.offset - other.offset).max() <= tolerance * field)
             and bool(np.abs(self.matrix - other.matrix).max() <= tolerance * gain)
-            and _drive_alike(self.drivers, other.drivers, tolerance * field)
+            and _drive_alike(self.disturbances, other.disturbances, tolerance * field)
         )
 
     @classmethod
@@ -464,8 +471,8 @@ class Calibration:
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
-        if self.drivers:
-            content["drivers"] = {driver.kind.key: _record(driver) for driver in self.drivers}
+        if self.disturbances:
+            content["drivers"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
         raw = Recorded(unit=unit, scale=self.raw.scale, axes=str(self.axes), sensor=self.sensor, frame=self.frame)
         return Document(calibration=Correction(**content), raw=raw, fit=fit, provenance=provenance)
@@ -487,15 +494,17 @@ class Calibration:
         }
 
     def _drivers_as_dict(self) -> dict[str, object]:
-        """The drivers by their names in files; no key where there are none."""
-        if not self.drivers:
+        """The disturbances by their names in files; no key where there are none."""
+        if not self.disturbances:
             return {}
-        return {"drivers": {driver.kind.key: to_builtins(_record(driver)) for driver in self.drivers}}
+        return {
+            "drivers": {disturbance.kind.key: to_builtins(_record(disturbance)) for disturbance in self.disturbances}
+        }
 
     def __repr__(self) -> str:
         rows = ", ".join(map(_short, self.matrix))
         strength = f"{self.field_strength:.4g} {self.unit}" + ", scale unknown" * (not self.field_strength_known)
-        follows = "".join(f", follows {driver.name}" for driver in self.drivers)
+        follows = "".join(f", follows {disturbance.name}" for disturbance in self.disturbances)
         return (
             f"Calibration(offset={_short(self.offset)} {self.unit}, matrix=[{rows}], "
             f"field_strength={strength}, rotation {self.rotation}{follows})"
@@ -507,34 +516,36 @@ class Calibration:
         length = f"corrected readings are {self.field_strength:.4g} {unit} long"
         known = "" if self.field_strength_known else ", as none was given"
         title = "Calibration" if self.sensor is None else f"Calibration of {self.sensor}"
-        follows = [f"the offset follows {driver}" for driver in self.drivers]
+        follows = [f"the offset follows {disturbance}" for disturbance in self.disturbances]
         words = ("corrected = matrix · (raw − offset)", length + known, *follows)
         return correction(self.matrix.tolist(), self.offset.tolist(), unit, title=title, words=words)
 
 
-def _record(driver: Driver) -> DriverRecord:
-    """A driver as it stands in a file."""
-    x, y, z = driver.per_unit.tolist()
-    return DriverRecord(
+def _record(disturbance: Disturbance) -> DisturbanceRecord:
+    """A disturbance as it stands in a file."""
+    x, y, z = disturbance.per_unit.tolist()
+    return DisturbanceRecord(
         offset_per_unit=(x, y, z),
-        reference=driver.reference,
-        recorded=(driver.lowest, driver.highest),
-        lag_s=driver.lag_s,
-        scale_per_unit=driver.gain_per_unit,
+        reference=disturbance.reference,
+        recorded=(disturbance.lowest, disturbance.highest),
+        lag_s=disturbance.lag_s,
+        scale_per_unit=disturbance.gain_per_unit,
     )
 
 
-def _drivers(correction: Correction) -> tuple[Driver, ...]:
-    """The drivers that stand in a file."""
+def _drivers(correction: Correction) -> tuple[Disturbance, ...]:
+    """The disturbances that stand in a file."""
     return tuple(
-        Driver(BY_KEY[key], np.array(one.offset_per_unit), one.reference, *one.recorded, one.lag_s, one.scale_per_unit)
-        for key, one in (correction.drivers or {}).items()
+        Disturbance(
+            BY_KEY[key], np.array(one.offset_per_unit), one.reference, *one.recorded, one.lag_s, one.scale_per_unit
+        )
+        for key, one in (correction.disturbances or {}).items()
     )
 
 
-def _drive_alike(ours: tuple[Driver, ...], theirs: tuple[Driver, ...], tolerance: float) -> bool:
+def _drive_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...], tolerance: float) -> bool:
     """Whether both follow the same, to within `tolerance` over what was recorded."""
-    if [driver.name for driver in ours] != [driver.name for driver in theirs]:
+    if [disturbance.name for disturbance in ours] != [disturbance.name for disturbance in theirs]:
         return False
     return all(
         bool(np.abs(one.shift(end) - other.shift(end)).max() <= tolerance) and one.lag_s == other.lag_s

@@ -43,7 +43,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard
 
 import msgspec
-from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from flinders.core.files import read_bytes, write_text
 from flinders.errors import DocumentError
@@ -75,7 +75,7 @@ NotNegative: TypeAlias = Annotated[float, Meta(ge=0)]
 Count: TypeAlias = Annotated[int, Meta(ge=0)]
 
 
-class DriverRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class DisturbanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What an offset follows: ``offset + offset_per_unit (value - reference)``.
 
     Attributes
@@ -115,7 +115,7 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         ``uT``, or ``counts`` where the recording had no known unit.
     rotation : str
         ``symmetric``: not seen, set by convention; ``estimated`` by a fit that sees it; ``composed`` of others.
-    drivers : name to DriverRecord, optional
+    disturbances : name to DisturbanceRecord, optional
         What the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of motor 1 by itself
         ``current1_A``, ``throttle1``.
     """
@@ -126,7 +126,7 @@ class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     field_strength_known: bool = False
     unit: Literal["uT", "counts"]
     rotation: Rotation = "symmetric"
-    drivers: dict[Driving, DriverRecord] | UnsetType = UNSET
+    disturbances: dict[Driving, DisturbanceRecord] | UnsetType = field(name="drivers", default=UNSET)
 
 
 class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

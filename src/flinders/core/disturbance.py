@@ -14,7 +14,7 @@ offset of its own.
 Sources: the offset of motors as in ArduPilot's CompassMot and PX4's CAL_MAG_COMP; the temperature as in the HMC5883L's
 data sheet, p. 20, and Springmann, Cutler (2012) for currents.
 
->>> motors = Driver("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
+>>> motors = Disturbance("current", [0.4, 0.0, -0.2], lowest=0.5, highest=27.0)
 >>> motors.shift(np.array([0.0, 10.0]))
 array([[ 0.,  0., -0.],
        [ 4.,  0., -2.]])
@@ -82,7 +82,7 @@ _NUMBERED: Final = re.compile(rf"({'|'.join(MOTORS)})([1-9]\d?)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Driver:
+class Disturbance:
     """An offset, and for a temperature a scale, that follows something else.
 
     Attributes
@@ -163,7 +163,7 @@ class Driver:
     def beyond(self, values: ArrayLike) -> float:
         """How far values lie outside the recorded range, as a share of it; 0 inside, or where the range is unknown.
 
-        >>> Driver("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
+        >>> Disturbance("current", [1, 0, 0], lowest=0.0, highest=20.0).beyond([5.0, 25.0, np.nan])
         0.25
         """
         seen = floats(values, self.name)
@@ -176,7 +176,7 @@ class Driver:
     def amount(self, value: float) -> str:
         """Write a value with its unit.
 
-        >>> Driver("temperature", [0, 0, 0]).amount(21.54)
+        >>> Disturbance("temperature", [0, 0, 0]).amount(21.54)
         '21.5 °C'
         """
         return f"{value:.3g}{self.kind.unit}"
@@ -191,7 +191,7 @@ class Driver:
 
 @cache
 def known(name: str) -> Kind:
-    """Look a driver up.
+    """Look a disturbance up.
 
     Raises
     ------
@@ -213,7 +213,7 @@ def known(name: str) -> Kind:
 
 
 def motor(name: str) -> tuple[str, int]:
-    """What a driver is of, and of which motor; 0 for no motor by itself.
+    """What a disturbance is of, and of which motor; 0 for no motor by itself.
 
     >>> motor("current12"), motor("current"), motor("current0")
     (('current', 12), ('current', 0), ('current0', 0))
@@ -223,7 +223,7 @@ def motor(name: str) -> tuple[str, int]:
 
 
 def motors(of: str, count: int) -> tuple[str, ...]:
-    """Names of the first motors' own drivers.
+    """Names of the first motors' own disturbances.
 
     >>> motors("current", 3)
     ('current1', 'current2', 'current3')
@@ -234,11 +234,11 @@ def motors(of: str, count: int) -> tuple[str, ...]:
 BY_KEY: Final[Mapping[str, str]] = {
     known(name).key: name for name in (*KINDS, *(name for of in MOTORS for name in motors(of, MOST)))
 }
-"""Names of all drivers by what they are called in files."""
+"""Names of all disturbances by what they are called in files."""
 
 
 def place_of(name: str) -> tuple[int, int]:
-    """Where a driver stands among others: in the order of `KINDS`, a total before each motor.
+    """Where a disturbance stands among others: in the order of `KINDS`, a total before each motor.
 
     >>> sorted(["temperature", "throttle", "current10", "current2", "current"], key=place_of)
     ['current', 'current2', 'current10', 'throttle', 'temperature']
@@ -248,15 +248,15 @@ def place_of(name: str) -> tuple[int, int]:
     return list(KINDS).index(of), number
 
 
-def checked(drivers: Iterable[Driver]) -> tuple[Driver, ...]:
-    """Let drivers through of which no two are of one name, in the order of `place_of`.
+def checked(disturbances: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
+    """Let disturbances through of which no two are of one name, in the order of `place_of`.
 
     Raises
     ------
     UsageError
         For two of one name.
     """
-    listed = sorted(drivers, key=lambda driver: place_of(driver.name))
+    listed = sorted(disturbances, key=lambda disturbance: place_of(disturbance.name))
     for one, other in pairwise(listed):
         if one.name == other.name:
             raise UsageError(f"{one.name} is given twice: each drives the offset once")
@@ -264,7 +264,7 @@ def checked(drivers: Iterable[Driver]) -> tuple[Driver, ...]:
 
 
 def named(**columns: ArrayLike | None) -> dict[str, ArrayLike]:
-    """Columns by the names of their drivers; of ``currents`` and ``throttles`` each motor's own, along the last axis.
+    """Name columns by their disturbances; ``currents`` and ``throttles`` have each motor's along the last axis.
 
     Raises
     ------
@@ -284,31 +284,32 @@ def named(**columns: ArrayLike | None) -> dict[str, ArrayLike]:
     return found
 
 
-def effect(drivers: Sequence[Driver], values: Mapping[str, ArrayLike | None]) -> tuple[Floats, Floats]:
+def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike | None]) -> tuple[Floats, Floats]:
     """By how much readings are off (..., 3), and what multiplies the earth's field in them (...).
 
     Raises
     ------
     UsageError
-        For a driver whose values are not given.
+        For a disturbance whose values are not given.
 
     Examples
     --------
-    >>> warm = Driver("temperature", [0.1, 0.0, 0.0], reference=20.0, gain_per_unit=0.01)
+    >>> warm = Disturbance("temperature", [0.1, 0.0, 0.0], reference=20.0, gain_per_unit=0.01)
     >>> shift, gain = effect([warm], {"temperature": [20.0, 30.0]})
     >>> shift[:, 0], gain
     (array([0., 1.]), array([1. , 1.1]))
     """
     shift, gain = np.zeros(3), np.ones(())
-    for driver in drivers:
-        given = values.get(driver.name)
+    for disturbance in disturbances:
+        given = values.get(disturbance.name)
         if given is None:
             raise UsageError(
-                f"the calibration corrects for {driver.name}, which was not given: give {driver.name}=… for each "
-                f"reading, or take it at a fixed one with calibration.at({driver.name}={driver.reference:g})"
+                f"the calibration corrects for {disturbance.name}, which was not given: give "
+                f"{disturbance.name}=… for each reading, or take it at a fixed one with "
+                f"calibration.at({disturbance.name}={disturbance.reference:g})"
             )
-        shift = shift + driver.shift(given)
-        gain = gain * driver.gain(given)
+        shift = shift + disturbance.shift(given)
+        gain = gain * disturbance.gain(given)
     return shift, gain
 
 

@@ -218,7 +218,7 @@ class Samples:
         )
 
     def driving(self, name: str) -> Floats | None:
-        """(N,) what stands beside the readings of a driver; None where nothing does.
+        """(N,) what stands beside the readings of a disturbance; None where nothing does.
 
         >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
         >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
@@ -232,8 +232,8 @@ class Samples:
         return None if each is None or number > each.shape[1] else each[:, number - 1]
 
     @property
-    def drivers(self) -> tuple[str, ...]:
-        """Names of the drivers that stand beside the readings, those of each motor among them."""
+    def disturbances(self) -> tuple[str, ...]:
+        """Names of the disturbances that stand beside the readings, those of each motor among them."""
         each = {of: getattr(self, many) for of, many in MOTORS.items()}
         numbered = [name for of, table in each.items() if table is not None for name in motors(of, table.shape[1])]
         there = [name for name in KINDS if getattr(self, name) is not None]

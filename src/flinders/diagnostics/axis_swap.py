@@ -1,8 +1,8 @@
 """Whether an axis changed its sign, or two were exchanged, while the recording was made.
 
-A driver that is started again, a cable with a bad wire or a firmware that changes the mounting it assumes does this.
-The field at the sensor goes on as smoothly as before, so readings on both sides of the moment fit together after, and
-only after, T is applied to those behind it:
+A disturbance that is started again, a cable with a bad wire or a firmware that changes the mounting it assumes does
+this. The field at the sensor goes on as smoothly as before, so readings on both sides of the moment fit together after,
+and only after, T is applied to those behind it:
 
     r₊ = T r₋      T one of x → −x, y → −y, z → −z, x ↔ y, y ↔ z, z ↔ x
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-SLIPS: Final = {
+SWAPS: Final = {
     "x": np.diag([-1.0, 1.0, 1.0]),
     "y": np.diag([1.0, -1.0, 1.0]),
     "z": np.diag([1.0, 1.0, -1.0]),
@@ -74,7 +74,7 @@ LOOKED_AT: Final = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Slip:
+class AxisSwap:
     """Axes that changed their sign, or were exchanged, while the recording was made.
 
     Attributes
@@ -92,7 +92,7 @@ class Slip:
     gain: float
 
 
-def slip_of(readings: Floats, noise: float = np.inf) -> Slip | None:
+def slip_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
     """Look for the moments at which axes slipped.
 
     Parameters
@@ -100,7 +100,7 @@ def slip_of(readings: Floats, noise: float = np.inf) -> Slip | None:
     readings : (N, 3) float
         In the order of recording, in any unit.
     noise : float
-        Of the readings that a fit keeps, 1 σ: all of them have to lie as close once the slip is undone.
+        Of the readings that a fit keeps, 1 σ: all of them have to lie as close once the swap is undone.
 
     Returns
     -------
@@ -116,24 +116,24 @@ def slip_of(readings: Floats, noise: float = np.inf) -> Slip | None:
     rows = np.arange(0, len(readings), -(-len(readings) // LOOKED_AT))
     some = readings[rows]
     is_behind = np.searchsorted(moments[axes], rows, side="right") % 2 == 1
-    undone = np.where(is_behind[:, np.newaxis], some @ SLIPS[axes], some)
+    undone = np.where(is_behind[:, np.newaxis], some @ SWAPS[axes], some)
     after = _noise(undone)
     if not after <= GAIN * noise or np.isinf(after):
         return None
     gain = min(_noise(some) / max(after, np.finfo(float).tiny), MOST)
     if gain <= GAIN:
         return None
-    return Slip(axes=axes, rows=tuple(int(row) for row in moments[axes]), gain=gain)
+    return AxisSwap(axes=axes, rows=tuple(int(row) for row in moments[axes]), gain=gain)
 
 
 def moments_of(readings: Floats) -> dict[str, NDArray[np.int64]]:
-    """First rows behind a break that one of `SLIPS` mends, by its name; those that mend none are left out."""
+    """First rows behind a break that one of `SWAPS` mends, by its name; those that mend none are left out."""
     starts = range(0, len(readings) - REACH, BLOCK)
     found = [_breaks(readings[begin : begin + BLOCK + REACH], begin) for begin in starts]
     at, usual = np.concatenate([rows for rows, _ in found]), np.concatenate([beside for _, beside in found])
     onward = 1.5 * readings[at + 2] - 0.5 * readings[at + 3]
     back = 1.5 * readings[at + 1] - 0.5 * readings[at]
-    mended = {name: at[np.abs(onward @ slip - back).max(axis=1) <= LIKE * usual] for name, slip in SLIPS.items()}
+    mended = {name: at[np.abs(onward @ swap - back).max(axis=1) <= LIKE * usual] for name, swap in SWAPS.items()}
     return {name: found + 2 for name, found in mended.items() if len(found)}
 
 

@@ -57,7 +57,7 @@ ROUNDS: Final = 3
 """Of finding an offset and where the rest points."""
 
 UPRIGHT: Final = ("dip", "tilt", "attitude")
-"""Aids that tell the vertical: one of them at a time."""
+"""Aiding that tell the vertical: one of them at a time."""
 
 JUST_BEFORE, MANY_MORE = 0.05, 1.0
 """Of the range of a gyro's axis, what is just before its end; and how many times as many readings are at a limit."""
@@ -280,8 +280,8 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     known = np.isfinite(matrices[:, 0, 0])
     if np.count_nonzero(known) < FEWEST_ATTITUDES:
         return None
-    if "tilt" not in reference.aids:
-        reference = solve(samples, (*(aid for aid in reference.aids if aid == "rate"), "tilt"))
+    if "tilt" not in reference.aiding:
+        reference = solve(samples, (*(aid for aid in reference.aiding if aid == "rate"), "tilt"))
     matrices, field = matrices[known], samples.field[known]
     turned = _from_the_middle(matrices, reference.corrected(field))
     off = float(np.rad2deg(np.std(turned)))

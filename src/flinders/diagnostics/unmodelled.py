@@ -1,6 +1,6 @@
 """Whether readings follow a column that was recorded and not asked for: a motor's current makes a good ellipsoid a lie.
 
-With a driver c that moves the offset by p for each unit of it, residuals of a fit without it are n·p (c − c̄) for
+With a disturbance c that moves the offset by p for each unit of it, residuals of a fit without it are n·p (c − c̄) for
 surface normals n, but for what the nine parameters of the ellipsoid take up. They are regressed on both, and p
 counts where it explains far more than residuals that hang together could by chance.
 
@@ -39,11 +39,11 @@ FEWEST: Final = 100
 """Fewer say too little."""
 
 PROVEN: Final = 40.0
-"""χ² of three, for independent readings, from which on a driver explains residuals: chance makes it once in 10⁸."""
+"""χ² of three, for independent readings, from which a disturbance explains residuals: by chance once in 10⁸."""
 
 
 @dataclass(frozen=True, slots=True)
-class Unfollowed:
+class Unmodelled:
     """Something that was recorded beside the readings and moves them, and that the calibration does not follow.
 
     Attributes
@@ -64,8 +64,8 @@ class Unfollowed:
     chi_square: float
 
 
-def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0) -> Unfollowed | None:
-    """Look at each driver that was recorded; of several the one that explains most.
+def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0) -> Unmodelled | None:
+    """Look at each disturbance that was recorded; of several the one that explains most.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, tim
     """
     stride = max(1, -(-len(samples) // MOST))
     some, time = samples[::stride], max(time / stride, min(time, 1.0))
-    found = [one for name in samples.drivers if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
+    found = [one for name in samples.disturbances if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
     return max(found, key=lambda one: one.chi_square, default=None)
 
 
-def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float) -> Unfollowed | None:
-    """What one driver explains; None where it was not recorded, hardly changed, or explains nothing."""
+def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float) -> Unmodelled | None:
+    """What one disturbance explains; None where it was not recorded, hardly changed, or explains nothing."""
     values = samples.driving(name)
     if values is None:
         return None
@@ -103,7 +103,7 @@ def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time:
     step = _factors(design, residuals)
     level = ellipsoid.radius * math.cos(math.radians(dip_deg))
     off = float(np.linalg.norm(step[9:])) * float(np.abs(about).max())
-    return Unfollowed(name, tuple(step[9:].tolist()), math.degrees(math.atan2(off, level)), chi_square)
+    return Unmodelled(name, tuple(step[9:].tolist()), math.degrees(math.atan2(off, level)), chi_square)
 
 
 def _explained(design: Floats, values: Floats) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from flinders.estimators.algebraic import fit_error
 from flinders.estimators.base import Estimate, Estimator, Method
 from flinders.estimators.bias_inflation import as_correlated, with_bias
 from flinders.estimators.data import Readings
-from flinders.estimators.outliers import strays_of
+from flinders.estimators.outliers import outliers_of
 from flinders.estimators.reference.attitude_independent import at_one_strength
 from flinders.estimators.reference.trace import Convergence
 from flinders.estimators.saturation import within_range
@@ -106,7 +106,7 @@ __all__ = [
     "at_one_strength",
     "fit_error",
     "method_of",
-    "strays_of",
+    "outliers_of",
     "table",
     "with_bias",
     "within_range",

@@ -2,7 +2,7 @@
 
 Minimises the sum of the squares of all residuals, each in its own standard deviation, over
 
-    θ = (b, S, R, drivers, slope, gyro bias, scales and delay, accelerometer bias, sin I or m)
+    θ = (b, S, R, disturbances, slope, gyro bias, scales and delay, accelerometer bias, sin I or m)
 
 and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
@@ -17,7 +17,7 @@ about an axis that it always turns about.
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> found = solve(drive.samples, ("rate", "dip"))
 >>> error = np.abs(found.parameters.offset - drive.sensor.offset)
->>> bool(np.all(error < 4.0 * np.sqrt(np.diag(found.covariance)[:3]))), found.aids
+>>> bool(np.all(error < 4.0 * np.sqrt(np.diag(found.covariance)[:3]))), found.aiding
 (True, ('rate', 'dip'))
 """
 
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.likelihood.disturbances import Drivers
+    from flinders.likelihood.disturbances import Disturbances
     from flinders.likelihood.parameters import Layout, Parameters
     from flinders.likelihood.site_field import Site
 
@@ -112,11 +112,11 @@ class Aided:
         Standard deviation of a component of a reading, in its unit.
     vertical_noise : float, optional
         Standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis.
-    aids : tuple of str
+    aiding : tuple of str
         Those that were used.
     used : int
         Readings.
-    strays : (K,) int
+    outliers : (K,) int
         Readings that did not belong, counted from 0.
     held : float
         Share of the least known parameter of the shape that the prior speaks for.
@@ -131,8 +131,8 @@ class Aided:
     scales_off : float
         What the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead.
         0 where they are as gyros are.
-    drivers : tuple of str
-        Names of the drivers.
+    disturbances : tuple of str
+        Names of the disturbances.
     """
 
     parameters: Parameters
@@ -141,15 +141,15 @@ class Aided:
     layout: Layout
     noise: float
     vertical_noise: float | None
-    aids: tuple[str, ...]
+    aiding: tuple[str, ...]
     used: int
-    strays: NDArray[np.intp]
+    outliers: NDArray[np.intp]
     held: float
     walk: float
     rotation_seen: Floats
     creep: float = 1.0
     site_off: float | None = None
-    drivers: tuple[str, ...] = ()
+    disturbances: tuple[str, ...] = ()
     scales_off: float = 0.0
 
     @property
@@ -203,7 +203,7 @@ def solve(
     terms: Sequence[str] = ("rate", "dip"),
     *,
     site: Site | None = None,
-    drivers: Drivers | None = None,
+    disturbances: Disturbances | None = None,
     start: Ellipsoid | None = None,
     rotation: Floats | None = None,
     spread: float = prior.SPREAD,
@@ -223,7 +223,7 @@ def solve(
         Of `AIDS`; none of them leaves the magnitude alone.
     site : Site, optional
         What is known of the field there.
-    drivers : Drivers, optional
+    disturbances : Disturbances, optional
         Currents, throttle or temperature, a column each.
     start : Ellipsoid, optional
         Where to begin; by default what `Auto` finds, or a sphere about the readings.
@@ -244,7 +244,7 @@ def solve(
         What the accelerometer may be off by on each axis, 1 σ, in m/s²: it is found with the rest. 0 where that
         accelerometer has been calibrated.
     near : Aided, optional
-        Another fit to the same readings, with the same drivers: tried before any other start.
+        Another fit to the same readings, with the same disturbances: tried before any other start.
 
     Raises
     ------
@@ -259,7 +259,7 @@ def solve(
     """
     refuse_without(samples, terms)
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
-    put = _Put(samples, tuple(terms), site, drivers, rotation, spread, window_s, delay, acceleration_bias)
+    put = _Put(samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, acceleration_bias)
     aided = _solved(put, gyro_scale, start, near).finished()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
@@ -294,7 +294,7 @@ class _Put(NamedTuple):
     samples: Samples
     terms: tuple[str, ...]
     site: Site | None
-    drivers: Drivers | None
+    disturbances: Disturbances | None
     rotation: Floats | None
     spread: float
     window_s: float
@@ -304,7 +304,7 @@ class _Put(NamedTuple):
     def problem(self, gyro_scale: float) -> Problem:
         """Put the readings in groups."""
         return Problem.of(
-            self.samples, self.terms, self.site, self.drivers, self.rotation, self.spread, self.window_s,
+            self.samples, self.terms, self.site, self.disturbances, self.rotation, self.spread, self.window_s,
             delay=self.delay, gyro_scale=gyro_scale, acceleration_bias=self.acceleration_bias,
         )  # fmt: skip
 
@@ -371,10 +371,10 @@ def _refuse_nothing(problem: Problem, samples: Samples) -> None:
     """
     trusts = [group.trust for group in problem.groups if group.trust is not None]
     if trusts and not any(trust.any() for trust in trusts):
-        column = "acceleration" if "dip" in problem.aids else "attitude"
+        column = "acceleration" if "dip" in problem.aiding else "attitude"
         raise FitError(
             f"{samples.source}: no reading has an {column} that tells a direction, all are zero or missing: "
-            f"record it, or leave {' and '.join(aid for aid in problem.aids if aid != 'rate')} out",
+            f"record it, or leave {' and '.join(aid for aid in problem.aiding if aid != 'rate')} out",
             column=column,
         )
 
@@ -440,7 +440,7 @@ def _finished(problem: Problem, found: Found) -> Aided:
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]
         seen = np.diag(textbook)[columns] / ROTATION_SIGMA**2
-    strays = [group.rows[group.weight == 0.0] for group in found.groups]
+    outliers = [group.rows[group.weight == 0.0] for group in found.groups]
     return Aided(
         found.at,
         covariance,
@@ -448,15 +448,15 @@ def _finished(problem: Problem, found: Found) -> Aided:
         problem.layout,
         found.weights.noise,
         found.weights.vertical if any(group.trust is not None for group in found.groups) else None,
-        problem.aids,
+        problem.aiding,
         sum(group.count for group in found.groups),
-        np.sort(np.concatenate(strays)),
+        np.sort(np.concatenate(outliers)),
         held,
         math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
         scatter.creep,
         _site_off(problem, found, covariance),
-        () if problem.drivers is None else problem.drivers.names,
+        () if problem.disturbances is None else problem.disturbances.names,
     )
 
 

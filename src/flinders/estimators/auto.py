@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.estimators.data import Readings
 
 TRIMS, TRIMMED = 3, 0.03
-"""Of readings among which there are strays, the share that is left out and how often, to see whether they are flat."""
+"""Of readings with outliers: the share that is left out, and how often, to see whether the rest is flat."""
 
 FEWEST_LEFT: Final = 20
 """Readings that have to be left for that."""
@@ -50,7 +50,7 @@ class Auto:
         See `Likelihood`; without one a level turn is not fitted either. Sums go without: `Consistent` leaves what
         was not seen free, as None asks for.
     robust : bool
-        Look for strays whether or not the residuals ask for it.
+        Look for outliers whether or not the residuals ask for it.
     dip_deg : float
         Inclination of the field at the site; it matters only to `Level`.
 
@@ -107,7 +107,7 @@ class Auto:
         turned = level.estimate(readings)
         is_turn = any(is_level(one, found.noise) for one in covariances)
         nearly = found.unseen > 0 or any(is_level(one, found.noise, within=NEARLY_FLAT_NOISE) for one in covariances)
-        much = 1.0 if nearly else np.inf if turned.strays else MUCH_BETTER  # what leaves the plane are no strays
+        much = 1.0 if nearly else np.inf if turned.outliers else MUCH_BETTER  # what leaves the plane are no outliers
         return turned if is_turn or much * self._claimed(turned) < self._claimed(found) else found
 
     def _claimed(self, found: Estimate) -> float:
@@ -141,11 +141,11 @@ def _can_be_level(readings: Readings) -> bool:
 
 
 def _covariance(readings: Readings, found: Estimate) -> Floats:
-    """(3, 3) of the readings about their mean; of strays, without those left out and the farthest from their plane.
+    """(3, 3) of the readings about their mean; of outliers, without those left out and the farthest from their plane.
 
-    A few strays always lie on the surface that is found among them, however flat the rest.
+    A few outliers always lie on the surface that is found among them, however flat the rest.
     """
-    if not found.strays:
+    if not found.outliers:
         return readings.summary.moments.covariance
     field = readings.near(found.ellipsoid, found.rejected_beyond).thinned(ENOUGH)
     if len(field) < FEWEST_LEFT:

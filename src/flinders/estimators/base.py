@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.autocorrelation import Correlation
     from flinders.estimators.data import Readings
-    from flinders.estimators.outliers import Stray
+    from flinders.estimators.outliers import Outlier
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
@@ -46,7 +46,7 @@ class Estimate:
         Directions of parameter space of which the readings say nothing.
     rejected_beyond : float
         Distance from the surface beyond which readings were left out, in their unit.
-    strays : tuple of Stray
+    outliers : tuple of Outlier
         All that was left out: `used` and their rows add up to the readings there were.
     plane : str, optional
         ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on.
@@ -72,7 +72,7 @@ class Estimate:
     used: int = 0
     unseen: int = 0
     rejected_beyond: float = np.inf
-    strays: tuple[Stray, ...] = ()
+    outliers: tuple[Outlier, ...] = ()
     strength: float | None = None
     plane: Plane | None = None
     follows: Literal["", "constant", "varying"] = ""

@@ -4,14 +4,14 @@ Minimises
 
     Σ s(x − Σ P (c(t − lag) − reference))² / σ² + prior
 
-over offset b, shape S, the offset per unit P of each driver, the growth a of the scale with the temperature, and the
-lag of motors, s being the Sampson distance. `flinders.estimators.regressors` has the columns,
+over offset b, shape S, the offset per unit P of each disturbance, the growth a of the scale with the temperature, and
+the lag of motors, s being the Sampson distance. `flinders.estimators.regressors` has the columns,
 `flinders.estimators.disturbance_solver` takes the steps, `flinders.estimators.time_delay` looks for lags and keeps
 those that readings prove, and `flinders.estimators.regressor_noise` says whether a column is fit to be followed.
 
 Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
-turned. Not where the driver only changed in step with the attitude (see `Found.shared`), nor for a sensor that was not
-turned: for that there is `flinders.estimators.static_bench`.
+turned. Not where the disturbance only changed in step with the attitude (see `Found.shared`), nor for a sensor that was
+not turned: for that there is `flinders.estimators.static_bench`.
 
 The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
 carried over to b and S by `Driving.carried`, so that their covariance is that of the joint fit:
@@ -21,7 +21,7 @@ carried over to b and S by `Driving.carried`, so that their covariance is that o
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> found = driving_of([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
->>> error = found.drivers[0].per_unit - [0.5, 0.0, -0.3]
+>>> error = found.disturbances[0].per_unit - [0.5, 0.0, -0.3]
 >>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(found.covariance))))
 True
 """
@@ -35,7 +35,7 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.core.compensation import settled
-from flinders.core.disturbance import Driver, motor
+from flinders.core.disturbance import Disturbance, motor
 from flinders.core.samples import singles
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.disturbance_solver import Problem, Solver, settle
@@ -70,7 +70,7 @@ MOST_LEVERAGE: Final = 0.99
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What is known of one driver beside its numbers.
+    """What is known of one disturbance beside its numbers.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Found:
     curvature : float
         How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
     alike : float
-        Share of its course that the other drivers explain.
+        Share of its course that the other disturbances explain.
     """
 
     name: str
@@ -110,9 +110,9 @@ class Driving:
 
     Attributes
     ----------
-    drivers : tuple of Driver
+    disturbances : tuple of Disturbance
     covariance : (K, K) float
-        Of (P₁, P₂, …, a): three rows for each driver, and one for the growth with the temperature where there is one.
+        Of (P₁, P₂, …, a): three rows for each disturbance, and one for the growth of the scale with temperature.
     carried : (9, K) float
         By how much offset and shape move for each unit of those.
     ellipsoid : Ellipsoid
@@ -122,16 +122,16 @@ class Driving:
     noise_without : float
         The same of the best ellipsoid that follows nothing, over the same readings.
     found : tuple of Found
-        One for each driver.
+        One for each disturbance.
     constant : tuple of str
-        Drivers that hardly changed, of which nothing was found.
+        Disturbances that hardly changed, of which nothing was found.
     along : (D, D) float
-        What a unit of one driver goes with of another motor's, in its unit, row by row; ones on the diagonal.
+        What a unit of one disturbance goes with of another motor's, in its unit, row by row; ones on the diagonal.
     leaning : (9, 9) float
         Covariance of offset and shape from what single readings may be off on which they lean.
     """
 
-    drivers: tuple[Driver, ...]
+    disturbances: tuple[Disturbance, ...]
     covariance: Floats
     carried: Floats
     ellipsoid: Ellipsoid
@@ -144,30 +144,32 @@ class Driving:
 
     @property
     def calibration(self) -> Calibration:
-        """A calibration that follows the drivers, by which readings are settled."""
-        return replace(Calibration.from_ellipsoid(self.ellipsoid.centre, self.ellipsoid.shape), drivers=self.drivers)
+        """A calibration that follows the disturbances, by which readings are settled."""
+        return replace(
+            Calibration.from_ellipsoid(self.ellipsoid.centre, self.ellipsoid.shape), disturbances=self.disturbances
+        )
 
     def widened(self, covariance: Floats) -> Floats:
-        """(9, 9) covariance of offset and shape at the references, from that which takes the drivers as known."""
+        """(9, 9) covariance of offset and shape at the references, from that which takes the disturbances as known."""
         wider: Floats = covariance + self.leaning + self.carried @ self.covariance @ self.carried.T
         return wider
 
     def joint(self, covariance: Floats) -> Floats:
-        """(9 + K, 9 + K) covariance of offset, shape and drivers, from that of offset and shape as it was widened."""
+        """(9 + K, 9 + K) covariance of offset, shape and disturbances, given the widened one of offset and shape."""
         across = self.carried @ self.covariance
         return np.block([[covariance, across], [across.T, self.covariance]])
 
     def at_end(self, covariance: Floats, place: int) -> Floats:
-        """(9, 9) the same at the far end of the range of one driver, all but motors beside it at their references."""
-        driver = self.drivers[place]
+        """(9, 9) the same at the far end of the range of one disturbance, the others at their references."""
+        disturbance = self.disturbances[place]
         carried = self.carried.copy()
-        away = (driver.farthest - driver.reference) * self.along[place]
+        away = (disturbance.farthest - disturbance.reference) * self.along[place]
         carried[:3, : 3 * len(away)] += np.kron(away, np.eye(3))
         wider: Floats = covariance + carried @ self.covariance @ carried.T
         return wider
 
     def left(self, ellipsoid: Ellipsoid, place: int, *, dip_deg: float, down: Floats | None = None) -> HeadingError:
-        """Heading error (1 σ) that the uncertainty of one driver leaves at the far end of its range."""
+        """Heading error (1 σ) that the uncertainty of one disturbance leaves at the far end of its range."""
         return level_error(ellipsoid, self.at_end(np.zeros((9, 9)), place), dip_deg=dip_deg, down=down)
 
 
@@ -234,7 +236,7 @@ def _told(
 
 
 def _leaning(solved: Solved, matrix: Floats) -> Floats:
-    """(9, 9) covariance of offset and shape, the drivers as found, from readings that the fit leans on.
+    """(9, 9) covariance of offset and shape, the disturbances as found, from readings that the fit leans on.
 
     A reading of leverage h pulls the surface to itself, and its distance s says s/(1 − h) of what it may be off. The
     others of its kind tell nothing of that: a fit that was told by one reading across a gap of directions would claim
@@ -267,11 +269,11 @@ def _metered(problem: Problem, solved: Solved, covariance: Floats, inverse: Floa
         root = np.zeros((len(inverse), 3))
         root[9 + 3 * place : 12 + 3 * place] = per_variance
         meters.append(Meter(noises[name], rounded, root))
-        rows = solved.jacobian[used] * (normals @ solved.driven[3 * place : 3 * place + 3])[:, np.newaxis]
+        rows = solved.jacobian[used] * (normals @ solved.coefficients[3 * place : 3 * place + 3])[:, np.newaxis]
         pulls = np.stack([np.bincount(setting[used], weights=column) for column in rows.T], axis=1)
         moved = pulls @ inverse / solved.noise**2
         pulled += rounded * moved.T @ moved
-    found = np.append(np.zeros(9), solved.driven)
+    found = np.append(np.zeros(9), solved.coefficients)
     found[9 + 3 * len(problem.names) :] = 0.0  # the growth of the scale is multiplied with no column of a meter alone
     return widened(covariance, inverse, found, meters) + pulled
 
@@ -280,7 +282,7 @@ def _noises(problem: Problem, solved: Solved) -> dict[str, Noise]:
     """Noise of each meter; those of motors that are followed one by one are of one kind."""
     used, departures, noises = solved.used, problem.departures, {}
     for place, name in enumerate(problem.names):
-        sensitivity = solved.jacobian[used, :3] @ solved.driven[3 * place : 3 * place + 3]
+        sensitivity = solved.jacobian[used, :3] @ solved.coefficients[3 * place : 3 * place + 3]
         noises[name] = noise_of(departures[used, place], solved.distances[used], sensitivity)
     for late in lagging(problem.names):
         noises |= zip(late, pooled([noises[name] for name in late]), strict=True)
@@ -297,16 +299,16 @@ def _along(problem: Problem) -> Floats:
     return np.where(np.array(beside) | np.eye(len(family), dtype=bool), slopes, 0.0)
 
 
-def _drivers(problem: Problem, solved: Solved) -> tuple[Driver, ...]:
-    """The drivers that a solution stands for."""
+def _drivers(problem: Problem, solved: Solved) -> tuple[Disturbance, ...]:
+    """The disturbances that a solution stands for."""
     return tuple(
-        Driver(
+        Disturbance(
             name,
-            solved.driven[3 * place : 3 * place + 3],
+            solved.coefficients[3 * place : 3 * place + 3],
             problem.logged.reference(name),
             *problem.logged.range(name),
             problem.lags.get(name, 0.0),
-            float(solved.driven[-1]) if name == "temperature" else 0.0,
+            float(solved.coefficients[-1]) if name == "temperature" else 0.0,
         )
         for place, name in enumerate(problem.names)
     )
@@ -318,11 +320,11 @@ def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: La
     rows = slice(9 + 3 * place, 12 + 3 * place)
     values = problem.departures[used, place]
     normals = solved.jacobian[used, :3]
-    driven = normals * (values - values.mean())[:, np.newaxis]
-    per_unit = solved.driven[3 * place : 3 * place + 3]
+    coefficients = normals * (values - values.mean())[:, np.newaxis]
+    per_unit = solved.coefficients[3 * place : 3 * place + 3]
     return Found(
         name,
-        shared=disturbance.shared(solved.jacobian[used, :9], driven),
+        shared=disturbance.shared(solved.jacobian[used, :9], coefficients),
         one_way=one_way(values),
         attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
         lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
@@ -344,9 +346,9 @@ def following(source: object, names: Sequence[str], *, spread: float | None) -> 
     Raises
     ------
     UsageError
-        For what is no recording, or a driver that is not known.
+        For what is no recording, or a disturbance that is not known.
     NotTurned
-        Where the sensor was still: `still` finds its drivers, and nothing finds an ellipsoid.
+        Where the sensor was still: `still` finds its disturbances, and nothing finds an ellipsoid.
     InputError, TooFewSamples
         As `driving_of`.
     """

@@ -1,4 +1,4 @@
-"""The solver of `flinders.estimators.disturbance`: offset, shape, and what drivers add to them, settled together.
+"""The solver of `flinders.estimators.disturbance`: offset, shape, and what disturbances add to them, settled together.
 
 Minimises
 
@@ -16,7 +16,7 @@ here the magnitude alone counts, and there is none to be eliminated.
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> samples = simulate.tumble(seed=1, disturbances=[motors]).samples
 >>> solved = settle(Problem(Logged.of([samples], ("current",)), ("current",), 0.3, {}))
->>> solved.driven.round(1) + 0.0
+>>> solved.coefficients.round(1) + 0.0
 array([ 0.5,  0. , -0.3])
 """
 
@@ -62,7 +62,7 @@ FEWEST_KEPT: Final = 0.5
 """Share of the readings that is kept, however far the others lie."""
 
 WEAK: Final = 1.0
-"""Fields over the recorded range, 1 σ: what is thought likely of a driver before it is looked at."""
+"""Fields over the recorded range, 1 σ: what is thought likely of a disturbance before it is looked at."""
 
 GROWTH: Final = 0.005
 """Share of the scale per °C, 1 σ: the same."""
@@ -76,7 +76,7 @@ class Problem:
     ----------
     logged : Logged
     names : tuple of str
-        Of the drivers that are followed.
+        Of the disturbances that are followed.
     spread : float
         Of the prior on the shape.
     lags : dict of str to float, s
@@ -90,12 +90,12 @@ class Problem:
 
     @property
     def departures(self) -> Floats:
-        """(N, K) values of the drivers less their references."""
+        """(N, K) values of the disturbances less their references."""
         return self.logged.departures(self.names, self.lags)
 
     @property
     def warm(self) -> int | None:
-        """Which driver is the temperature."""
+        """Which disturbance is the temperature."""
         return self.names.index("temperature") if "temperature" in self.names else None
 
 
@@ -106,7 +106,7 @@ class Solved:
     Attributes
     ----------
     ellipsoid : Ellipsoid
-    driven : (K,) float
+    coefficients : (K,) float
         P₁, P₂, … and a.
     distances : (N,) float
     jacobian : (N, 9 + K) float
@@ -115,7 +115,7 @@ class Solved:
     """
 
     ellipsoid: Ellipsoid
-    driven: Floats
+    coefficients: Floats
     distances: Floats
     jacobian: Floats
     used: NDArray[np.bool_]
@@ -134,10 +134,10 @@ def settle(problem: Problem, start: Solved | None = None) -> Solved:
         fewer = solver.thinned(ROUGHLY)
         roughly = [fewer.iterated(*one, None) for one in fewer.starts()]
         start = min(roughly, key=lambda one: spread_of(one.distances))
-    best = solver.at(start.ellipsoid, start.driven)
+    best = solver.at(start.ellipsoid, start.coefficients)
     used = _near(best.distances)
     for _ in range(3):
-        best = solver.iterated(best.ellipsoid, best.driven, used)
+        best = solver.iterated(best.ellipsoid, best.coefficients, used)
         again = _near(best.distances)
         if np.array_equal(again, used):
             break
@@ -153,7 +153,7 @@ class Solver:
     ----------
     field : (N, 3) float
     departures : (N, K) float
-        Values of the drivers less their references.
+        Values of the disturbances less their references.
     warmth : (N,) float, optional
         That of the temperature among them, which the scale may follow.
     spread : float
@@ -184,31 +184,33 @@ class Solver:
         return 3 * int(self.departures.shape[1]) + (self.warmth is not None)
 
     def starts(self) -> list[tuple[Ellipsoid, Floats]]:
-        """Spheres about the readings: as they are, and with what sudden changes of the drivers make taken off."""
-        driven: list[Floats] = [np.zeros(self.count)]
+        """Spheres about the readings: as they are, and with what sudden changes of the disturbances make taken off."""
+        coefficients: list[Floats] = [np.zeros(self.count)]
         if self.count:
-            driven.append(self._by_steps())
-        return [(_sphere(self._settled(driven_by, np.zeros(3))), driven_by) for driven_by in driven]
+            coefficients.append(self._by_steps())
+        return [(_sphere(self._settled(coefficients, np.zeros(3))), coefficients) for coefficients in coefficients]
 
     def _by_steps(self) -> Floats:
-        """(K,) P from steps between neighbours: where a driver jumps, the attitude has hardly changed."""
+        """(K,) P from steps between neighbours: where a disturbance jumps, the attitude has hardly changed."""
         wide = max(1, len(self.field) // 2000)
         steps, moved = (values[wide:] - values[:-wide] for values in (self.departures, self.field))
         shifts = np.linalg.lstsq(steps, moved, rcond=None)[0].ravel()
         return np.append(shifts, np.zeros(self.count - len(shifts)))
 
-    def _settled(self, driven: Floats, centre: Floats) -> Floats:
+    def _settled(self, coefficients: Floats, centre: Floats) -> Floats:
         """(N, 3) readings without what drives them."""
         places = self.departures.shape[1]
-        settled = self.field - self.departures @ driven[: 3 * places].reshape(places, 3)
+        settled = self.field - self.departures @ coefficients[: 3 * places].reshape(places, 3)
         if self.warmth is None:
             return settled
-        grown: Floats = centre + (settled - centre) / np.maximum(1.0 + driven[-1] * self.warmth, 0.1)[:, np.newaxis]
+        grown: Floats = (
+            centre + (settled - centre) / np.maximum(1.0 + coefficients[-1] * self.warmth, 0.1)[:, np.newaxis]
+        )
         return grown
 
-    def at(self, ellipsoid: Ellipsoid, driven: Floats) -> Solved:
+    def at(self, ellipsoid: Ellipsoid, coefficients: Floats) -> Solved:
         """Distances and their Jacobian."""
-        settled = self._settled(driven, ellipsoid.centre)
+        settled = self._settled(coefficients, ellipsoid.centre)
         directions = directions_of(settled, ellipsoid)
         jacobian = np.column_stack(
             [
@@ -216,11 +218,13 @@ class Solver:
                 disturbance.columns(directions, ellipsoid, self.departures, self.warmth),
             ]
         )
-        return Solved(ellipsoid, driven, magnitude.distances(settled, ellipsoid), jacobian, np.ones(len(settled), bool))
+        return Solved(
+            ellipsoid, coefficients, magnitude.distances(settled, ellipsoid), jacobian, np.ones(len(settled), bool)
+        )
 
-    def iterated(self, ellipsoid: Ellipsoid, driven: Floats, used: NDArray[np.bool_] | None) -> Solved:
+    def iterated(self, ellipsoid: Ellipsoid, coefficients: Floats, used: NDArray[np.bool_] | None) -> Solved:
         """Steps until they vanish; `used` None for Cauchy weights that are renewed at each."""
-        now, damping = self.at(ellipsoid, driven), 1e-3
+        now, damping = self.at(ellipsoid, coefficients), 1e-3
         for _ in range(STEPS):
             size = max(spread_of(now.distances if used is None else now.distances[used]), 1e-9 * now.ellipsoid.radius)
             weights = 1.0 / (1.0 + (now.distances / (CAUCHY * size)) ** 2) if used is None else used.astype(float)
@@ -250,7 +254,7 @@ class Solver:
         gradient[:9] += believed.gradient
         precision = self._precision(now.ellipsoid.radius)
         matrix[9:, 9:] += np.diag(precision)
-        gradient[9:] -= precision * now.driven
+        gradient[9:] -= precision * now.coefficients
         return NormalEquations(matrix, gradient, float(weights @ now.distances**2) + believed.cost, len(weights))
 
     def _precision(self, radius: float) -> Floats:
@@ -262,7 +266,7 @@ class Solver:
     def _cost(self, now: Solved, used: NDArray[np.bool_] | None, size: float) -> float:
         """What is minimised."""
         believed = prior.equations(now.ellipsoid, spread=self.spread).cost
-        believed += float(self._precision(now.ellipsoid.radius) @ now.driven**2)
+        believed += float(self._precision(now.ellipsoid.radius) @ now.coefficients**2)
         scaled = (now.distances if used is None else now.distances[used]) / size
         if used is None:
             return float(CAUCHY**2 * np.log1p((scaled / CAUCHY) ** 2).sum()) + believed
@@ -273,7 +277,7 @@ class Solver:
         shape = now.ellipsoid.shape + symmetric(step[3:9])
         if np.linalg.eigvalsh(shape)[0] <= 1e-3 * now.ellipsoid.radius:
             return None
-        return self.at(Ellipsoid(now.ellipsoid.centre + step[:3], shape), now.driven + step[9:])
+        return self.at(Ellipsoid(now.ellipsoid.centre + step[:3], shape), now.coefficients + step[9:])
 
 
 def spread_of(distances: Floats) -> float:

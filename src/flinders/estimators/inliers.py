@@ -43,7 +43,7 @@ LEAST: Final = 3
 """Far readings of a window that make a run at the least, however rare they are."""
 
 BY_CHANCE: Final = 1e-3
-"""Runs that strays thrown in at random may make in a whole recording, on average."""
+"""Runs that outliers thrown in at random may make in a whole recording, on average."""
 
 LOOKS: Final = 3
 """At the readings, before what is in runs and what is not is told apart."""

@@ -1,4 +1,4 @@
-"""Least median of squares over many small subsets: a start that strays cannot bend."""
+"""Least median of squares over many small subsets: a start that outliers cannot bend."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ POINTS: Final = 12
 """In a draw: three more than there are parameters, so that noise does not decide the shape."""
 
 DRAWS: Final = 256
-"""Of which eight are free of strays, on average, where a quarter of the readings are strays."""
+"""Of which eight are free of outliers, on average, where a quarter of the readings are strays."""
 
 SCORED: Final = 600
 """Readings that a draw is scored on: their median distance is known to a twentieth."""
@@ -36,7 +36,7 @@ def subset_start(readings: Floats, rng: Generator, *, draws: int = DRAWS, scored
 
     All draws are fitted at once: twelve readings each, tr Q = 3, a slight pull towards the sphere that keeps few
     points from bending the surface. The winner has the smallest median distance; as long as one
-    draw in all is free of strays and strays are a minority, they have no say.
+    draw in all is free of outliers and outliers are a minority, they have no say.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether what a driver makes is a straight line in it.
+"""Whether what a disturbance makes is a straight line in it.
 
 The model is x = … + P c. Where the field goes with c², as that of a motor may with its throttle, a straight line is
 right in the mean and off at both ends and in the middle. With w = c² less its straight line in c, r what the fit
@@ -7,11 +7,11 @@ leaves, and Q the columns by which κ w moves r, less what the fit's own columns
     κ = (QᵀQ)⁻¹ Qᵀr,        χ² = rᵀQ B⁻¹ Qᵀr,        B = cov Qᵀr
 
 with three degrees of freedom, B allowing for residuals that hang together once κ w is taken off. `curvature` is the
-size of κ w over that of P c, over the range of the driver and at its reference: a sixth for a field that goes with c²
-from 0 on.
+size of κ w over that of P c, over the range of the disturbance and at its reference: a sixth for a field that goes with
+c² from 0 on.
 
-When to use it: after a fit that follows a driver, on a bench or while turning. It says nothing of a driver that takes
-two values alone, nor of what happens beyond the range that was recorded.
+When to use it: after a fit that follows a disturbance, on a bench or while turning. It says nothing of a disturbance
+that takes two values alone, nor of what happens beyond the range that was recorded.
 
 Source: the score test, C. R. Rao, *Large sample tests of statistical hypotheses concerning several parameters*, 1948.
 
@@ -45,28 +45,28 @@ FLAT: Final = 1e-3
 """Share of a column that has to be left for anything to be told of it."""
 
 ENDS: Final = (0.02, 0.98)
-"""Quantiles between which a driver is looked at: a spike of its meter is no range."""
+"""Quantiles between which a disturbance is looked at: a spike of its meter is no range."""
 
 
 def curvature(values: Floats, residuals: Residuals, sensitivity: Floats, per_unit: Floats) -> float:
-    """How far what a driver makes is off a straight line, as a share of what it makes; 0 where that may be chance.
+    """How far what a disturbance makes is off a straight line, as a share of what it makes; 0 where that may be chance.
 
     Parameters
     ----------
     values : (N,) float
-        Of the driver at each residual less its reference, in its unit.
+        Of the disturbance at each residual less its reference, in its unit.
     residuals : Residuals
         What a fit leaves, in the unit of the readings, with (N, K) columns of all that it was fitted by.
     sensitivity : (N, D) float
         By how much each residual moves with an offset along each of D axes.
     per_unit : (D,) float
-        What one unit of the driver makes, in the unit of the readings.
+        What one unit of the disturbance makes, in the unit of the readings.
 
     Returns
     -------
     float
-        Largest departure from the line over the range of the driver and at its reference, over what the line makes at
-        the far end of that range.
+        Largest departure from the line over the range of the disturbance and at its reference, over what the line makes
+        at the far end of that range.
     """
     low, high = np.quantile(values, ENDS)
     made = float(np.linalg.norm(per_unit) * max(abs(low), abs(high)))

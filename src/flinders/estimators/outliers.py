@@ -4,7 +4,7 @@
 >>> from flinders.core.samples import Samples
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
->>> strays_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
+>>> outliers_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
 [Stray(first=2, last=3, rows=2, start=1.0, end=2.0, farthest=40.0)]
 """
 
@@ -36,7 +36,7 @@ LISTED: Final = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Stray:
+class Outlier:
     """A run of readings that do not belong to the rest.
 
     Attributes
@@ -72,20 +72,20 @@ class Stray:
         return f"{self.start:.1f} s: {rows}" if self.rows == 1 else f"{self.start:.1f}–{self.end:.1f} s: {rows}"
 
 
-def strays_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Stray, ...]:
+def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
     """List what `Readings.near` leaves out, with its rows in the whole of several recordings."""
-    found: list[Stray] = []
+    found: list[Outlier] = []
     first_row = 1
     for part in readings.each:
         if part.recording is not None:
-            found += strays_of(part.recording.blocks(), ellipsoid, limit, dense, first_row=first_row)
+            found += outliers_of(part.recording.blocks(), ellipsoid, limit, dense, first_row=first_row)
         first_row += len(part.summary)
     return tuple(found)
 
 
-def strays_of(
+def outliers_of(
     blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int = NO_RUN, *, first_row: int = 1
-) -> list[Stray]:
+) -> list[Outlier]:
     """List the runs of readings that are left out, in order.
 
     Parameters
@@ -97,7 +97,7 @@ def strays_of(
     first_row : int
         Number of the first reading.
     """
-    runs: list[Stray] = []
+    runs: list[Outlier] = []
     for block, distances, out in left_out(blocks, ellipsoid, limit, dense):
         for rows in _runs(np.flatnonzero(out)):
             _append(runs, _stray(rows, first_row, block.time, distances))
@@ -110,15 +110,15 @@ def _runs(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     return np.split(rows, np.flatnonzero(np.diff(rows) > TOGETHER) + 1) if len(rows) else []
 
 
-def _stray(rows: NDArray[np.intp], first_row: int, time: Floats | None, distances: Floats) -> Stray:
+def _stray(rows: NDArray[np.intp], first_row: int, time: Floats | None, distances: Floats) -> Outlier:
     first, last = int(rows[0]), int(rows[-1])
     start, end = (np.nan, np.nan) if time is None else (float(time[first]), float(time[last]))
-    return Stray(first_row + first, first_row + last, len(rows), start, end, float(distances[rows].max()))
+    return Outlier(first_row + first, first_row + last, len(rows), start, end, float(distances[rows].max()))
 
 
-def _append(runs: list[Stray], new: Stray) -> None:
+def _append(runs: list[Outlier], new: Outlier) -> None:
     """Add a run, or lengthen the one before where it goes on from block to block or the list is full."""
     if runs and (new.first - runs[-1].last <= TOGETHER or len(runs) >= LISTED):
         old = runs.pop()
-        new = Stray(old.first, new.last, old.rows + new.rows, old.start, new.end, max(old.farthest, new.farthest))
+        new = Outlier(old.first, new.last, old.rows + new.rows, old.start, new.end, max(old.farthest, new.farthest))
     runs.append(new)

@@ -1,10 +1,10 @@
-"""Whether what was logged of a driver is fit to be followed.
+"""Whether what was logged of a disturbance is fit to be followed.
 
 Its meter may be noisy, its course only go one way, and others may go along with it.
 
-**Noise.** Least squares takes the driver as known. White noise e of its meter makes P too small, by the share
+**Noise.** Least squares takes the disturbance as known. White noise e of its meter makes P too small, by the share
 var e / var c, and no residual is larger for it. It shows in fast changes: with h = c − (mean of some about it), a
-reading whose sensitivity to the driver is q = n·P leaves
+reading whose sensitivity to the disturbance is q = n·P leaves
 
     ρ = −Σ r q h / Σ (q h)²
 
@@ -13,9 +13,9 @@ is too small, readings follow real changes more than the fit does; with both, an
 
     var e = ρ var h / (1 − 1/w − (1 − ρ) var h / var c)
 
-With several drivers it is the normal matrix N that grows, by V = Σ v ∂N/∂v: what was found is N⁻¹(N − V) of what there
-is, and is off most where drivers went along with each other, as little but noise tells them apart there. Around what
-was found, P̂ with its covariance C, the truth scatters by
+With several disturbances it is the normal matrix N that grows, by V = Σ v ∂N/∂v: what was found is N⁻¹(N − V) of what
+there is, and is off most where disturbances went along with each other, as little but noise tells them apart there.
+Around what was found, P̂ with its covariance C, the truth scatters by
 
     M C Mᵀ + (M − 1) P̂ P̂ᵀ (M − 1)ᵀ,        M = (N − V)⁻¹ N
 
@@ -70,7 +70,7 @@ FURTHER: Final = 3.0
 """Standard deviations by which a longer window has to tell more than a shorter one: chance makes one of them most."""
 
 MOST_NOISE: Final = 0.75
-"""Share of what tells about a combination of drivers that noise of their meters makes, at most."""
+"""Share of what tells about a combination of disturbances that noise of their meters makes, at most."""
 
 MEAN: Final = 0.75
 """Share of a mean square that is the square of the mean, of what lies anywhere between none and a largest value."""
@@ -80,13 +80,13 @@ STRETCHES: Final = 100
 
 
 class Noise(NamedTuple):
-    """What a meter adds to a driver.
+    """What a meter adds to a disturbance.
 
     Attributes
     ----------
     variance : float
-        In the square of the driver's unit; below zero where readings follow fast changes more than others, as they do
-        where the meter is slow.
+        In the square of the disturbance's unit; below zero where readings follow fast changes more than others, as they
+        do where the meter is slow.
     sigma : float
         Standard deviation of that.
     own : float
@@ -115,11 +115,11 @@ def noise_of(values: Floats, residuals: Floats, sensitivity: Floats) -> Noise:
     Parameters
     ----------
     values : (N,) float
-        Of the driver, in the order of recording.
+        Of the disturbance, in the order of recording.
     residuals : (N,) float
         What the fit leaves, in the unit of the readings.
     sensitivity : (N,) float
-        By how much each of them moves with one unit of the driver.
+        By how much each of them moves with one unit of the disturbance.
     """
     found = [_noise_by(window, values, residuals, sensitivity) for window in WINDOWS if 2 * window < len(values)]
     most = found[0] if found else Noise(0.0, 0.0)
@@ -141,7 +141,7 @@ def _white(values: Floats) -> float:
 
 
 def rounding(values: Floats) -> tuple[float, NDArray[np.intp]]:
-    """Variance of what was rounded off (N,) values of a driver, and (N,) the number of the setting of each.
+    """Variance of what was rounded off (N,) values of a disturbance, and (N,) the number of the setting of each.
 
     The step is the smallest between two of them. What was rounded off is about the same for as long as one holds.
 
@@ -189,7 +189,7 @@ def pooled(noises: Sequence[Noise]) -> list[Noise]:
 
 
 class Meter(NamedTuple):
-    """What the meter of one driver does to a solution.
+    """What the meter of one disturbance does to a solution.
 
     Attributes
     ----------
@@ -214,11 +214,11 @@ def widened(covariance: Floats, inverse: Floats, found: Floats, meters: Sequence
     Parameters
     ----------
     covariance : (K, K) float
-        With the drivers as they were logged.
+        With the disturbances as they were logged.
     inverse : (K, K) float
         Of the normal matrix.
     found : (K,) float
-        Parameters that the drivers' columns are multiplied with; 0 for all others.
+        Parameters that the disturbances' columns are multiplied with; 0 for all others.
     meters : sequence of Meter
 
     Examples
@@ -264,7 +264,7 @@ def one_way(values: Floats) -> float:
 
 
 def alike(values: Floats, others: Floats) -> float:
-    """Share of the variance of (N,) values that a straight line in (N, K) other drivers explains, 0 to 1.
+    """Share of the variance of (N,) values that a straight line in (N, K) other disturbances explains, 0 to 1.
 
     >>> drawn = np.random.default_rng(1).uniform(0.0, 20.0, (500, 3))
     >>> round(alike(drawn[:, 0], drawn[:, 1:]), 1), round(alike(drawn.sum(axis=1), drawn), 3)

@@ -1,4 +1,4 @@
-"""What was logged beside the readings: the columns of the drivers, with a lag where one is asked for.
+"""What was logged beside the readings: the columns of the disturbances, with a lag where one is asked for.
 
 >>> from flinders.core.samples import Samples
 >>> time = np.arange(40) / 10.0
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.core.disturbance import MOTORS, Driver, known, lagged, place_of
+from flinders.core.disturbance import MOTORS, Disturbance, known, lagged, place_of
 from flinders.errors import InputError, TooFewSamples
 from flinders.estimators.time_series import Track
 
@@ -35,20 +35,20 @@ FEWEST: Final = 30
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class DisturbanceEstimate:
     """What is known of something that the offset follows.
 
     Attributes
     ----------
     name : str
         ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``.
-    driver : Driver, optional
+    disturbance : Disturbance, optional
         None where it hardly changed, and nothing was found.
     taken_deg : float
         Heading error that following it takes away, at the far end of its recorded range, at the worst attitude.
     left_deg : float
         Heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has
-        a driver of its own, with the others as they usually were then.
+        a disturbance of its own, with the others as they usually were then.
     shared : float
         Share of what tells about it that the attitude could explain as well, 0 to 1.
     chi_square : float
@@ -64,11 +64,11 @@ class Driven:
     curvature : float
         How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
     alike : float
-        Share of its course that the other drivers explain, 0 to 1.
+        Share of its course that the other disturbances explain, 0 to 1.
     """
 
     name: str
-    driver: Driver | None = None
+    disturbance: Disturbance | None = None
     taken_deg: float = 0.0
     left_deg: float = 0.0
     shared: float = 0.0
@@ -82,11 +82,11 @@ class Driven:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        fields = {name: getattr(self, name) for name in self.__slots__ if name != "driver"}
+        fields = {name: getattr(self, name) for name in self.__slots__ if name != "disturbance"}
         finite = {
             name: value if isinstance(value, str) or np.isfinite(value) else None for name, value in fields.items()
         }
-        return {**finite, "found": self.driver is not None}
+        return {**finite, "found": self.disturbance is not None}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ class Logged:
     ----------
     field : (N, 3) float
     values : dict of str to (N,) float
-        Of each driver, without lag.
+        Of each disturbance, without lag.
     parts : tuple of Part
         The same with all that was logged, recording by recording.
     """
@@ -119,7 +119,7 @@ class Logged:
         TooFewSamples
             For fewer readings than anything can be told from.
         """
-        names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's drivers
+        names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's disturbances
         wholes = [Part.of(recording, names) for recording in recordings]
         total = sum(len(part.field) for part in wholes)
         if total < FEWEST:
@@ -130,13 +130,13 @@ class Logged:
         return cls(np.concatenate([part.field[::stride] for part in parts]), values, parts)
 
     def lagged(self, name: str, lag_s: float) -> Floats:
-        """(N,) values of a driver so much earlier."""
+        """(N,) values of a disturbance so much earlier."""
         if lag_s == 0.0:
             return self.values[name]
         return np.concatenate([part.lagged(name, lag_s) for part in self.parts])
 
     def courses(self, name: str) -> list[Track]:
-        """A driver's smoothed course in each recording, which has times."""
+        """A disturbance's smoothed course in each recording, which has times."""
         return [Track.of(part.time, part.columns[name]) for part in self.parts if part.time is not None]
 
     def along(self, courses: Sequence[Track], lag_s: float) -> Floats:
@@ -155,7 +155,7 @@ class Logged:
         return float(np.median(np.concatenate([np.diff(part.time) for part in self.parts if part.time is not None])))
 
     def split(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Names of the drivers that changed, and of those that did not."""
+        """Names of the disturbances that changed, and of those that did not."""
         moving = tuple(name for name, values in self.values.items() if _changes(name, values))
         return moving, tuple(name for name in self.values if name not in moving)
 
@@ -169,7 +169,7 @@ class Logged:
         return float(np.nanmin(values)), float(np.nanmax(values))
 
     def departures(self, names: tuple[str, ...], lags: dict[str, float]) -> Floats:
-        """(N, K) values of drivers less their references, each so much earlier as its lag says."""
+        """(N, K) values of disturbances less their references, each so much earlier as its lag says."""
         if not names:
             return np.zeros((len(self.field), 0))
         rows = [self.lagged(name, lags.get(name, 0.0)) - self.reference(name) for name in names]
@@ -202,7 +202,7 @@ class Part:
         for name in names:
             pieces = [piece for block in blocks if (piece := block.driving(name)) is not None]
             if not blocks or len(pieces) < len(blocks) or not np.isfinite(np.concatenate(pieces)).any():
-                raise InputError(_lacking(recording.source, name, blocks[0].drivers if blocks else ()))
+                raise InputError(_lacking(recording.source, name, blocks[0].disturbances if blocks else ()))
             columns[name] = np.concatenate(pieces)
         times = [block.time for block in blocks]
         time = None if any(each is None for each in times) else np.concatenate([t for t in times if t is not None])
@@ -214,7 +214,7 @@ class Part:
 
 
 def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
-    """Names of drivers, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
+    """Names of disturbances, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
 
     Raises
     ------
@@ -237,7 +237,7 @@ def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[
             found.append(name)
             continue
         for recording in recordings:
-            there = next(iter(recording.blocks())).drivers
+            there = next(iter(recording.blocks())).disturbances
             each = [one for one in there if one != of and one.startswith(of)]
             if not each:
                 raise InputError(_lacking(recording.source, name, there))
@@ -252,6 +252,6 @@ def _lacking(source: str, name: str, there: Sequence[str]) -> str:
 
 
 def _changes(name: str, values: Floats) -> bool:
-    """Whether a driver changed enough for anything to be told of it."""
+    """Whether a disturbance changed enough for anything to be told of it."""
     low, high = np.nanquantile(values, [0.02, 0.98])
     return bool(high - low > known(name).least)

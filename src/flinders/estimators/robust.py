@@ -12,7 +12,7 @@ from flinders.estimators.base import Method
 from flinders.estimators.inliers import NO_RUN, dense_in
 from flinders.estimators.least_median import subset_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
-from flinders.estimators.outliers import strays_among
+from flinders.estimators.outliers import outliers_among
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import FINEST
 
@@ -72,7 +72,7 @@ VERY_FAR_OUT: Final = 20.0
 """Standard deviations, where readings are fewer: in 400 clean recordings of twelve the farthest is at 8.5."""
 
 FEW_DRAWS, FEW_SCORED = 24, 150
-"""For a look whether strays have bent the fit: a fortieth of the work of `subset_start` itself."""
+"""For a look whether outliers have bent the fit: a fortieth of the work of `subset_start` itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class Robust:
     that takes few readings of each place, so that a rest of the sensor does not pass for its noise.
 
     Use it where something magnetic passed by, a cable moved or a bus dropped bits; `auto` takes it when the
-    residuals ask for it. Up to about a quarter of strays have no effect worth a digit; clean readings
+    residuals ask for it. Up to about a quarter of outliers have no effect worth a digit; clean readings
     lose one in sixteen thousand.
 
     Parameters
@@ -143,13 +143,13 @@ class Robust:
         ellipsoid, limit = self._settled(readings, some, start)
         dense = dense_in(_are_far(some, ellipsoid, limit), len(readings))
         found = self._fit_near(readings, ellipsoid, limit, dense)
-        strays = strays_among(readings, ellipsoid, limit, dense)
-        return replace(found, method=self.name, rejected_beyond=limit, strays=strays)
+        outliers = outliers_among(readings, ellipsoid, limit, dense)
+        return replace(found, method=self.name, rejected_beyond=limit, outliers=outliers)
 
     def _settled(self, readings: Readings, some: Floats, start: Start) -> tuple[Ellipsoid, float]:
         """Reject and fit in turn until the limit stays: the ellipsoid of the majority, and how far it reaches.
 
-        Of a part of the readings only single ones are rejected: what lies around a run of strays is not beside them.
+        Of a part of the readings only single ones are rejected: what lies around a run of outliers is not beside them.
         """
         rng = np.random.default_rng(SEED)
         spread = readings.spread_out(some, rng)
@@ -193,7 +193,7 @@ def asks_for_it(readings: Readings, ellipsoid: Ellipsoid) -> bool:
     """Whether the residuals of a fit to all readings call for a robust one.
 
     They do where their tail is heavy, by its spread or its kurtosis, where one is far out, or where an ellipsoid
-    through a few readings explains the median reading clearly better: then strays have bent the fit towards
+    through a few readings explains the median reading clearly better: then outliers have bent the fit towards
     themselves (masking). A bent fit leaves residuals that are large or not of normal kurtosis, so only those are
     looked at twice. Of few readings only one that is very far out is a stray: their median says little of their
     spread.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.likelihood.disturbances import Drivers
+    from flinders.likelihood.disturbances import Disturbances
     from flinders.likelihood.site_field import Site
 
 STEPS: Final = 60
@@ -85,7 +85,7 @@ MOST_DAMPING: Final = 1e9
 """Beyond which no step makes the fit better."""
 
 STILLER: Final = 2.0
-"""Times less that the field strays in the world: so much makes another way to sit than was thought a start."""
+"""Times less that the field outliers in the world: so much makes another way to sit than was thought a start."""
 
 SEATED: Final = 10
 """Rounds of finding where the field points, and how the magnetometer sits for it."""
@@ -105,7 +105,7 @@ class Problem:
     ----------
     groups : tuple of Group
     layout : Layout
-    aids : tuple of str
+    aiding : tuple of str
     site : Site, optional
     spread : float
     middle : (3,) float
@@ -113,7 +113,7 @@ class Problem:
         Mean reading, and spread of the readings about it.
     rotation : (3, 3) float
         About which the prior of the rotation lies.
-    drivers : Drivers, optional
+    disturbances : Disturbances, optional
     interval : float, s
         Between two readings of a window.
     gyro_scale : float
@@ -124,13 +124,13 @@ class Problem:
 
     groups: tuple[Group, ...]
     layout: Layout
-    aids: tuple[str, ...]
+    aiding: tuple[str, ...]
     site: Site | None
     spread: float
     middle: Floats
     width: float
     rotation: Floats
-    drivers: Drivers | None
+    disturbances: Disturbances | None
     interval: float
     gyro_scale: float = SCALE_SIGMA
     acceleration_bias: float = ACCELERATION_SIGMA
@@ -141,7 +141,7 @@ class Problem:
         samples: Samples,
         terms: tuple[str, ...],
         site: Site | None,
-        drivers: Drivers | None,
+        disturbances: Disturbances | None,
         rotation: Floats | None,
         spread: float,
         window_s: float,
@@ -151,16 +151,16 @@ class Problem:
         acceleration_bias: float = ACCELERATION_SIGMA,
     ) -> Self:
         """Put the readings in groups, and lay out what is to be found."""
-        if drivers is not None and drivers.constant:
-            drivers = drivers.without(drivers.constant)
-        groups, interval = grouped(samples, terms, drivers, window_s)
+        if disturbances is not None and disturbances.constant:
+            disturbances = disturbances.without(disturbances.constant)
+        groups, interval = grouped(samples, terms, disturbances, window_s)
         in_windows = any(group.turned is not None for group in groups)
         upright = any(group.down is not None for group in groups)
         pointed = any(group.attitudes is not None for group in groups)
         layout = Layout.of(
-            drivers=0 if drivers is None else len(drivers.names),
+            disturbances=0 if disturbances is None else len(disturbances.names),
             rotation=in_windows or upright or pointed,
-            slope=drivers is not None and drivers.warmth is not None,
+            slope=disturbances is not None and disturbances.warmth is not None,
             gyro_bias=in_windows,
             gyro_scale=in_windows and gyro_scale > 0.0,
             gyro_turn=in_windows and gyro_scale > 0.0 and (upright or pointed),
@@ -173,7 +173,18 @@ class Problem:
         turned = np.eye(3) if rotation is None else rotation
         chunks = tuple(chunk for group in groups for chunk in group.chunks())
         return cls(
-            chunks, layout, terms, site, spread, middle, width, turned, drivers, interval, gyro_scale, acceleration_bias
+            chunks,
+            layout,
+            terms,
+            site,
+            spread,
+            middle,
+            width,
+            turned,
+            disturbances,
+            interval,
+            gyro_scale,
+            acceleration_bias,
         )
 
     def freed(self) -> Self:
@@ -181,21 +192,21 @@ class Problem:
 
         On the way there it is held: noise pretends so much of it that the way down could lead anywhere.
         """
-        if self.acceleration_bias <= 0.0 or "dip" not in self.aids or "sine" not in self.layout:
+        if self.acceleration_bias <= 0.0 or "dip" not in self.aiding or "sine" not in self.layout:
             return self
-        count = 0 if self.drivers is None else len(self.drivers.names)
-        free = dict.fromkeys(self.layout.columns.keys() - {"drivers"}, True)
-        return replace(self, layout=Layout.of(drivers=count, **free, acceleration_bias=True))
+        count = 0 if self.disturbances is None else len(self.disturbances.names)
+        free = dict.fromkeys(self.layout.columns.keys() - {"disturbances"}, True)
+        return replace(self, layout=Layout.of(disturbances=count, **free, acceleration_bias=True))
 
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
-        count = 0 if self.drivers is None else len(self.drivers.names)
-        at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, drivers=count), rotation=self.rotation)
+        count = 0 if self.disturbances is None else len(self.disturbances.names)
+        at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, disturbances=count), rotation=self.rotation)
         return self.facing(replace(at, rotation=self._seated(at)))
 
     def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
         """Where to start with what a fit of another `Layout` has found, of as many drivers."""
-        free = ("rotation", "drivers", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
+        free = ("rotation", "disturbances", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         found = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
         return self.facing(replace(at, rotation=self._seated(at)))
@@ -328,13 +339,13 @@ def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
 
 
 def grouped(
-    samples: Samples, terms: Sequence[str], drivers: Drivers | None, window_s: float
+    samples: Samples, terms: Sequence[str], disturbances: Disturbances | None, window_s: float
 ) -> tuple[list[Group], float]:
     """Put readings that share a direction together, and say how far apart those of a window are, in s."""
     beside = _Beside.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
-        return [_group(samples, every[:, np.newaxis], beside, drivers)], 0.0
+        return [_group(samples, every[:, np.newaxis], beside, disturbances)], 0.0
     inside = gyro.windows(samples.time, samples.rate, window_s=window_s)
     groups = []
     interval = 0.0
@@ -343,10 +354,10 @@ def grouped(
         interval = float(np.median(steps))
         intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
         turned = gyro.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
-        groups.append(replace(_group(samples, inside, beside, drivers), turned=turned))
+        groups.append(replace(_group(samples, inside, beside, disturbances), turned=turned))
     rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
     if len(rest):
-        groups.append(_group(samples, rest, beside, drivers))
+        groups.append(_group(samples, rest, beside, disturbances))
     return groups, interval
 
 
@@ -372,7 +383,7 @@ class _Beside(NamedTuple):
         return cls()
 
 
-def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, drivers: Drivers | None) -> Group:
+def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, disturbances: Disturbances | None) -> Group:
     """Take what belongs to (W, n) readings."""
     return Group(
         rows,
@@ -381,8 +392,8 @@ def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, drivers: D
         attitudes=None if beside.attitudes is None else gyro.in_pieces(beside.attitudes[rows], 2),
         down=None if beside.down is None else gyro.in_pieces(beside.down[rows]),
         trust=None if beside.trust is None else beside.trust[rows],
-        drivers=None if drivers is None or not drivers.names else drivers.columns[rows],
-        warmth=None if drivers is None or drivers.warmth is None else drivers.warmth[rows],
+        disturbances=None if disturbances is None or not disturbances.names else disturbances.columns[rows],
+        warmth=None if disturbances is None or disturbances.warmth is None else disturbances.warmth[rows],
     )
 
 

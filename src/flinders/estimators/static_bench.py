@@ -1,15 +1,15 @@
 """What drives the offset of a sensor that is not turned, as where a motor is run up on a bench.
 
-The readings are a straight line in the drivers,
+The readings are a straight line in the disturbances,
 
     x = x₀ + Σ P (c(t − lag) − reference) + noise
 
 by least squares, axis by axis. It tells neither offset nor matrix: what it finds goes `onto` a calibration that was
 made without the motor.
 
-When to use it: the sensor lies still, and the driver goes up **and down** again, several times. Not where it is
+When to use it: the sensor lies still, and the disturbance goes up **and down** again, several times. Not where it is
 switched on once: a sensor that moved meanwhile would look the same, and `findings` says so. A sensor that moves *with*
-the driver, as one that the motor lifts, leaves nothing in the readings; an accelerometer beside it shows its tilt.
+the disturbance, as one that the motor lifts, leaves nothing in the readings; an accelerometer beside it shows its tilt.
 
 Source: CompassMot of ArduPilot, by regression in place of its filter.
 
@@ -18,7 +18,7 @@ Source: CompassMot of ArduPilot, by regression in place of its filter.
 >>> current = 10.0 - 10.0 * np.cos(np.linspace(0.0, 20.0, 400))
 >>> field = [20.0, -5.0, 43.0] + np.outer(current, [0.5, 0.0, -0.3]) + rng.normal(scale=0.2, size=(400, 3))
 >>> found = still([Samples.of(field, unit="uT", current=current)], ["current"])
->>> found.drivers[0].per_unit.round(2) + 0.0, round(found.noise, 1), found.findings
+>>> found.disturbances[0].per_unit.round(2) + 0.0, round(found.noise, 1), found.findings
 (array([ 0.5,  0. , -0.3]), 0.2, ())
 """
 
@@ -29,13 +29,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.disturbance import Driver
+from flinders.core.disturbance import Disturbance
 from flinders.errors import counted
 from flinders.estimators.autocorrelation import Residuals
 from flinders.estimators.disturbance_solver import WEAK
 from flinders.estimators.linearity import curvature
 from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, rounding, widened
-from flinders.estimators.regressors import Driven, Logged
+from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
 from flinders.findings import CATALOGUE, Finding, Record
 from flinders.likelihood.equations import NormalEquations
@@ -49,13 +49,13 @@ if TYPE_CHECKING:
     from flinders.estimators.time_delay import Lag
 
 UNMOVED: Final = 0.03
-"""Of the length of the mean reading: what is left of a recording of a still sensor, once its drivers are taken off."""
+"""Of the length of the mean reading: residual of a still sensor once its disturbances are subtracted."""
 
 SHARES: Final = 0.9
-"""Of the scatter of a recording that a driver has to explain for its sensor to have been still."""
+"""Of the scatter of a recording that a disturbance has to explain for its sensor to have been still."""
 
 TILTED_DEG: Final = 0.5
-"""Degrees by which the vertical may turn over the range of a driver: at a dip of 60° that is a degree of heading."""
+"""Degrees by which the vertical may turn over the range of a disturbance: a degree of heading at a dip of 60°."""
 
 PROVEN: Final = 4.0
 """Standard deviations from which on a turn of the vertical is one."""
@@ -66,43 +66,43 @@ STEPPED: Final = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Still:
-    """What drivers do to the readings of a sensor that is not turned.
+    """What disturbances do to the readings of a sensor that is not turned.
 
     Attributes
     ----------
-    drivers : tuple of Driver
+    disturbances : tuple of Disturbance
         Without a gain: a sensor that is not turned does not tell scale from offset.
     covariance : (K, K) float
         Of (P₁, P₂, …).
     noise : float
         Standard deviation of what is left of an axis, in the unit of the readings.
     moved : float
-        Standard deviation of what the drivers make, all axes together, in that unit.
+        Standard deviation of what the disturbances make, all axes together, in that unit.
     constant : tuple of str
-        Drivers that hardly changed.
-    driven : tuple of Driven
-        What is known of each driver beside its numbers.
+        Disturbances that hardly changed.
+    estimates : tuple of DisturbanceEstimate
+        What is known of each disturbance beside its numbers.
     step : float
         The largest step in what is left, in the unit of the readings, where one explains a quarter of it; else 0.
     tilted_deg : float
-        By how much the vertical turns over the range of a driver, as an accelerometer shows; 0 where there is none, or
-        where it may be its noise.
+        By how much the vertical turns over the range of a disturbance, as an accelerometer shows; 0 where there is
+        none, or where it may be its noise.
     """
 
-    drivers: tuple[Driver, ...]
+    disturbances: tuple[Disturbance, ...]
     covariance: Floats
     noise: float
     moved: float
     constant: tuple[str, ...] = ()
-    driven: tuple[Driven, ...] = field(default=())
+    estimates: tuple[DisturbanceEstimate, ...] = field(default=())
     step: float = 0.0
     tilted_deg: float = 0.0
 
     def onto(self, calibration: Calibration) -> Calibration:
-        """A calibration of the same sensor, made without these drivers, that follows them; others it keeps."""
-        names = {driver.name for driver in self.drivers}
-        kept = tuple(driver for driver in calibration.drivers if driver.name not in names)
-        return replace(calibration, drivers=(*kept, *self.drivers))
+        """A calibration of the same sensor, made without these disturbances, that follows them; others it keeps."""
+        names = {disturbance.name for disturbance in self.disturbances}
+        kept = tuple(disturbance for disturbance in calibration.disturbances if disturbance.name not in names)
+        return replace(calibration, disturbances=(*kept, *self.disturbances))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -113,7 +113,7 @@ class Still:
 
 
 def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None:
-    """Find the offset that drivers make where the sensor was not turned; None where it was.
+    """Find the offset that disturbances make where the sensor was not turned; None where it was.
 
     What is left tells whether the sensor was still: a turn leaves much more than noise.
 
@@ -140,24 +140,26 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     believed = noise**2 * _precision(logged.field, departures)
     shifts = np.linalg.solve(design.T @ design + believed, design.T @ logged.field)[:-1]
     left = logged.field - logged.field.mean(axis=0) - (departures - departures.mean(axis=0)) @ shifts
-    drivers = tuple(
-        Driver(name, shifts[place], logged.reference(name), *logged.range(name), seconds.get(name, 0.0))
+    disturbances = tuple(
+        Disturbance(name, shifts[place], logged.reference(name), *logged.range(name), seconds.get(name, 0.0))
         for place, name in enumerate(moving)
     )
     made = float(np.sqrt(np.var(departures @ shifts, axis=0).sum()))
-    driven = tuple(_driven(driver, place, departures, left, lags) for place, driver in enumerate(drivers))
-    covariance = _metered(logged, departures, left, drivers, _covariance(left, design, believed))
+    estimates = tuple(
+        _driven(disturbance, place, departures, left, lags) for place, disturbance in enumerate(disturbances)
+    )
+    covariance = _metered(logged, departures, left, disturbances, _covariance(left, design, believed))
     tilted = _tilted_deg(_felt(recordings, logged), departures)
-    return Still(drivers, covariance, noise, made, constant, driven, _step(left), tilted)
+    return Still(disturbances, covariance, noise, made, constant, estimates, _step(left), tilted)
 
 
 def described(found: Still, unit: str) -> str:
     """Say that the sensor was not turned, and what that means."""
-    names = " and ".join(driver.name for driver in found.drivers)
+    names = " and ".join(disturbance.name for disturbance in found.disturbances)
     return (
         f"the sensor was not turned in this recording: {names} moved its readings by "
         f"{found.moved:.3g} {unit} (rms), and {found.noise:.2g} {unit} of noise was left in each axis; "
-        f"this gives {counted(len(found.drivers), 'driver')}, and no offset or matrix"
+        f"this gives {counted(len(found.disturbances), 'disturbance')}, and no offset or matrix"
     )
 
 
@@ -179,23 +181,23 @@ def _quiet(logged: Logged, names: tuple[str, ...]) -> float:
 
 
 def _line(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floats]:
-    """What a straight line in the drivers leaves (N, 3), its slopes (K, 3), and its design (N, K + 1)."""
+    """What a straight line in the disturbances leaves (N, 3), its slopes (K, 3), and its design (N, K + 1)."""
     design = np.column_stack([departures, np.ones(len(readings))])
     found = np.linalg.lstsq(design, readings, rcond=None)[0]
     return readings - design @ found, found[:-1], design
 
 
 def _precision(readings: Floats, departures: Floats) -> Floats:
-    """(K + 1, K + 1) of what is thought likely of the slopes: what drivers make is no longer than the readings."""
+    """(K + 1, K + 1) of what is thought likely of the slopes: what disturbances make is no longer than the readings."""
     length = max(float(np.linalg.norm(readings.mean(axis=0))), np.finfo(float).tiny)
     return np.diag(np.append((np.abs(departures).max(axis=0, initial=0.0) / (WEAK * length)) ** 2, 0.0))
 
 
 def _covariance(left: Floats, design: Floats, believed: Floats | None = None) -> Floats:
-    """(3 K, 3 K) of the slopes, each driver's three together; residuals that hang together count for fewer.
+    """(3 K, 3 K) of the slopes, each disturbance's three together; residuals that hang together count for fewer.
 
     `believed` (K + 1, K + 1) is what was thought likely before, in the variance of the noise: it alone speaks of what
-    drivers that rise and fall together do one by one.
+    disturbances that rise and fall together do one by one.
     """
     count = design.shape[1] - 1
     before = np.zeros((count + 1, count + 1)) if believed is None else believed
@@ -210,26 +212,28 @@ def _covariance(left: Floats, design: Floats, believed: Floats | None = None) ->
     return blocks.reshape(3 * count, 3 * count)
 
 
-def _metered(logged: Logged, departures: Floats, left: Floats, drivers: Sequence[Driver], covariance: Floats) -> Floats:
+def _metered(
+    logged: Logged, departures: Floats, left: Floats, disturbances: Sequence[Disturbance], covariance: Floats
+) -> Floats:
     """(3 K, 3 K) covariance of the slopes with what the noise of meters adds to it."""
     about = departures - departures.mean(axis=0)
     inverse = np.kron(np.linalg.pinv(about.T @ about, hermitian=True), np.eye(3))
     meters = [
         Meter(
-            noise_of(departures[:, place], *_along(driver, left)),
-            rounding(logged.values[driver.name])[0],
-            np.sqrt(len(left)) * np.eye(3 * len(drivers))[:, 3 * place : 3 * place + 3],
+            noise_of(departures[:, place], *_along(disturbance, left)),
+            rounding(logged.values[disturbance.name])[0],
+            np.sqrt(len(left)) * np.eye(3 * len(disturbances))[:, 3 * place : 3 * place + 3],
         )
-        for place, driver in enumerate(drivers)
+        for place, disturbance in enumerate(disturbances)
     ]
-    found = np.concatenate([np.zeros(0), *(driver.per_unit for driver in drivers)])
+    found = np.concatenate([np.zeros(0), *(disturbance.per_unit for disturbance in disturbances)])
     return widened(covariance, inverse, found, meters)
 
 
-def _along(driver: Driver, left: Floats) -> tuple[Floats, Floats]:
-    """(N,) what is left along what a driver makes, and by how much that moves with one unit of it."""
-    size = float(np.linalg.norm(driver.per_unit))
-    along = left @ driver.per_unit / size if size > 0.0 else np.zeros(len(left))
+def _along(disturbance: Disturbance, left: Floats) -> tuple[Floats, Floats]:
+    """(N,) what is left along what a disturbance makes, and by how much that moves with one unit of it."""
+    size = float(np.linalg.norm(disturbance.per_unit))
+    along = left @ disturbance.per_unit / size if size > 0.0 else np.zeros(len(left))
     return along, np.full(len(left), size)
 
 
@@ -267,28 +271,30 @@ class _Cost:
         return _line(self._field, self._shifted(lag_s))[0]
 
 
-def _driven(driver: Driver, place: int, drivers: Floats, left: Floats, lags: dict[str, Lag]) -> Driven:
-    """What is known of one of the drivers beside its numbers."""
-    departures, design = drivers[:, place], np.column_stack([drivers, np.ones(len(left))])
-    lag = lags.get(driver.name)
-    return Driven(
-        driver.name,
-        driver,
+def _driven(
+    disturbance: Disturbance, place: int, disturbances: Floats, left: Floats, lags: dict[str, Lag]
+) -> DisturbanceEstimate:
+    """What is known of one of the disturbances beside its numbers."""
+    departures, design = disturbances[:, place], np.column_stack([disturbances, np.ones(len(left))])
+    lag = lags.get(disturbance.name)
+    return DisturbanceEstimate(
+        disturbance.name,
+        disturbance,
         one_way=one_way(departures),
-        attenuation=attenuation(departures, *_along(driver, left)),
+        attenuation=attenuation(departures, *_along(disturbance, left)),
         lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
         lag_is_beyond=lag is not None and lag.is_beyond,
-        curvature=_curvature(driver, departures, left, design),
-        alike=alike(departures, np.delete(drivers, place, axis=1)),
+        curvature=_curvature(disturbance, departures, left, design),
+        alike=alike(departures, np.delete(disturbances, place, axis=1)),
     )
 
 
-def _curvature(driver: Driver, departures: Floats, left: Floats, design: Floats) -> float:
-    """How far all axes together are off a straight line, as a share of what the driver makes."""
+def _curvature(disturbance: Disturbance, departures: Floats, left: Floats, design: Floats) -> float:
+    """How far all axes together are off a straight line, as a share of what the disturbance makes."""
     count = len(left)
     rows = [np.arange(axis * count, (axis + 1) * count) for axis in range(3)]
     residuals = Residuals(left.T.ravel(), np.kron(np.eye(3), design), rows)
-    return curvature(np.tile(departures, 3), residuals, np.repeat(np.eye(3), count, axis=0), driver.per_unit)
+    return curvature(np.tile(departures, 3), residuals, np.repeat(np.eye(3), count, axis=0), disturbance.per_unit)
 
 
 def _felt(recordings: Sequence[Recording], logged: Logged) -> Floats | None:
@@ -304,7 +310,7 @@ def _felt(recordings: Sequence[Recording], logged: Logged) -> Floats | None:
 
 
 def _tilted_deg(felt: Floats | None, departures: Floats) -> float:
-    """By how much the vertical turns over the range of the driver that turns it most; 0 where that may be noise.
+    """By how much the vertical turns over the range of the disturbance that turns it most; 0 where that may be noise.
 
     >>> current = np.tile(np.linspace(0.0, 20.0, 50), 4)
     >>> leaning = np.radians(0.1 * current)

@@ -63,12 +63,12 @@ UNLAGGED: Final = ("temperature",)
 
 @dataclass(frozen=True, slots=True)
 class Lag:
-    """The best lag of one driver.
+    """The best lag of one disturbance.
 
     Attributes
     ----------
     name : str
-        Of the driver.
+        Of the disturbance.
     seconds : float
         By how much readings follow later; negative where they come earlier.
     sigma_s : float
@@ -174,7 +174,7 @@ def residuals_of(solved: Solved) -> Residuals:
 
 
 class Shifted:
-    """Departures of drivers from their references, all smoothed, those of a family later by a lag that is tried.
+    """Departures of disturbances from their references, all smoothed, those of a family later by a lag that is tried.
 
     The others are smoothed as well: beside one that is not, one that is would stand for fast changes of its own.
     """
@@ -232,9 +232,10 @@ def scattered(lag: Lag, distances: Floats, moved: Floats, variance: float) -> La
 
 
 class _Cost:
-    """χ² that another lag of some drivers leaves, with the surface as it is and all parameters free to first order.
+    """χ² at another lag of some disturbances, with all parameters free to first order.
 
-    Distances with what the drivers take off put back, s + J_P P, by least squares on the columns of the other lags.
+    Distances with what the disturbances take off put back, s + J_P P, by least squares on the columns of the other
+    lags.
     """
 
     def __init__(
@@ -244,7 +245,7 @@ class _Cost:
         places = 3 * len(names)
         self._shape = solved.jacobian[self._used, :9]
         self._target = solved.distances[self._used]
-        self._target = self._target + solved.jacobian[self._used, 9 : 9 + places] @ solved.driven[:places]
+        self._target = self._target + solved.jacobian[self._used, 9 : 9 + places] @ solved.coefficients[:places]
         self._variance = solved.noise**2 * time_of(residuals_of(solved).autocovariance())
 
     def __call__(self, lag_s: float) -> float:

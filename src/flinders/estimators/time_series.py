@@ -1,4 +1,4 @@
-"""The course of a driver at any lag, smoothed so that the noise of its meter is the same at each.
+"""The course of a disturbance at any lag, smoothed so that the noise of its meter is the same at each.
 
 A value between two readings of a meter, a share f of the way from one to the next, has (1 − f)² + f² of its variance:
 half of it in the middle. Readings that follow the meter's column would lie nearer to such values whatever the lag is,

@@ -115,7 +115,7 @@ class TwoAxisRecipe:
             bias=bias,
             used=len(flat),
             rejected_beyond=np.inf,
-            strays=(),
+            outliers=(),
         )
         return raised(
             found,

@@ -30,6 +30,17 @@ CATALOGUE: Final[dict[str, Row]] = {
 }
 """Every finding there is, by its code."""
 
+_FORMER: Final = {row.former: row.code for row in CATALOGUE.values() if row.former}
+
+
+def current(code: str) -> str:
+    """The code of today for one that a file or a table holds.
+
+    >>> current("driver-curved"), current("coverage")
+    ('disturbance-nonlinear', 'coverage')
+    """
+    return _FORMER.get(code, code)
+
 
 def limit_of(code: str, of: Severity | str = "limits") -> float:
     """The factor of a limit in a rule: that of a severity, or of another quantity that it needs.

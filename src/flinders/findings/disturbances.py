@@ -8,11 +8,12 @@ from flinders.findings.row import Grade, Limit, Needs, Row, Rule
 
 ROWS: Final = (
     Row(
-        code="driver-alike",
+        code="disturbances-collinear",
+        former="driver-alike",
         subject="disturbances",
         grades="limits",
         number=(
-            "largest share of the course of one driver that follows from the others, such as motors of which each"
+            "largest share of the course of one disturbance that follows from the others, such as motors of which each"
             " is followed by itself"
         ),
         limit="0.95",
@@ -34,7 +35,8 @@ ROWS: Final = (
         remedy="Use the correction where they go along as in the recording, or record again and vary each by itself.",
     ),
     Row(
-        code="driver-noisy",
+        code="disturbance-noisy",
+        former="driver-noisy",
         subject="disturbances",
         grades="limits",
         number=(
@@ -55,7 +57,8 @@ ROWS: Final = (
         remedy="Record a steadier value of it, or hold each setting for longer.",
     ),
     Row(
-        code="driver-constant",
+        code="disturbance-constant",
+        former="driver-constant",
         subject="disturbances",
         grades="limits",
         number="0: what was asked for hardly changed",
@@ -73,25 +76,27 @@ ROWS: Final = (
         remedy="Record again, and change it over its whole range while turning.",
     ),
     Row(
-        code="driver",
+        code="disturbance",
+        former="driver",
         subject="disturbances",
         grades="note",
         number=(
-            "heading error that [following](drivers.md) a current, a throttle or a temperature takes away at the "
+            "heading error that [following](disturbances.md) a current, a throttle or a temperature takes away at the "
             "far end of its recorded range, degrees, at the worst attitude"
         ),
         limit="0",
         action="nothing; log that column wherever the calibration is used",
         rule=Rule("taken_deg", (Grade("note", -1.0),), limit=Limit(0.0)),
         said=(
-            "the offset follows {driver} ({unit}): that takes away up to {taken_deg}° of heading {at_end}, "
+            "the offset follows {disturbance} ({unit}): that takes away up to {taken_deg}° of heading {at_end}, "
             "{left_deg}° of it left (1 σ{running}){without}"
         ),
         plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
         remedy="Use the correction only where what it follows is measured as in the recording.",
     ),
     Row(
-        code="driver-uncertain",
+        code="disturbance-uncertain",
+        former="driver-uncertain",
         subject="disturbances",
         grades="limits",
         number=(
@@ -109,7 +114,8 @@ ROWS: Final = (
         remedy="Record again, with more of it at that end, while turning through all directions.",
     ),
     Row(
-        code="driver-entangled",
+        code="disturbance-collinear-attitude",
+        former="driver-entangled",
         subject="disturbances",
         grades="limits",
         number="share of what tells about it that the attitude could explain as well",
@@ -127,7 +133,8 @@ ROWS: Final = (
         remedy="Record again, and change it in each position, not in step with the turning.",
     ),
     Row(
-        code="driver-one-way",
+        code="disturbance-monotone",
+        former="driver-one-way",
         subject="disturbances",
         grades="limits",
         number="share of its course that a function of time explains which only rises, or only falls",
@@ -148,7 +155,8 @@ ROWS: Final = (
         remedy="Record again, and let it go up and down again meanwhile.",
     ),
     Row(
-        code="driver-lag",
+        code="disturbance-lag",
+        former="driver-lag",
         subject="disturbances",
         grades="limits",
         number="lag at which least is left, seconds: the end of the search",
@@ -166,11 +174,12 @@ ROWS: Final = (
         remedy="Check the times of the column that is followed.",
     ),
     Row(
-        code="driver-curved",
+        code="disturbance-nonlinear",
+        former="driver-curved",
         subject="disturbances",
         grades="limits; told of a turned sensor where it costs more than half the target",
         number=(
-            "how far what a driver makes is off a straight line, over its range and at its reference, as a share "
+            "how far what a disturbance makes is off a straight line, over its range and at its reference, as a share "
             "of what it makes; told where chance makes it once in a million"
         ),
         limit="0.03",
@@ -191,7 +200,8 @@ ROWS: Final = (
         ),
     ),
     Row(
-        code="driver-range",
+        code="disturbance-range",
+        former="driver-range",
         subject="disturbances",
         grades="limits",
         number=(
@@ -209,7 +219,8 @@ ROWS: Final = (
         remedy="Convert the column that is followed, or turn its sign round, before anything is exported.",
     ),
     Row(
-        code="driver-reference",
+        code="disturbance-reference",
+        former="driver-reference",
         subject="disturbances",
         grades="limits; note for a current, which a field is in proportion to",
         number=(
@@ -237,7 +248,8 @@ ROWS: Final = (
         remedy="Record with it switched off as well, or use the correction only where it was recorded.",
     ),
     Row(
-        code="driver-beyond",
+        code="disturbance-beyond",
+        former="driver-beyond",
         subject="disturbances",
         grades="limits",
         number=(
@@ -255,12 +267,12 @@ ROWS: Final = (
         code="bench-moved",
         subject="disturbances",
         grades="limits",
-        number="step that is left [on the bench](drivers.md#on-the-bench), in the unit of the readings",
+        number="step that is left [on the bench](disturbances.md#on-the-bench), in the unit of the readings",
         limit="four times the noise",
         action="fix sensor and surroundings, and record again",
         rule=Rule("step", (Grade("limits", 0.0),), limit=Limit(4.0, "noise")),
         said=(
-            "what the drivers leave makes a step of {step} (noise {noise}): the sensor moved, or something "
+            "what the disturbances leave makes a step of {step} (noise {noise}): the sensor moved, or something "
             "magnetic came near; fix both, and record again"
         ),
         plain="The sensor that should be held still was moved.",
@@ -271,18 +283,18 @@ ROWS: Final = (
         subject="disturbances",
         grades="limits",
         number=(
-            "by how much the vertical turns over the range of a driver [on the bench](drivers.md#on-the-bench), "
-            "as an accelerometer shows, degrees"
+            "by how much the vertical turns over the range of a disturbance "
+            "[on the bench](disturbances.md#on-the-bench), as an accelerometer shows, degrees"
         ),
         limit="0.5",
         action=(
-            "fix the sensor, and record again: it moved with the driver, and so much of the earth's field was "
-            "taken for the driver's"
+            "fix the sensor, and record again: it moved with the disturbance, and so much of the earth's field was "
+            "taken for the disturbance's"
         ),
         rule=Rule("tilted_deg", (Grade("limits", 0.5),)),
         said=(
             "the vertical turns by {tilted_deg}° with what drives the sensor, as the accelerometer shows: the "
-            "sensor moved with it, and so much of the earth's field was taken for the driver's; fix the sensor, "
+            "sensor moved with it, and so much of the earth's field was taken for the disturbance's; fix the sensor, "
             "and record again"
         ),
         plain="The sensor that should be held still tilted by {angle} together with what disturbs it.",

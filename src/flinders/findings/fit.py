@@ -140,7 +140,8 @@ ROWS: Final = (
         alarm=True,
     ),
     Row(
-        code="rings",
+        code="unobservable-parameters",
+        former="rings",
         subject="fit",
         grades="limits",
         number="of nine parameters, how many the readings say nothing of",
@@ -276,7 +277,8 @@ ROWS: Final = (
         alarm=True,
     ),
     Row(
-        code="slipped-axes",
+        code="axis-swap",
+        former="slipped-axes",
         subject="fit",
         grades="limits",
         number=(
@@ -298,19 +300,20 @@ ROWS: Final = (
         alarm=True,
     ),
     Row(
-        code="driver-unfollowed",
+        code="disturbance-unmodelled",
+        former="driver-unfollowed",
         subject="fit",
         grades="limits",
         number=(
-            "what a [driver](drivers.md) that was recorded and not asked for makes of a level heading at the far "
-            "end of its range, degrees"
+            "what a [disturbance](disturbances.md) that was recorded and not asked for makes of a level heading at the "
+            "far end of its range, degrees"
         ),
         limit="half the target",
         action="calibrate `--with` it, or record without",
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
         said=(
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading,"
-            " which the heading error does not know of: calibrate with drivers {unmodelled} (--with "
+            " which the heading error does not know of: calibrate with disturbances {unmodelled} (--with "
             "{unmodelled}), or record without"
         ),
         plain=(

@@ -33,7 +33,8 @@ ROWS: Final = (
         alarm=True,
     ),
     Row(
-        code="strays",
+        code="outliers",
+        former="strays",
         subject="recording",
         grades="note; limits above the limit",
         number="share of the readings that do not belong to the rest and were left out",

@@ -181,6 +181,8 @@ class Row:
         None where code decides.
     alarm : bool
         The live page warns of it: something is wrong, and not only more turning needed.
+    former : str
+        Its code before it was renamed, which files and tables may hold; see `flinders.findings.current`.
     """
 
     code: str
@@ -194,6 +196,7 @@ class Row:
     remedy: str = ""
     rule: Rule | None = None
     alarm: bool = False
+    former: str = ""
 
     def finding(self, record: Mapping[str, Any]) -> Finding | None:
         """Apply the rule to a record; None where it does not hold.

@@ -8,7 +8,8 @@ from flinders.findings.row import Grade, Limit, Needs, Row, Rule
 
 ROWS: Final = (
     Row(
-        code="departs",
+        code="sensor-deviates",
+        former="departs",
         subject="sensors",
         grades="note; limits for more than a tenth of the time",
         number=(
@@ -37,12 +38,13 @@ ROWS: Final = (
         remedy="Find out what happened then, or steer by another compass.",
     ),
     Row(
-        code="departs-throughout",
+        code="sensor-deviates-throughout",
+        former="departs-throughout",
         subject="sensors",
         grades="limits",
         number="what readings averaged over a second are off the others all the time, degrees of heading, 1 σ",
         limit="the target, or three times the best of the others where that is more",
-        action="steer by another; see whether [a driver](drivers.md) explains it",
+        action="steer by another; see whether [a disturbance](disturbances.md) explains it",
         rule=Rule(
             "scatter_deg",
             (Grade("limits", 1.0, "target_deg"),),

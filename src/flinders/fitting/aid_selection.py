@@ -12,8 +12,8 @@ kept, the accelerometer is not.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
->>> found, aids = aided_by(drive.samples, "auto")
->>> [(aid.name, aid.kept) for aid in aids.each], found.aids
+>>> found, aiding = aided_by(drive.samples, "auto")
+>>> [(aid.name, aid.kept) for aid in aiding.each], found.aiding
 ([('rate', True), ('dip', False)], ('rate',))
 """
 
@@ -46,7 +46,7 @@ from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, start
 from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
-from flinders.fitting.aiding import Aid, Aids
+from flinders.fitting.aiding import Aiding, AidingSensor
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
@@ -80,20 +80,20 @@ FAR_CLAIM: Final = 4.0
 
 def aided_by(
     samples: Samples,
-    aids: str | Sequence[str],
+    aiding: str | Sequence[str],
     *,
     site: Site | None = None,
     dip_deg: float = 60.0,
     spread: float = prior.SPREAD,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
-) -> tuple[Aided, Aids]:
+) -> tuple[Aided, Aiding]:
     """Fit with aids, those that can be trusted and, with ``auto``, those that earn their place.
 
     Parameters
     ----------
     samples : Samples
-    aids : str or sequence of str
+    aiding : str or sequence of str
         ``auto``, or of `flinders.estimators.aiding.AIDS`.
     site : Site, optional
     dip_deg : float
@@ -112,8 +112,8 @@ def aided_by(
     FitError
         If the readings give no ellipsoid.
     """
-    is_auto = aids == AUTO
-    wanted = available(samples) if is_auto else ((aids,) if isinstance(aids, str) else tuple(aids))
+    is_auto = aiding == AUTO
+    wanted = available(samples) if is_auto else ((aiding,) if isinstance(aiding, str) else tuple(aiding))
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are held against it
     samples, of_gaps = without_gaps(samples, wanted)
@@ -127,7 +127,7 @@ def aided_by(
     best = whole(())
     standing = _Candidate(samples, best, rotation)
     turned, is_strange = cast("Aided | None", None), False
-    reports: list[Aid] = []
+    reports: list[AidingSensor] = []
     kept: tuple[str, ...] = ()
     for name in wanted:
         refused = untrusted.get(name)
@@ -135,7 +135,7 @@ def aided_by(
             refused = circular(samples, best, dip_deg)
             mistakes += [] if refused is None else [refused]
         if refused is not None:
-            reports.append(Aid(name, kept=False, words=refused.words))
+            reports.append(AidingSensor(name, kept=False, words=refused.words))
             continue
         replaced = [aid for aid in kept if name in UPRIGHT and aid in UPRIGHT]
         tried = (*(aid for aid in kept if aid not in replaced), name)
@@ -143,9 +143,9 @@ def aided_by(
         is_strange = is_strange or is_elsewhere(found, site)
         if (contradiction := _contradiction(found, name)) is not None:
             mistakes += [] if is_auto else [contradiction]
-            reports.append(Aid(name, kept=False, words=contradiction.words))
+            reports.append(AidingSensor(name, kept=False, words=contradiction.words))
             continue
-        said = Aid(
+        said = AidingSensor(
             name, True, change_deg(best, found, dip_deg), claim_deg(best, dip_deg), claim_deg(found, dip_deg)
         )  # fmt: skip
         trial = _Trial(standing, _Candidate(samples, found, rotation))
@@ -165,7 +165,7 @@ def aided_by(
         mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
     if site is not None and (is_elsewhere(best, site) or is_strange):  # it would bend the fit: again, without it
         again, told = aided_by(
-            samples, aids, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
+            samples, aiding, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
         )
         if (mistake := _of_site(best, told, site)) is not None:
             return again, replace(told, mistakes=(*of_gaps, *told.mistakes, mistake))
@@ -179,7 +179,7 @@ def _contradiction(found: Aided, name: str) -> Mistake | None:
     return astray(found, name)
 
 
-def _of_site(bent: Aided, told: Aids, site: Site) -> Mistake | None:
+def _of_site(bent: Aided, told: Aiding, site: Site) -> Mistake | None:
     """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
     if told.dip_deg is None:
         return elsewhere(dip_of(bent), site) if is_elsewhere(bent, site) else None
@@ -242,7 +242,7 @@ class _Candidate:
     def in_parts(self) -> list[Parameters]:
         """Without each fold in turn; a fit that sees no rotation takes the axes for those of the body."""
         rotation = self.rotation if self.found.sees_rotation else None
-        return fitted(self.samples, self.found.aids, rotation, self.found)
+        return fitted(self.samples, self.found.aiding, rotation, self.found)
 
     def missed(self, vertical: str | None) -> Missed:
         """How far off what was left out is, by verticals of one kind."""
@@ -265,7 +265,7 @@ class _Trial(NamedTuple):
         """What is found with it."""
         return self.candidate.found
 
-    def against(self, said: Aid) -> str:
+    def against(self, said: AidingSensor) -> str:
         """Why the aid does not earn its place; nothing where it does."""
         if said.after_deg > WORTH * said.before_deg:
             return f"claims no less: {figures(said.after_deg)}° with it, {figures(said.before_deg)}° without"
@@ -274,10 +274,10 @@ class _Trial(NamedTuple):
             return f"readings that it has not seen are {after / before - 1.0:.0%} farther off with it"
         return ""
 
-    def turns(self, said: Aid) -> str:
+    def turns(self, said: AidingSensor) -> str:
         """What its rotation does, in words; nothing where that is not proven, or makes nothing better."""
         covariance = self.found.rotation_covariance
-        if covariance is None or self.without.sees_rotation or self.found.aids[-1] not in UPRIGHT[:2]:
+        if covariance is None or self.without.sees_rotation or self.found.aiding[-1] not in UPRIGHT[:2]:
             return ""
         rotation = self.candidate.rotation
         apart = _angle_of(self.found.parameters.rotation @ (np.eye(3) if rotation is None else rotation).T)
@@ -298,13 +298,13 @@ class _Trial(NamedTuple):
 
     def _missed(self, candidate: _Candidate) -> Missed:
         """How far off what was left out is, by the vertical that the aid brings."""
-        return candidate.missed(next((aid for aid in self.found.aids if aid in UPRIGHT[:2]), None))
+        return candidate.missed(next((aid for aid in self.found.aiding if aid in UPRIGHT[:2]), None))
 
 
 def turned_deg(rotation: Floats, dip_deg: float) -> float:
     """By how much a rotation of the magnetometer changes the heading of a level vehicle, rms, 180 at most.
 
-    As `flinders.fitting.aiding.Aids.alignment_error_deg` of a rotation that is not known: z² + ½ tan² I (x² + y²).
+    As `flinders.fitting.aiding.Aiding.alignment_error_deg` of a rotation that is not known: z² + ½ tan² I (x² + y²).
 
     >>> from flinders.likelihood.gyro import rotations
     >>> round(turned_deg(rotations(np.array([[0.0, 0.0, 0.01]]))[0], 60.0), 3)
@@ -326,7 +326,7 @@ def _angle_of(rotation: Floats) -> Floats:
     return angle
 
 
-def _told(found: Aided, turned: Aided | None, each: tuple[Aid, ...], mistakes: tuple[Mistake, ...]) -> Aids:
+def _told(found: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mistakes: tuple[Mistake, ...]) -> Aiding:
     """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
     if turned is not None and not found.sees_rotation:
         alone = _told(turned, None, each, mistakes)
@@ -336,7 +336,7 @@ def _told(found: Aided, turned: Aided | None, each: tuple[Aid, ...], mistakes: t
     sine, bias, delay, leaning = (found.of(name) for name in ("sine", "gyro_bias", "delay", "acceleration_bias"))
     height = at.sine if "sine" in found.layout else float(at.direction[2]) if "direction" in found.layout else None
     level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
-    return Aids(
+    return Aiding(
         each=each,
         rotation=at.rotation if found.sees_rotation else None,
         rotation_covariance=rotation,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Aid:
+class AidingSensor:
     """What one aid did to a fit.
 
     Attributes
@@ -44,12 +44,12 @@ class Aid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Aids:
+class Aiding:
     """What gyro, accelerometer or attitude told beside the ellipsoid.
 
     Attributes
     ----------
-    each : tuple of Aid
+    each : tuple of AidingSensor
         In the order in which they were taken.
     rotation : (3, 3) float, optional
         From the magnetometer's axes to those of the body; None where nothing saw it.
@@ -66,7 +66,7 @@ class Aids:
     mistakes : tuple of Mistake
     """
 
-    each: tuple[Aid, ...]
+    each: tuple[AidingSensor, ...]
     rotation: Floats | None = None
     rotation_covariance: Floats | None = None
     gyro_bias: Floats | None = None

@@ -18,6 +18,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
+from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.axis_swap import slip_of
 from flinders.diagnostics.drift import drift_of
 from flinders.diagnostics.repeatability import Part, compared
@@ -31,10 +32,10 @@ from flinders.estimators.cache import concatenated
 from flinders.estimators.disturbance import following
 from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
-from flinders.estimators.regressors import Driven
+from flinders.estimators.regressors import DisturbanceEstimate
 from flinders.estimators.solver import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.fitting.aid_selection import AUTO, aided_by, available
-from flinders.fitting.aiding import Aid, Aids
+from flinders.fitting.aiding import Aiding, AidingSensor
 from flinders.fitting.disturbance_selection import earned
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import judge
@@ -50,10 +51,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.core.samples import Recording
-    from flinders.diagnostics.axis_swap import Slip
+    from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.drift import Drift
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.diagnostics.unmodelled import Unfollowed
+    from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
     from flinders.heading.error_propagation import HeadingError
@@ -64,6 +65,7 @@ LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
 
 
+@renamed_keywords(drivers="disturbances", aids="aiding")
 def fit(
     source: Recording | Summary | ArrayLike,
     *,
@@ -75,8 +77,8 @@ def fit(
     unit: Unit | None = None,
     axes: Axes | None = None,
     sensor: str | None = None,
-    drivers: Sequence[str] = (),
-    aids: str | Sequence[str] = (),
+    disturbances: Sequence[str] = (),
+    aiding: str | Sequence[str] = (),
     site: Site | None = None,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
@@ -104,12 +106,12 @@ def fit(
         Of an array or a Summary; a recording brings its own.
     sensor : str, optional
         Name or serial number, kept with the calibration.
-    drivers : sequence of str
+    disturbances : sequence of str
         What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has;
         ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``.
-    aids : str or sequence of str
+    aiding : str or sequence of str
         What else was recorded and shall count: ``rate``, ``dip``, ``tilt``, ``attitude``; or ``auto`` for what earns
-        its place, drivers included. See docs/terms.md.
+        its place, disturbances included. See docs/terms.md.
     site : Site, optional
         What is known of the field at the place. With its strength, corrected readings have that length.
     gyro_scale : float
@@ -130,7 +132,7 @@ def fit(
     Unmoved
         For readings of a sensor that was hardly turned, see `flinders.diagnostics.unmoved`.
     NotTurned, InputError
-        For `drivers` of a sensor that was not turned, or that were not recorded.
+        For `disturbances` of a sensor that was not turned, or that were not recorded.
     """
     if alignment_sigma_deg is not None and not 0.0 <= alignment_sigma_deg <= 180.0:
         raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
@@ -139,11 +141,11 @@ def fit(
     if dip_deg is None:
         dip_deg = 60.0 if site is None or site.inclination_deg is None else site.inclination_deg
     estimator = estimator_of(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
-    driving, tried = None, cast("tuple[Aid, ...]", ())
-    if aids == AUTO and not drivers and hasattr(source, "blocks"):
-        drivers, tried = earned(cast("Recording", source), spread=options.get("prior", SPREAD), dip_deg=dip_deg)
-    if drivers:
-        driving, source = following(source, drivers, spread=options.get("prior", SPREAD))
+    driving, tried = None, cast("tuple[AidingSensor, ...]", ())
+    if aiding == AUTO and not disturbances and hasattr(source, "blocks"):
+        disturbances, tried = earned(cast("Recording", source), spread=options.get("prior", SPREAD), dip_deg=dip_deg)
+    if disturbances:
+        driving, source = following(source, disturbances, spread=options.get("prior", SPREAD))
     readings = Readings.of(source)
     frame = "sensor"
     if hasattr(source, "blocks"):
@@ -156,7 +158,7 @@ def fit(
     readings = within_range(readings)
     instruments = {"gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     found, told_by = _aided(
-        readings, aids, site, method=method, dip_deg=dip_deg, options=options, instruments=instruments
+        readings, aiding, site, method=method, dip_deg=dip_deg, options=options, instruments=instruments
     )
     told_by = told_by if told_by is None else replace(told_by, each=(*tried, *told_by.each))
     estimate = found or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
@@ -187,7 +189,7 @@ def judged_as(
     estimate: Estimate,
     source: Recording,
     *,
-    told_by: Aids | None = None,
+    told_by: Aiding | None = None,
     field_strength: float | None = None,
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
@@ -201,7 +203,7 @@ def judged_as(
         Its covariance knows how residuals hang together.
     source : Recording
         The readings that it belongs to, for coverage and health.
-    told_by : Aids, optional
+    told_by : Aiding, optional
         With the rotation that corrected readings are turned by.
     field_strength, target_deg, dip_deg, sensor
         As for `fit`.
@@ -225,7 +227,7 @@ def judged_as(
     return fitted
 
 
-def _turned(calibration: Calibration, told_by: Aids | None) -> Calibration:
+def _turned(calibration: Calibration, told_by: Aiding | None) -> Calibration:
     """Turn corrected readings into the axes of the body, where an aid saw how the sensor sits in them."""
     if told_by is None or told_by.rotation is None:
         return calibration
@@ -275,14 +277,14 @@ def _refuse_to_relabel(source: Recording, unit: Unit | None, axes: Axes | None) 
 
 def _aided(
     readings: Readings,
-    aids: str | Sequence[str],
+    aiding: str | Sequence[str],
     site: Site | None,
     *,
     method: str,
     dip_deg: float,
     options: dict[str, Any],
     instruments: dict[str, float],
-) -> tuple[Estimate | None, Aids | None]:
+) -> tuple[Estimate | None, Aiding | None]:
     """Fit with what was recorded beside the magnetometer; no estimate where no aid was asked for, or none was kept.
 
     Raises
@@ -291,7 +293,7 @@ def _aided(
         For another method than the default one, where only sums are left, or for instruments out of range.
     """
     _refuse_instruments(**instruments)
-    if not aids:
+    if not aiding:
         return None, None
     if method != "auto" or set(options) - {"prior"}:
         raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
@@ -300,12 +302,12 @@ def _aided(
     recording = readings.recording
     samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
     if len(samples) >= Level.unknowns and turned_level(samples.field):
-        return None, _of_no_use(samples, aids)
+        return None, _of_no_use(samples, aiding)
     spread = options.get("prior", SPREAD) or SPREAD
-    found, told_by = aided_by(samples, aids, site=site, dip_deg=dip_deg, spread=spread, **instruments)
+    found, told_by = aided_by(samples, aiding, site=site, dip_deg=dip_deg, spread=spread, **instruments)
     if is_flat(readings.summary.moments.principal_variances, found.noise):
-        return None, _of_no_use(samples, aids)
-    return found.estimate() if found.aids else None, told_by
+        return None, _of_no_use(samples, aiding)
+    return found.estimate() if found.aiding else None, told_by
 
 
 def _refuse_instruments(gyro_scale: float, acceleration_bias: float) -> None:
@@ -324,7 +326,7 @@ def _refuse_instruments(gyro_scale: float, acceleration_bias: float) -> None:
         )
 
 
-def _of_no_use(samples: Samples, aids: str | Sequence[str]) -> Aids:
+def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
     """Say of each aid that a level turn leaves it nothing to tell.
 
     Raises
@@ -332,10 +334,10 @@ def _of_no_use(samples: Samples, aids: str | Sequence[str]) -> Aids:
     UsageError
         For an aid that is not known or was not recorded.
     """
-    names = available(samples) if aids == AUTO else (aids,) if isinstance(aids, str) else tuple(aids)
+    names = available(samples) if aiding == AUTO else (aiding,) if isinstance(aiding, str) else tuple(aiding)
     refuse_without(samples, names)
     words = "the readings lie in one plane, as in a level turn, across which it tells nothing"
-    return Aids(tuple(Aid(name, kept=False, words=words) for name in names))
+    return Aiding(tuple(AidingSensor(name, kept=False, words=words) for name in names))
 
 
 def _sited(
@@ -423,17 +425,17 @@ def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | No
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
-def _slip(estimate: Estimate, readings: Readings) -> Slip | None:
+def _slip(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     """Whether axes slipped while one recording was made, of those held in memory; if so, residuals are not white."""
     if readings.parts or not isinstance(readings.recording, Samples):
         return None
-    if not estimate.strays and (estimate.correlation is None or estimate.correlation.is_white):
+    if not estimate.outliers and (estimate.correlation is None or estimate.correlation.is_white):
         return None
     return slip_of(readings.recording.field, estimate.noise)
 
 
-def _unfollowed(estimate: Estimate, readings: Readings, dip_deg: float, driving: Driving | None) -> Unfollowed | None:
-    """Whether a driver that was recorded moves the readings, of one recording held in memory, and none is followed."""
+def _unfollowed(estimate: Estimate, readings: Readings, dip_deg: float, driving: Driving | None) -> Unmodelled | None:
+    """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
     if driving is not None or estimate.unseen or not isinstance(readings.recording, Samples):
         return None
     near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
@@ -498,7 +500,7 @@ def _judged(
     repeats: Repeats | None,
     repeated: float,
     driving: Driving | None = None,
-    told_by: Aids | None = None,
+    told_by: Aiding | None = None,
 ) -> Fit:
     """Put together what is known and judge it."""
     summary, covariance = readings.summary, estimate.covariance
@@ -528,15 +530,15 @@ def _judged(
         textbook_heading_error_deg=_textbook(estimate, dip),
         independent_samples=_independent(estimate, len(summary) / repeated),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
-        strays=estimate.strays,
+        outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, readings, dip),
-        slip=_slip(estimate, readings),
-        unfollowed=_unfollowed(estimate, readings, dip, driving),
+        axis_swap=_slip(estimate, readings),
+        unmodelled=_unfollowed(estimate, readings, dip, driving),
         repeats=repeats,
         plane=estimate.plane,
         z_down=estimate.z_down,
-        aids=told_by,
+        aiding=told_by,
         alignment_error_deg=None if told_by is None else told_by.alignment_error_deg(dip),
     )
     fitted = replace(fitted, heading_error_deg=fitted.heading_error_deg.beside(fitted.structure_deg))
@@ -547,13 +549,13 @@ def _judged(
 
 def _with_disturbances(fitted: Fit, driving: Driving) -> Fit:
     """A fit to settled readings, with what is known of its drivers."""
-    calibration = replace(fitted.calibration, drivers=driving.drivers)
+    calibration = replace(fitted.calibration, disturbances=driving.disturbances)
     dip, down = fitted.heading_error_deg.dip_deg, down_of(fitted.plane)
-    driven = [
-        Driven(
-            driver.name,
-            driver,
-            taken_deg=calibration.driven_deg(driver, dip_deg=dip),
+    estimates = [
+        DisturbanceEstimate(
+            disturbance.name,
+            disturbance,
+            taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
             left_deg=driving.left(fitted.ellipsoid, place, dip_deg=dip, down=down).worst,
             shared=found.shared,
             one_way=found.one_way,
@@ -564,13 +566,13 @@ def _with_disturbances(fitted: Fit, driving: Driving) -> Fit:
             chi_square=found.chi_square,
             lag_sigma_s=found.lag_sigma_s,
         )
-        for place, (driver, found) in enumerate(zip(driving.drivers, driving.found, strict=True))
+        for place, (disturbance, found) in enumerate(zip(driving.disturbances, driving.found, strict=True))
     ]
-    constant = [Driven(name) for name in driving.constant]
+    constant = [DisturbanceEstimate(name) for name in driving.constant]
     return replace(
         fitted,
         calibration=calibration,
-        driven=(*driven, *constant),
-        drivers_covariance=driving.joint(fitted.covariance),
-        noise_undriven=driving.noise_without,
+        disturbances=(*estimates, *constant),
+        disturbances_covariance=driving.joint(fitted.covariance),
+        noise_uncompensated=driving.noise_without,
     )

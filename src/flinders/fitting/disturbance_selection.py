@@ -1,11 +1,11 @@
-"""Which drivers of a recording earn their place: those that explain readings which they were not fitted to.
+"""Which disturbances of a recording earn their place: those that explain readings which they were not fitted to.
 
 Current, throttle and temperature are tried one after the other, each beside those that were kept; then currents and
 throttles of all motors one by one, in place of those of all together. The recording is cut
-in twelve stretches; a third of them, spread over the recording, is left out in turn. A driver is kept if the strength
-of the field there scatters less for it, by two per cent at least.
+in twelve stretches; a third of them, spread over the recording, is left out in turn. A disturbance is kept if the
+strength of the field there scatters less for it, by two per cent at least.
 
-When to use it: ``--with auto``. A driver that is known to matter is better named, and its findings read.
+When to use it: ``--with auto``. A disturbance that is known to matter is better named, and its findings read.
 
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
@@ -31,7 +31,7 @@ from flinders.estimators.cache import concatenated
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
-from flinders.fitting.aiding import Aid
+from flinders.fitting.aiding import AidingSensor
 from flinders.likelihood import magnitude, prior
 
 if TYPE_CHECKING:
@@ -46,10 +46,10 @@ PIECES: Final = 4
 """Stretches of each fold: a motor runs for a while, and has to run in what is fitted and in what is left out."""
 
 WORTH: Final = 0.98
-"""Of the scatter of what was left out: a driver that leaves more than this explains nothing."""
+"""Of the scatter of what was left out: a disturbance that leaves more than this explains nothing."""
 
 ENTANGLED: Final = 0.95
-"""Of what tells about a driver: where the attitude explains more, what it explains elsewhere is the attitude."""
+"""Of what tells about a disturbance: where the attitude explains more, what it explains elsewhere is the attitude."""
 
 APART: Final = "each motor by itself explains more"
 
@@ -59,8 +59,8 @@ STRAY: Final = 5.0
 
 def earned(
     source: Recording, *, spread: float | None = prior.SPREAD, dip_deg: float = 60.0
-) -> tuple[tuple[str, ...], tuple[Aid, ...]]:
-    """Names of the drivers that earn their place, and what there is to say of each column that was recorded.
+) -> tuple[tuple[str, ...], tuple[AidingSensor, ...]]:
+    """Names of the disturbances that earn their place, and what there is to say of each column that was recorded.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class _Trial:
     name : str
         What it is called.
     kept : tuple of str
-        Drivers that were kept before.
+        Disturbances that were kept before.
     names : tuple of str
         Those that come.
     instead : str
@@ -122,51 +122,55 @@ class _Trial:
 
 
 def _of_all(parts: Sequence[Samples]) -> tuple[str, ...]:
-    """Names of drivers that each recording has."""
-    return tuple(name for name in parts[0].drivers if all(_has(part, name) for part in parts))
+    """Names of disturbances that each recording has."""
+    return tuple(name for name in parts[0].disturbances if all(_has(part, name) for part in parts))
 
 
-def _asked(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> Aid:
+def _asked(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> AidingSensor:
     """What there is to say of a trial, also where it is refused."""
     try:
         return _tried(parts, trial, spread, dip_deg)
     except (FitError, InputError) as refusal:
-        return Aid(trial.name, kept=False, words=str(refusal))
+        return AidingSensor(trial.name, kept=False, words=str(refusal))
 
 
-def _tried(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> Aid:
-    """What there is to say of drivers beside those that were kept."""
+def _tried(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> AidingSensor:
+    """What there is to say of disturbances beside those that were kept."""
     name, logged = trial.name, Logged.of(parts, trial.names)
     moving, _ = logged.split()
     if not moving:
         low = min(float(np.nanmin(values)) for values in logged.values.values())
         high = max(float(np.nanmax(values)) for values in logged.values.values())
-        return Aid(name, kept=False, words=f"it hardly changed, from {low:.3g} to {high:.3g}")
+        return AidingSensor(name, kept=False, words=f"it hardly changed, from {low:.3g} to {high:.3g}")
     if still(parts, trial.tried) is not None:
-        return Aid(name, kept=False, words="the sensor was not turned: name it to find what it does on a bench")
+        return AidingSensor(
+            name, kept=False, words="the sensor was not turned: name it to find what it does on a bench"
+        )
     before, after = left_over(parts, trial.kept, trial.tried, spread)
     if after > WORTH * before:
         words = "the strength of the field scatters as much with it as without, where it was left out"
-        return Aid(name, kept=False, words=words)
+        return AidingSensor(name, kept=False, words=words)
     driving = driving_of(parts, trial.tried, spread=spread)
-    ours = [one for one in driving.drivers if one.name in trial.names]
+    ours = [one for one in driving.disturbances if one.name in trial.names]
     entangled = max(one.shared for one in driving.found if one.name in trial.names)
     if entangled > ENTANGLED:
-        return Aid(name, kept=False, words=f"{entangled:.1%} of what tells about it could be the attitude as well")
-    taken = max(driving.calibration.driven_deg(one, dip_deg=dip_deg) for one in ours)
+        return AidingSensor(
+            name, kept=False, words=f"{entangled:.1%} of what tells about it could be the attitude as well"
+        )
+    taken = max(driving.calibration.disturbance_deg(one, dip_deg=dip_deg) for one in ours)
     strength = driving.ellipsoid.radius
     words = (
         f"the strength of the field scatters by {figures(100.0 * after / strength)} % with it and by "
         f"{figures(100.0 * before / strength)} % without, "
         "where it was left out"
     )
-    return Aid(name, kept=True, changed_deg=min(taken, 180.0), words=words)
+    return AidingSensor(name, kept=True, changed_deg=min(taken, 180.0), words=words)
 
 
 def left_over(
     parts: Sequence[Samples], without: tuple[str, ...], tried: tuple[str, ...], spread: float | None = prior.SPREAD
 ) -> tuple[float, float]:
-    """Root mean square distance of readings that were left out, with some drivers and with others, in their unit.
+    """Root mean square distance of readings that were left out, with some disturbances and with others, in their unit.
 
     A distance counts for no more than `STRAY` standard deviations of the better of the two.
     """

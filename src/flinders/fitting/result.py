@@ -16,6 +16,7 @@ from msgspec import UNSET
 from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, write
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
+from flinders.deprecation import renamed_attribute
 from flinders.errors import FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -35,13 +36,13 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Document, Provenance
-    from flinders.diagnostics.axis_swap import Slip
+    from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.drift import Drift
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.diagnostics.unmodelled import Unfollowed
-    from flinders.estimators.outliers import Stray
-    from flinders.estimators.regressors import Driven
-    from flinders.fitting.aiding import Aids
+    from flinders.diagnostics.unmodelled import Unmodelled
+    from flinders.estimators.outliers import Outlier
+    from flinders.estimators.regressors import DisturbanceEstimate
+    from flinders.fitting.aiding import Aiding
     from flinders.geometry.plane import Plane
     from flinders.heading.error_propagation import HeadingError
     from flinders.summary.coverage import Coverage
@@ -128,7 +129,7 @@ class Fit(Outcome):
         Independent readings that say as much as those used, whose residuals hang together.
     autocorrelation : float, optional
         Correlation of a residual with the next; None where the residuals were not looked at.
-    strays : tuple of Stray
+    outliers : tuple of Outlier
         Runs of readings that were rejected.
     unseen : int
         Directions of parameter space of which the readings say nothing; the prior holds them.
@@ -141,22 +142,22 @@ class Fit(Outcome):
         `structure_deg` of it is in the heading error.
     drift : Drift, optional
         Where the recording is one and long enough.
-    slip : Slip, optional
+    axis_swap : AxisSwap, optional
         Where the readings tell that axes slipped in mid-recording.
-    unfollowed : Unfollowed, optional
-        A driver that was recorded, moves the readings, and is not followed.
+    unmodelled : Unmodelled, optional
+        A disturbance that was recorded, moves the readings, and is not followed.
     repeats : Repeats, optional
         Several recordings, held against each other; their scatter is in the covariance.
     plane : str, optional
         ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of
         a turn about the third axis.
-    driven : tuple of Driven
+    disturbances : tuple of DisturbanceEstimate
         What the offset was asked to follow.
-    drivers_covariance : (9 + K, 9 + K) float, optional
-        Of the nine of `covariance` and the offset per unit of each driver, with the growth of the scale last.
-    noise_undriven : float, optional
+    disturbances_covariance : (9 + K, 9 + K) float, optional
+        Of the nine of `covariance` and the offset per unit of each disturbance, with the growth of the scale last.
+    noise_uncompensated : float, optional
         `noise` of the best ellipsoid that follows nothing.
-    aids : Aids, optional
+    aiding : Aiding, optional
         What was recorded beside the magnetometer and helped.
     z_down : bool, optional
         False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
@@ -181,19 +182,26 @@ class Fit(Outcome):
     textbook_heading_error_deg: HeadingError | None = None
     independent_samples: float = np.inf
     autocorrelation: float | None = None
-    strays: tuple[Stray, ...] = ()
+    outliers: tuple[Outlier, ...] = ()
     distortion: float = 0.0
     drift: Drift | None = None
-    slip: Slip | None = None
-    unfollowed: Unfollowed | None = None
+    axis_swap: AxisSwap | None = None
+    unmodelled: Unmodelled | None = None
     repeats: Repeats | None = None
     plane: Plane | None = None
-    driven: tuple[Driven, ...] = ()
-    drivers_covariance: Floats | None = None
-    noise_undriven: float | None = None
-    aids: Aids | None = None
+    disturbances: tuple[DisturbanceEstimate, ...] = ()
+    disturbances_covariance: Floats | None = None
+    noise_uncompensated: float | None = None
+    aiding: Aiding | None = None
     z_down: bool | None = True
     findings: tuple[Finding, ...] = ()
+
+    strays = renamed_attribute("strays", "outliers")
+    slip = renamed_attribute("slip", "axis_swap")
+    unfollowed = renamed_attribute("unfollowed", "unmodelled")
+    driven = renamed_attribute("driven", "disturbances")
+    noise_undriven = renamed_attribute("noise_undriven", "noise_uncompensated")
+    aids = renamed_attribute("aids", "aiding")
 
     @property
     def is_flat(self) -> bool:
@@ -289,36 +297,36 @@ class Fit(Outcome):
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),
             "autocorrelation": self.autocorrelation,
-            "strays": [stray.as_dict() for stray in self.strays],
+            "strays": [outlier.as_dict() for outlier in self.outliers],
             "distortion": self.distortion,
             "drift": None if self.drift is None else dataclasses.asdict(self.drift),
             "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),
             **self._driven_as_dict(),
-            **({} if self.aids is None else {"aids": self.aids.as_dict()}),
+            **({} if self.aiding is None else {"aids": self.aiding.as_dict()}),
             "findings": [finding.as_dict() for finding in self.findings],
         }
         untrusted = _ON_A_SURFACE if self.is_flat else _REFUSED if self.verdict == "refused" else ()
         return {**fields, **dict.fromkeys(untrusted)}
 
     def _driven_as_dict(self) -> dict[str, Any]:
-        """What is known of the drivers; no key where it follows none."""
-        if not self.driven:
+        """What is known of the disturbances; no key where it follows none."""
+        if not self.disturbances:
             return {}
-        return {"driven": [each.as_dict() for each in self.driven], "noise_undriven": self.noise_undriven}
+        return {"driven": [each.as_dict() for each in self.disturbances], "noise_undriven": self.noise_uncompensated}
 
     @property
     def _covariance(self) -> Floats:
-        """That of all parameters, the drivers among them."""
-        return self.covariance if self.drivers_covariance is None else self.drivers_covariance
+        """That of all parameters, the disturbances among them."""
+        return self.covariance if self.disturbances_covariance is None else self.disturbances_covariance
 
     @property
     def _parameters(self) -> tuple[str, ...]:
         """What the rows of that stand for."""
-        drivers = self.calibration.drivers
-        named = [f"{driver.kind.key}_{axis}" for driver in drivers for axis in "xyz"]
-        growth = [f"{driver.kind.key}_scale" for driver in drivers if driver.name == "temperature"]
+        disturbances = self.calibration.disturbances
+        named = [f"{disturbance.kind.key}_{axis}" for disturbance in disturbances for axis in "xyz"]
+        growth = [f"{disturbance.kind.key}_scale" for disturbance in disturbances if disturbance.name == "temperature"]
         return (*PARAMETERS, *named, *growth)
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
@@ -333,7 +341,7 @@ class Fit(Outcome):
             heading_error_deg=error_record(self.heading_error_deg, self.target_deg),
             coverage=self.coverage.as_dict(),
             findings=self.finding_records,
-            beside=UNSET if self.aids is None else self.aids.to_record(),
+            beside=UNSET if self.aiding is None else self.aiding.to_record(),
         )
         return self.calibration.to_document(fit=fitted, provenance=provenance)
 

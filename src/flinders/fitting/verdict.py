@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from flinders.core.calibration import Calibration
-    from flinders.core.disturbance import Driver
+    from flinders.core.disturbance import Disturbance
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.estimators.regressors import Driven
+    from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Row
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
@@ -79,7 +79,7 @@ def judge(found: Fit, summary: Summary) -> tuple[Finding, ...]:
         (  # what follows from a surface that nothing supports is no finding
             *_applied(fit.ROWS, record),
             *_of_aiding(found),
-            *_applied((CATALOGUE["alternating"], CATALOGUE["strays"]), record),
+            *_applied((CATALOGUE["alternating"], CATALOGUE["outliers"]), record),
             *of_disturbances(found),
             *of_calibration(found),
         )
@@ -215,7 +215,7 @@ def _inflation(found: Fit, health: Health) -> float:
 
 def _changes(found: Fit) -> dict[str, float]:
     """What changed: within a recording, from one recording to the next, from one reading to the next."""
-    drift, swap, unmodelled = found.drift, found.slip, found.unfollowed
+    drift, swap, unmodelled = found.drift, found.axis_swap, found.unmodelled
     return {
         **_apart(found.repeats, found.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
@@ -256,13 +256,13 @@ def _change_words(found: Fit) -> dict[str, Callable[[], str]]:
     return {
         "contradiction": lambda: _contradiction(found.repeats, found.target_deg, label(found.calibration.unit)),
         "swap": lambda: _swap(found),
-        "unmodelled": lambda: "" if found.unfollowed is None else found.unfollowed.name,
+        "unmodelled": lambda: "" if found.unmodelled is None else found.unmodelled.name,
     }
 
 
 def _swap(found: Fit) -> str:
     """Which axes changed their sign or their place, when, and how often."""
-    swap = found.slip
+    swap = found.axis_swap
     if swap is None:
         return ""
     letters, others = swap.axes, len(swap.rows) - 1
@@ -298,24 +298,24 @@ def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str
 
 def _of_aiding(found: Fit) -> Iterator[Finding]:
     """What does not fit together among the instruments."""
-    yield from () if found.aids is None else (mistake.finding for mistake in found.aids.mistakes)
+    yield from () if found.aiding is None else (mistake.finding for mistake in found.aiding.mistakes)
 
 
 def _outliers(found: Fit, health: Health) -> dict[str, float]:
     """What a robust fit left out: outliers, and the readings around their runs."""
-    rejected = sum(run.rows for run in found.strays)
+    rejected = sum(run.rows for run in found.outliers)
     return {
         "outlier_share": rejected / max(health.rows, 1),
-        "farthest": max((run.farthest for run in found.strays), default=math.nan),
+        "farthest": max((run.farthest for run in found.outliers), default=math.nan),
     }
 
 
 def _outlier_words(found: Fit, health: Health) -> dict[str, Callable[[], str]]:
-    worst = sorted(found.strays, key=lambda run: -run.rows)[:3]
-    more = "; …" if len(found.strays) > len(worst) else ""
-    rejected = sum(run.rows for run in found.strays)
+    worst = sorted(found.outliers, key=lambda run: -run.rows)[:3]
+    more = "; …" if len(found.outliers) > len(worst) else ""
+    rejected = sum(run.rows for run in found.outliers)
     many = "; see what it was, and record again without"
-    rule = CATALOGUE["strays"].rule
+    rule = CATALOGUE["outliers"].rule
     return {
         "outliers": lambda: counted(rejected, "reading"),
         "runs": lambda: "; ".join(str(run) for run in worst) + more,
@@ -399,118 +399,125 @@ def calibration_record(found: Corrected) -> Record:
 
 def of_disturbances(found: Fit) -> Iterator[Finding]:
     """What there is to know of each disturbance that is modelled."""
-    yield from of_alike(found.driven)
-    yield from of_noisy(found.driven)
-    motors = [driven.name for driven in found.driven if driven.driver is not None and motor(driven.name)[1]]
-    for driven in found.driven:
-        if driven.driver is None:
-            yield from _applied((CATALOGUE["driver-constant"],), _constant_record(driven))
+    yield from of_alike(found.disturbances)
+    yield from of_noisy(found.disturbances)
+    motors = [
+        estimate.name for estimate in found.disturbances if estimate.disturbance is not None and motor(estimate.name)[1]
+    ]
+    for estimate in found.disturbances:
+        if estimate.disturbance is None:
+            yield from _applied((CATALOGUE["disturbance-constant"],), _constant_record(estimate))
             continue
-        record = _disturbance_record(driven, driven.driver, UNSAID * found.target_deg)
-        record |= Record({"target_deg": found.target_deg, "left_at_most_deg": min(driven.left_deg, 180.0)})
-        runs_along = bool(motors[1:]) and driven.name in motors
+        record = _disturbance_record(estimate, estimate.disturbance, UNSAID * found.target_deg)
+        record |= Record({"target_deg": found.target_deg, "left_at_most_deg": min(estimate.left_deg, 180.0)})
+        runs_along = bool(motors[1:]) and estimate.name in motors
         record |= {
             "unit": label(found.calibration.unit),
             "running": ", the other motors running along as they did then" if runs_along else "",
             "without": _without(found),
         }
-        first = ("driver", "driver-uncertain", "driver-entangled")
+        first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
         yield from _applied((CATALOGUE[code] for code in (*first, *OF_A_COLUMN)), record)
 
 
-OF_A_COLUMN: Final = ("driver-one-way", "driver-lag", "driver-curved", "driver-range", "driver-reference")
+OF_A_COLUMN: Final = tuple(f"disturbance-{of}" for of in ("monotone", "lag", "nonlinear", "range", "reference"))
 """Findings of what was logged of a disturbance, turned or on a bench."""
 
 
 def _without(found: Fit) -> str:
     """What readings would be off by, if nothing were modelled."""
-    if found.noise_undriven is None:
+    if found.noise_uncompensated is None:
         return ""
-    return f"; without, readings lie {figures(found.noise_undriven)} off instead of {figures(found.noise)}"
+    return f"; without, readings lie {figures(found.noise_uncompensated)} off instead of {figures(found.noise)}"
 
 
-def _constant_record(driven: Driven) -> Record:
-    kind = known(driven.name)
+def _constant_record(estimate: DisturbanceEstimate) -> Record:
+    kind = known(estimate.name)
     numbers = {"is_constant": 1.0, "nothing": 0.0, "least_range": kind.least}
-    return Record(numbers, name=lambda: driven.name, range_unit=lambda: kind.unit)
+    return Record(numbers, name=lambda: estimate.name, range_unit=lambda: kind.unit)
 
 
-def _disturbance_record(driven: Driven, driver: Driver, unsaid_deg: float = 0.0) -> Record:
+def _disturbance_record(estimate: DisturbanceEstimate, disturbance: Disturbance, unsaid_deg: float = 0.0) -> Record:
     """What the findings of a disturbance compare and state."""
-    name, is_throttle = driven.name, motor(driven.name)[0] == "throttle"
+    name, is_throttle = estimate.name, motor(estimate.name)[0] == "throttle"
     other = "record the current instead, which the field follows, or " if is_throttle else ""
     return Record(
         {
-            "taken_deg": driven.taken_deg,
-            "left_deg": driven.left_deg,
-            "shared": driven.shared,
-            "one_way": driven.one_way,
-            "lag_is_beyond": float(driven.lag_is_beyond),
-            "lag_s": driver.lag_s,
-            "curvature": driven.curvature,
-            "curvature_deg": driven.curvature * driven.taken_deg,
+            "taken_deg": estimate.taken_deg,
+            "left_deg": estimate.left_deg,
+            "shared": estimate.shared,
+            "one_way": estimate.one_way,
+            "lag_is_beyond": float(estimate.lag_is_beyond),
+            "lag_s": disturbance.lag_s,
+            "curvature": estimate.curvature,
+            "curvature_deg": estimate.curvature * estimate.taken_deg,
             "unsaid_deg": unsaid_deg,
-            "lowest": driver.lowest,
-            **_range(driver),
-            **_reference(driver),
+            "lowest": disturbance.lowest,
+            **_range(disturbance),
+            **_reference(disturbance),
         },
         name=lambda: name,
-        driver=lambda: str(driver),
-        at_end=lambda: f"at {driver.amount(driver.farthest)}",
-        highest=lambda: driver.amount(driver.highest),
-        reference=lambda: driver.amount(driver.reference),
+        disturbance=lambda: str(disturbance),
+        at_end=lambda: f"at {disturbance.amount(disturbance.farthest)}",
+        highest=lambda: disturbance.amount(disturbance.highest),
+        reference=lambda: disturbance.amount(disturbance.reference),
         other_column=lambda: other,
-        out_of_range=lambda: _out_of_range(driver),
+        out_of_range=lambda: _out_of_range(disturbance),
     )
 
 
-def _reference(driver: Driver) -> dict[str, float]:
+def _reference(disturbance: Disturbance) -> dict[str, float]:
     """How far the reference lies outside of what was recorded, as a share of that."""
-    outside = max(driver.lowest - driver.reference, driver.reference - driver.highest)
+    outside = max(disturbance.lowest - disturbance.reference, disturbance.reference - disturbance.highest)
     return {
-        "reference_outside": outside / (driver.highest - driver.lowest) if driver.has_range else math.nan,
-        "reference_limit": math.inf if motor(driver.name)[0] == STRAIGHT else 0.25,
+        "reference_outside": outside / (disturbance.highest - disturbance.lowest)
+        if disturbance.has_range
+        else math.nan,
+        "reference_limit": math.inf if motor(disturbance.name)[0] == STRAIGHT else 0.25,
     }
 
 
-def _range(driver: Driver) -> dict[str, float]:
+def _range(disturbance: Disturbance) -> dict[str, float]:
     """Whether values of a disturbance can be in its unit, and count in its direction."""
-    low, high = driver.kind.plausible
-    far = max(driver.lowest, driver.highest, key=abs)
+    low, high = disturbance.kind.plausible
+    far = max(disturbance.lowest, disturbance.highest, key=abs)
     if not low <= far <= high:
         return {"is_out_of_range": 1.0, "range_number": far, "range_end": high if far > high else low}
-    is_negative = motor(driver.name)[0] == "current" and -driver.lowest > max(driver.highest, driver.kind.least)
-    return {"is_out_of_range": float(is_negative), "range_number": driver.lowest, "range_end": 0.0}
+    is_negative = motor(disturbance.name)[0] == "current" and -disturbance.lowest > max(
+        disturbance.highest, disturbance.kind.least
+    )
+    return {"is_out_of_range": float(is_negative), "range_number": disturbance.lowest, "range_end": 0.0}
 
 
-def _out_of_range(driver: Driver) -> str:
+def _out_of_range(disturbance: Disturbance) -> str:
     """What is wrong with the values."""
-    far = max(driver.lowest, driver.highest, key=abs)
-    if not driver.kind.plausible[0] <= far <= driver.kind.plausible[1]:
+    far = max(disturbance.lowest, disturbance.highest, key=abs)
+    if not disturbance.kind.plausible[0] <= far <= disturbance.kind.plausible[1]:
         return (
-            f"{driver.name} was recorded at up to {driver.amount(far)}: it is in another unit than {driver.kind.per}; "
-            "convert the column, or what is exported is off by as much"
+            f"{disturbance.name} was recorded at up to {disturbance.amount(far)}: it is in another unit than "
+            f"{disturbance.kind.per}; convert the column, or what is exported is off by as much"
         )
     return (
-        f"{driver.name} was recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}: what is drawn "
-        "counts negative there, and positive for autopilots; turn the sign of the column round"
+        f"{disturbance.name} was recorded from {disturbance.lowest:.3g} to "
+        f"{disturbance.amount(disturbance.highest)}: what is drawn counts negative there, "
+        "and positive for autopilots; turn the sign of the column round"
     )
 
 
-def of_alike(driven: Sequence[Driven]) -> Iterator[Finding]:
+def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether disturbances went along with each other, so that what one does cannot be told from what another does."""
-    row = CATALOGUE["driver-alike"]
+    row = CATALOGUE["disturbances-collinear"]
     limit = row.rule.grades[0].factor if row.rule else math.inf
-    names = [one.name for one in driven if one.alike > limit]
-    record = Record({"most_alike": max((one.alike for one in driven), default=0.0)}, alike=lambda: ", ".join(names))
+    names = [one.name for one in estimates if one.alike > limit]
+    record = Record({"most_alike": max((one.alike for one in estimates), default=0.0)}, alike=lambda: ", ".join(names))
     yield from _applied((row,), record)
 
 
-def of_noisy(driven: Sequence[Driven]) -> Iterator[Finding]:
+def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether the columns of disturbances are noisy: one finding for all of them."""
-    row = CATALOGUE["driver-noisy"]
+    row = CATALOGUE["disturbance-noisy"]
     limit = row.rule.grades[0].factor if row.rule else math.inf
-    noisy = [one for one in driven if one.driver is not None and one.attenuation > limit]
+    noisy = [one for one in estimates if one.disturbance is not None and one.attenuation > limit]
     shares = [one.attenuation for one in noisy]
     names = ", ".join(one.name for one in noisy)
     is_one = len(noisy) == 1
@@ -534,25 +541,27 @@ def _share(least: float, most: float) -> str:
     return f"{most:.0%}" if f"{least:.0%}" == f"{most:.0%}" else f"{100.0 * least:.0f} to {most:.0%}"
 
 
-def of_column(driven: Driven) -> Iterator[Finding]:
+def of_column(estimate: DisturbanceEstimate) -> Iterator[Finding]:
     """Whether what was logged of a disturbance is fit to be modelled, of a sensor on a bench."""
-    if driven.driver is not None:
-        yield from _applied((CATALOGUE[code] for code in OF_A_COLUMN), _disturbance_record(driven, driven.driver))
+    if estimate.disturbance is not None:
+        yield from _applied(
+            (CATALOGUE[code] for code in OF_A_COLUMN), _disturbance_record(estimate, estimate.disturbance)
+        )
 
 
 def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> Iterator[Finding]:
-    """What lies beyond the range that a disturbance was found in, by `beyond` of `flinders.core.compensation.Settler`.
+    """State extrapolations of disturbances, by `beyond` of `flinders.core.compensation.Compensator`.
 
     Examples
     --------
     >>> from flinders.core.calibration import Calibration
-    >>> from flinders.core.disturbance import Driver
-    >>> motors = Driver("current", [0.5, 0.0, 0.0], highest=20.0)
-    >>> followed = Calibration(np.eye(3), [0.0, 0.0, 0.0], 50.0, drivers=(motors,))
+    >>> from flinders.core.disturbance import Disturbance
+    >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
+    >>> followed = Calibration(np.eye(3), [0.0, 0.0, 0.0], 50.0, disturbances=(motors,))
     >>> [(finding.code, finding.number) for finding in of_extrapolation(followed, {"current": 0.25})]
-    [('driver-beyond', 0.25)]
+    [('disturbance-beyond', 0.25)]
     """
-    for driver in correction.drivers:
-        share = beyond.get(driver.name, 0.0)
-        words = {"beyond_words": lambda driver=driver, share=share: beyond_words(driver, share)}
-        yield from _applied((CATALOGUE["driver-beyond"],), Record({"beyond": share}, **words))
+    for disturbance in correction.disturbances:
+        share = beyond.get(disturbance.name, 0.0)
+        words = {"beyond_words": lambda disturbance=disturbance, share=share: beyond_words(disturbance, share)}
+        yield from _applied((CATALOGUE["disturbance-beyond"],), Record({"beyond": share}, **words))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.findings import current
 from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule, named_rows, texts
 from flinders.fleet.history import whole_units
 from flinders.report.fleet_view import Histogram, Overview, Unit
@@ -103,7 +104,7 @@ class _Tally:
         self.units += len(named.column("unit").unique())
         self.verdicts.update(verdicts)
         self.methods.update(method for method in texts(table.column("method")) if method)
-        self.findings.update(table.column("findings").combine_chunks().flatten().to_pylist())
+        self.findings.update(map(current, table.column("findings").combine_chunks().flatten().to_pylist()))
         self._add_codes(table, units)
         self._add_batches(self.rule.of(named), texts(named.column("verdict")))
         self._add_numbers(table)
@@ -171,7 +172,7 @@ def _unit(table: Any, place: int, shares: dict[str, Floats]) -> Unit:  # noqa: A
         offset=float(shares["offset"][place]),
         noise=float(shares["noise"][place]),
         radius=float(row["radius"]),
-        findings=tuple(row["findings"] or ()),
+        findings=tuple(map(current, row["findings"] or ())),
     )
 
 

@@ -93,7 +93,7 @@ class RecordingSet:
         for place, each in enumerate(sets):
             whole = each.lined.whole
             is_bare = whole.strength is None and not whole.skipped
-            alike[(whole.unit, whole.axes, whole.time is None, whole.drivers) if is_bare else place].append(each)
+            alike[(whole.unit, whole.axes, whole.time is None, whole.disturbances) if is_bare else place].append(each)
         return [some[0] if len(some) == 1 else cls._one(some) for some in alike.values()]
 
     @classmethod

@@ -217,13 +217,13 @@ def _context() -> Any:  # noqa: ANN401 - one of several classes
 
 
 def _prepare() -> None:
-    """Leave Ctrl-C to the driver, and end with it: a worker whose driver was killed would wait for ever."""
+    """Leave Ctrl-C to the disturbance, and end with it: a worker whose disturbance was killed would wait for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the driver, then end this process."""
+    """Wait for the end of the disturbance, then end this process."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -116,7 +116,7 @@ def parse(kind: Kind, text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Stray field b and worst heading error δ in a horizontal field H: b = H sin δ.
+    """Outlier field b and worst heading error δ in a horizontal field H: b = H sin δ.
 
     At an angle φ between both the error is atan(b sin φ/(H + b cos φ)), and asin(b/H) at its worst. Small ones are
     b/H in radians: 1° at 150 mG is 2.62 mG either way. Beyond b = H a compass shows any heading.

@@ -18,5 +18,5 @@ readings that share a direction of the field, for `flinders.estimators.aiding`:
 - `inclination`: its angle to the vertical is the same at every attitude (accelerometer, or an attitude without its yaw)
 - `pointing`: it stands still in the world (attitude)
 - `site`: its strength and dip are known
-- `drivers`: currents, throttle and temperature move the offset
+- `disturbances`: currents, throttle and temperature move the offset
 """

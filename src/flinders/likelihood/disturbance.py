@@ -1,15 +1,15 @@
 """What drives the offset: columns of the Jacobian that a current, a throttle or a temperature adds to the magnitude.
 
-A reading x has y = S⁻¹(b' − …) with an offset that follows drivers, and its Sampson distance is that of the settled
-reading x − Σ P c, c counted from the reference. With J = [n, n_i u_j] of `flinders.likelihood.magnitude`,
+A reading x has y = S⁻¹(b' − …) with an offset that follows disturbances, and its Sampson distance is that of the
+settled reading x − Σ P c, c counted from the reference. With J = [n, n_i u_j] of `flinders.likelihood.magnitude`,
 
     ∂s/∂P = −n c,        ∂s/∂a = −τ n·S u
 
-for each driver's c, and a the growth of the earth's part with a departure τ of the temperature. They are linear in P,
-so that from a fair start a few Gauss–Newton steps are enough.
+for each disturbance's c, and a the growth of the earth's part with a departure τ of the temperature. They are linear in
+P, so that from a fair start a few Gauss–Newton steps are enough.
 
-Use it where a driver was recorded beside the readings and changed while the sensor was turned; where it changed in step
-with the attitude, no reading can tell both apart, and `shared` says how much so.
+Use it where a disturbance was recorded beside the readings and changed while the sensor was turned; where it changed in
+step with the attitude, no reading can tell both apart, and `shared` says how much so.
 
 Source: the model is that of ArduPilot's CompassMot, estimated in flight with the magnitude as the only witness.
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 def columns(directions: Floats, ellipsoid: Ellipsoid, departures: Floats, warmth: Floats | None = None) -> Floats:
-    """(N, 3 K + 1 or + 0) by how much each driver's offset, and the growth with warmth, moves the surface.
+    """(N, 3 K + 1 or + 0) by how much each disturbance's offset, and the growth with warmth, moves the surface.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def columns(directions: Floats, ellipsoid: Ellipsoid, departures: Floats, warmth
         Unit directions u of the settled readings.
     ellipsoid : Ellipsoid
     departures : (N, K) float
-        Each driver's value less its reference.
+        Each disturbance's value less its reference.
     warmth : (N,) float, optional
         Departure of the temperature, where the scale follows it.
     """
@@ -52,17 +52,17 @@ def columns(directions: Floats, ellipsoid: Ellipsoid, departures: Floats, warmth
     return np.column_stack([moved, growth])
 
 
-def shared(jacobian: Floats, driven: Floats) -> float:
-    """How much of what is told about a driver is told about offset and shape as well, 0 to 1, in the worst direction.
+def shared(jacobian: Floats, regressors: Floats) -> float:
+    """Share of the information about a disturbance that offset and shape could explain, 0 to 1, at worst.
 
-    The largest squared canonical correlation of the driver's columns, made about their means, with those of the
+    The largest squared canonical correlation of the disturbance's columns, made about their means, with those of the
     ellipsoid: with 1 both cannot be told apart.
 
     Parameters
     ----------
     jacobian : (N, 9) float
-    driven : (N, 3) float
-        `columns` of a driver counted from its mean.
+    regressors : (N, 3) float
+        `columns` of a disturbance counted from its mean.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def shared(jacobian: Floats, driven: Floats) -> float:
     0.0
     """
     ours, _ = np.linalg.qr(jacobian / _sizes(jacobian))
-    theirs, _ = np.linalg.qr(driven / _sizes(driven))
+    theirs, _ = np.linalg.qr(regressors / _sizes(regressors))
     return float(np.clip(np.linalg.norm(ours.T @ theirs, ord=2) ** 2, 0.0, 1.0))
 
 

@@ -1,15 +1,15 @@
 """What moves the offset from outside: currents, throttle, temperature.
 
-A driver c adds p c to every reading, with one vector p for each; a temperature may change the scale as well, by the
-factor 1 + a τ. Columns are taken about their mean, so that the offset found is that at the drivers' mean, which
-stands in `reference`.
+A disturbance c adds p c to every reading, with one vector p for each; a temperature may change the scale as well, by
+the factor 1 + a τ. Columns are taken about their mean, so that the offset found is that at the disturbances' mean,
+which stands in `reference`.
 
-When to use it: the driver changes while the readings are made, and not in step with the attitude. One that stays the
-same cannot be told from the offset, see `constant`.
+When to use it: the disturbance changes while the readings are made, and not in step with the attitude. One that stays
+the same cannot be told from the offset, see `constant`.
 
 Source: linear compensation by current or throttle as in ArduPilot's compassmot and PX4's CAL_MAG_COMP_TYP.
 
->>> motors = Drivers.of({"current": np.array([0.0, 10.0, 20.0]), "other": np.array([3.0, 3.0, 3.0])})
+>>> motors = Disturbances.of({"current": np.array([0.0, 10.0, 20.0]), "other": np.array([3.0, 3.0, 3.0])})
 >>> motors.names, motors.columns[:, 0], motors.constant
 (('current', 'other'), array([-10.,   0.,  10.]), ('other',))
 """
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drivers:
+class Disturbances:
     """Columns beside the readings.
 
     Attributes

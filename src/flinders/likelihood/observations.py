@@ -109,7 +109,7 @@ class Group:
     down : (W, n, 3) float, optional
     trust : (W, n) float, optional
         In the vertical, or in the attitude; a group has one of the two at most.
-    drivers : (W, n, m) float, optional
+    disturbances : (W, n, m) float, optional
     warmth : (W, n) float, optional
     """
 
@@ -120,7 +120,7 @@ class Group:
     attitudes: Floats | None = None
     down: Floats | None = None
     trust: Floats | None = None
-    drivers: Floats | None = None
+    disturbances: Floats | None = None
     warmth: Floats | None = None
 
     @classmethod
@@ -152,7 +152,7 @@ class Group:
         """Some of the windows."""
         parts = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
-            for name in ("rows", "field", "weight", "attitudes", "down", "trust", "drivers", "warmth")
+            for name in ("rows", "field", "weight", "attitudes", "down", "trust", "disturbances", "warmth")
         }
         return replace(self, **parts, turned=None if self.turned is None else self.turned.chunk(rows))  # type: ignore[arg-type]
 
@@ -176,8 +176,8 @@ class Group:
     def centred(self, at: Parameters) -> Floats:
         """(W, n, 3) readings about their offset."""
         centred = self.field - at.offset
-        if self.drivers is not None and len(at.drivers):
-            centred = centred - self.drivers @ at.drivers
+        if self.disturbances is not None and len(at.disturbances):
+            centred = centred - self.disturbances @ at.disturbances
         return centred
 
     def upright(self, at: Parameters) -> Floats | None:
@@ -461,11 +461,11 @@ def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Lay
     if "rotation" in layout:
         turned = np.tensordot(shape, np.moveaxis(cross_matrices(scaled), (2, 3), (0, 1)), 1)  # S Rᵀ [q]×
         jacobian[:, :3, :, layout.columns["rotation"]] = turned.transpose(2, 0, 3, 1)
-    if group.drivers is not None and "drivers" in layout:
-        begin = layout.columns["drivers"].start
-        for driver in range(group.drivers.shape[-1]):
+    if group.disturbances is not None and "disturbances" in layout:
+        begin = layout.columns["disturbances"].start
+        for disturbance in range(group.disturbances.shape[-1]):
             for axis in range(3):
-                jacobian[:, axis, :, begin + 3 * driver + axis] = group.drivers[..., driver]
+                jacobian[:, axis, :, begin + 3 * disturbance + axis] = group.disturbances[..., disturbance]
     if group.warmth is not None and "slope" in layout:
         jacobian[:, :3, :, layout.columns["slope"].start] = np.swapaxes(
             (q @ shape.T) * group.warmth[..., np.newaxis], 1, 2

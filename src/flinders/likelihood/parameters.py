@@ -5,7 +5,7 @@ A reading, in raw units, is
     x = b + Σⱼ pⱼ cⱼ + (1 + a τ) S Rᵀ q + n,   |q| = 1
 
 with the field's direction q in body axes, the symmetric shape S, the rotation R from the magnetometer's axes to those
-of the body, an offset pⱼ for each unit of a driver cⱼ, and a slope a of the scale with the temperature τ. The gyro
+of the body, an offset pⱼ for each unit of a disturbance cⱼ, and a slope a of the scale with the temperature τ. The gyro
 brings its bias, its scales, its mounting and its delay, the accelerometer its bias and the sine of the dip, a logged
 attitude the direction of the site's field.
 
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 SIZES: Final = {
-    "offset": 3, "shape": 6, "rotation": 3, "drivers": 0, "slope": 1, "gyro_bias": 3, "gyro_scale": 6, "gyro_turn": 3,
-    "delay": 1, "acceleration_bias": 3, "sine": 1, "direction": 2,
+    "offset": 3, "shape": 6, "rotation": 3, "disturbances": 0, "slope": 1, "gyro_bias": 3, "gyro_scale": 6,
+    "gyro_turn": 3, "delay": 1, "acceleration_bias": 3, "sine": 1, "direction": 2,
 }  # fmt: skip
-"""Columns of each block, in their order; of drivers three for each."""
+"""Columns of each block, in their order; of disturbances three for each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,13 +53,13 @@ class Layout:
     size: int
 
     @classmethod
-    def of(cls, *, drivers: int = 0, **free: bool) -> Self:
+    def of(cls, *, disturbances: int = 0, **free: bool) -> Self:
         """Lay out the blocks that are to be found, for so many drivers."""
         columns: dict[str, slice] = {}
         begin = 0
         for name, size in SIZES.items():
-            width = 3 * drivers if name == "drivers" else size
-            if width and (name in ("offset", "shape", "drivers") or free.get(name, False)):
+            width = 3 * disturbances if name == "disturbances" else size
+            if width and (name in ("offset", "shape", "disturbances") or free.get(name, False)):
                 columns[name] = slice(begin, begin + width)
                 begin += width
         return cls(columns, begin)
@@ -79,8 +79,8 @@ class Parameters:
         Symmetric and positive definite.
     rotation : (3, 3) float
         Turns vectors in the magnetometer's axes into the body's, which are those of gyro, accelerometer and attitude.
-    drivers : (m, 3) float
-        Offset for each unit of each driver.
+    disturbances : (m, 3) float
+        Offset for each unit of each disturbance.
     slope : float, 1/°C
         Of the scale.
     gyro_bias : (3,) float, rad/s
@@ -101,7 +101,7 @@ class Parameters:
     offset: Floats
     shape: Floats
     rotation: Floats
-    drivers: Floats
+    disturbances: Floats
     slope: float
     gyro_bias: Floats
     delay: float
@@ -112,10 +112,12 @@ class Parameters:
     acceleration_bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
 
     @classmethod
-    def at(cls, offset: Floats, shape: Floats, *, drivers: int = 0) -> Self:
+    def at(cls, offset: Floats, shape: Floats, *, disturbances: int = 0) -> Self:
         """Begin somewhere, with nothing else known."""
         zero = np.zeros(3)
-        return cls(offset, shape, np.eye(3), np.zeros((drivers, 3)), 0.0, zero, 0.0, 0.0, np.array([0.0, 0.0, 1.0]))
+        return cls(
+            offset, shape, np.eye(3), np.zeros((disturbances, 3)), 0.0, zero, 0.0, 0.0, np.array([0.0, 0.0, 1.0])
+        )
 
     def moved(self, step: Floats, layout: Layout) -> Self:
         """Take a step; a rotation is turned by its part of it, on the left."""
@@ -127,8 +129,8 @@ class Parameters:
         for name in ("slope", "delay", "sine"):
             if name in parts:
                 changed[name] = getattr(self, name) + float(parts[name][0])
-        if "drivers" in parts:
-            changed["drivers"] = self.drivers + parts["drivers"].reshape(-1, 3)
+        if "disturbances" in parts:
+            changed["disturbances"] = self.disturbances + parts["disturbances"].reshape(-1, 3)
         for name in ("gyro_bias", "gyro_scale", "gyro_turn", "acceleration_bias"):
             if name in parts:
                 changed[name] = getattr(self, name) + parts[name]

@@ -80,7 +80,7 @@ class State(Struct, frozen=True, tag_field="type", tag="state"):
     unit : str
         ``µT`` or ``counts``.
     readings, used, rejected, excluded_readings : int
-        Received; of those fitted used and left out as strays; taken out by hand.
+        Received; of those fitted used and left out as outliers; taken out by hand.
     rate_hz : float or None
         Over the last two seconds.
     seconds : float

@@ -148,7 +148,7 @@ class TextRecording:
         self.layout = replace(layout, columns=known)
 
     def corrected_lines(
-        self, correct: Callable[..., Floats], *, add: bool = False, driven: bool = False
+        self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
     ) -> Iterator[str]:
         """Yield the lines of the file with corrected readings in place of the recorded ones.
 
@@ -163,7 +163,7 @@ class TextRecording:
             Takes and gives readings as in `Samples.field`: in `unit.inside` and in `axes`.
         add : bool
             Add three columns, named with ``_cal`` where there is a header, and keep the recorded ones.
-        driven : bool
+        with_disturbances : bool
             Give `correct` `Samples` in place of the readings: with time, temperature, current and throttle.
 
         Raises
@@ -171,22 +171,24 @@ class TextRecording:
         UnreadableInput
             As `blocks`.
         """
-        for lines in self.corrected_blocks(correct, add=add, driven=driven):
+        for lines in self.corrected_blocks(correct, add=add, with_disturbances=with_disturbances):
             yield from lines
 
     def corrected_blocks(
-        self, correct: Callable[..., Floats], *, add: bool = False, driven: bool = False
+        self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
     ) -> Iterator[list[str]]:
         """Yield the lines of `corrected_lines`, those that were read together, or arrived together, at a time."""
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())
-        kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES) if driven else ()
+        kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES) if with_disturbances else ()
         columns = self.layout.columns.only(*kinds)
         for lines, rows, usable, _ in self._pass(columns):  # a reading without time is corrected all the same
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any():
                 samples = self._samples_of(columns, rows.values[usable])
-                corrected[usable] = correct(samples if driven else samples.field) / self.unit.scale + 0.0  # no −0
+                corrected[usable] = (
+                    correct(samples if with_disturbances else samples.field) / self.unit.scale + 0.0
+                )  # no −0
             yield list(rewriter.lines(lines, rows, corrected))
 
     def describe(self) -> str:

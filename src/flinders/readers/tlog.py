@@ -373,13 +373,13 @@ class _Compass:
 
     def drive(self, parameters: Parameters) -> Beside | None:
         """What a compass's motor compensation goes by, where it is on and that was sent."""
-        if not parameters.is_driven:
+        if not parameters.has_disturbances:
             return None
         return {BY_CURRENT: self.current, BY_THROTTLE: self.throttle}.get(parameters.motor_by)
 
     def taken_off(self, parameters: Parameters) -> Parameters:
         """What is un-applied of them: all but a motor compensation that goes by what was not sent."""
-        stays = parameters.is_driven and self.drive(parameters) is None
+        stays = parameters.has_disturbances and self.drive(parameters) is None
         return replace(parameters, motor_by=OFF) if stays else parameters
 
     def _raw(self, table: Floats, version: NDArray[np.intp]) -> Floats:
@@ -445,7 +445,7 @@ def _told(compass: _Compass, in_force: Parameters, values: dict[str, float], mes
         yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time taken off"
     elif in_force.is_identity:
         yield "no calibration was in force: readings are as they were measured"
-    if in_force.is_driven:
+    if in_force.has_disturbances:
         by = "current" if in_force.motor_by == BY_CURRENT else "throttle"
         if compass.drive(in_force) is None:
             yield f"its motor compensation (COMPASS_MOT) stays on the readings: the {by} it goes by is not in the log"

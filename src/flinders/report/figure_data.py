@@ -100,9 +100,12 @@ class FigureData:
         InputError
             For a recording that cannot be read, or lacks what the calibration follows.
         """
-        drivers = () if fit is None else fit.calibration.drivers
-        recorded, driving = _whole(recording), {driver.name: _column(recording, driver.name) for driver in drivers}
-        samples = recorded if fit is None or not drivers else _whole(settled(recording, fit.calibration))
+        disturbances = () if fit is None else fit.calibration.disturbances
+        recorded, driving = (
+            _whole(recording),
+            {disturbance.name: _column(recording, disturbance.name) for disturbance in disturbances},
+        )
+        samples = recorded if fit is None or not disturbances else _whole(settled(recording, fit.calibration))
         seen = None if fit is None else _seen(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:

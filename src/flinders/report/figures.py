@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.core.disturbance import Driver
+    from flinders.core.disturbance import Disturbance
     from flinders.diagnostics.random_walk import Walk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
@@ -444,13 +444,13 @@ def offset_over_time(walk: Walk, unit: str, plane: Plane | None = None) -> str:
     return chart(WIDE, plot.bottom + 42, "Offset over time, less that of the fit", *parts)
 
 
-def compensated(drawn: FigureData, driver: Driver) -> str:
+def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
     """Strength of the corrected field over what drives the offset: with that left in, and taken off."""
     assert drawn.view is not None
     assert drawn.view.shown is not None
-    driving = drawn.driving[driver.name]
+    driving = drawn.driving[disturbance.name]
     is_shown = drawn.is_used & np.isfinite(driving)
-    values, origin = driving[is_shown], driver.reference
+    values, origin = driving[is_shown], disturbance.reference
     rows = [drawn.strengths(is_compensated=is_compensated)[is_shown] for is_compensated in (False, True)]
     low, high = np.quantile(rows, [0.002, 0.998]) if len(values) else (0.0, 1.0)
     margin = 0.06 * max(float(high - low), 1e-9)
@@ -458,9 +458,9 @@ def compensated(drawn: FigureData, driver: Driver) -> str:
     plot = _wide(10, 190, (first, max(last, first + 1e-9)), (low - margin, high + margin))
     parts = [plot.grid(8), *(plot.dots(kind, values, row) for kind, row in zip(("before", "after"), rows, strict=True))]
     parts.append(plot.level(drawn.view.shown.strength, "aim"))
-    parts.append(text(plot.middle, 236, with_unit(driver)))
+    parts.append(text(plot.middle, 236, with_unit(disturbance)))
     parts.append(text(14, plot.top + plot.height / 2, drawn.unit, is_turned=True))
-    title = f"Strength of the corrected field over {driver.name}, before and after following it"
+    title = f"Strength of the corrected field over {disturbance.name}, before and after following it"
     return chart(WIDE, 242, title, *parts)
 
 

@@ -197,9 +197,9 @@ def python_of(calibration: Calibration) -> str:
     if calibration.raw.scale != 1.0:
         lines.append(f"scale = {calibration.raw.scale!r}  # {unit} in one {calibration.raw.name} of the recording")
         raw = f"scale * ({raw})" if "@" in raw else f"scale * {raw}"
-    if calibration.drivers:
+    if calibration.disturbances:
         lines += _driven_lines(calibration)
-        raw = f"{raw} - driven"
+        raw = f"{raw} - disturbance"
     lines += [
         f"offset = np.array({calibration.offset.tolist()})  # {unit}",
         "matrix = np.array([",
@@ -213,26 +213,27 @@ def python_of(calibration: Calibration) -> str:
 def _driven_lines(calibration: Calibration) -> list[str]:
     """What drives the offset, as Python: one value of each for each row."""
     terms = [
-        f"np.outer({driver.name} - {driver.reference!r}, {driver.per_unit.tolist()})" for driver in calibration.drivers
+        f"np.outer({disturbance.name} - {disturbance.reference!r}, {disturbance.per_unit.tolist()})"
+        for disturbance in calibration.disturbances
     ]
     columns = [
-        f"{with_unit(one)}{f', as of {one.lag_s:.3g} s before' * bool(one.lag_s)}" for one in calibration.drivers
+        f"{with_unit(one)}{f', as of {one.lag_s:.3g} s before' * bool(one.lag_s)}" for one in calibration.disturbances
     ]
     gains = [
         f"gain = 1.0 + {one.gain_per_unit!r} * ({one.name} - {one.reference!r})"
-        for one in calibration.drivers
+        for one in calibration.disturbances
         if one.gain_per_unit
     ]
     return [
         f"# of each row: {'; '.join(columns)}",
-        f"driven = {' + '.join(terms)}  # {label(calibration.unit)}",
+        f"disturbance = {' + '.join(terms)}  # {label(calibration.unit)}",
         *gains,
     ]
 
 
 def _divided(calibration: Calibration, field: str) -> str:
-    """Where the scale grows with a driver, the field without that."""
-    return f"({field} / gain[:, np.newaxis])" if any(one.gain_per_unit for one in calibration.drivers) else field
+    """Where the scale grows with a disturbance, the field without that."""
+    return f"({field} / gain[:, np.newaxis])" if any(one.gain_per_unit for one in calibration.disturbances) else field
 
 
 # ------------------------------------------------------------------------------------------------------------- words
@@ -283,11 +284,11 @@ def _mounting(fit: Fit, error_deg: float) -> tuple[str, str, str]:
 def _sections(fit: Fit | None) -> dict[str, Any]:
     """What was recorded beside the magnetometer; nothing of a refused fit."""
     if fit is None or fit.verdict == "refused":
-        return {"aids": [], "found": [], "drivers": []}
+        return {"aids": [], "found": [], "disturbances": []}
     return {
         "aids": aiding_rows(fit),
         "found": instrument_rows(fit),
-        "drivers": disturbance_rows(fit),
+        "disturbances": disturbance_rows(fit),
     }
 
 
@@ -395,7 +396,7 @@ def _figures(drawn: FigureData, fit: Fit | None, walk: Walk | None) -> dict[str,
     }
     if fit is not None and fit.verdict != "refused":
         found["correlation"] = None if claims_nothing(fit) else drawing.correlation(fit)
-        found["compensated"] = [drawing.compensated(drawn, driver) for driver in fit.calibration.drivers]
+        found["compensated"] = [drawing.compensated(drawn, disturbance) for disturbance in fit.calibration.disturbances]
     return found
 
 

@@ -37,7 +37,7 @@ WIDTH: Final = 78
 """Columns: two less than the terminal's 80, so that an e-mail can be quoted."""
 
 RUNS: Final = 8
-"""Runs of stray readings that are listed."""
+"""Runs of outliers that are listed."""
 
 USE: Final = "Enter the numbers below, or the calibration file, where the compass is read."
 
@@ -209,8 +209,8 @@ def _numbers(fit: Fit) -> str:
 def _read(outcome: Fit | FitError, fit: Fit | None, provenance: Provenance) -> str:
     """Name the recordings, and what of them was left out."""
     items = [f"{file.name}: {counted(file.rows, 'reading')}." for file in provenance.files]
-    if fit and fit.strays:
-        runs = [str(stray) for stray in fit.strays]
+    if fit and fit.outliers:
+        runs = [str(outlier) for outlier in fit.outliers]
         more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
         items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
     findings = fit.findings if fit else ()

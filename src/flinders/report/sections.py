@@ -3,7 +3,7 @@
 >>> import flinders
 >>> from flinders import simulate
 >>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
->>> fit = flinders.fit(boat, aids=("rate", "dip"))
+>>> fit = flinders.fit(boat, aiding=("rate", "dip"))
 >>> mounting(fit)
 'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.75° (1 σ)'
 >>> [row.name for row in aiding_rows(fit)]
@@ -23,8 +23,8 @@ from flinders.errors import figures
 from flinders.report.formatting import degrees, minus, with_uncertainty
 
 if TYPE_CHECKING:
-    from flinders.core.disturbance import Driver
-    from flinders.estimators.regressors import Driven
+    from flinders.core.disturbance import Disturbance
+    from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.fitting.result import Fit
 
 SOURCES: Final = {"rate": "gyro", "dip": "accelerometer", "tilt": "logged tilt", "attitude": "logged attitude"}
@@ -72,7 +72,9 @@ def mounting(fit: Fit) -> str:
 
 def sources(fit: Fit) -> str:
     """The aiding sensors that are in the fit."""
-    kept = [] if fit.aids is None else [SOURCES[aid.name] for aid in fit.aids.each if aid.kept and aid.name in SOURCES]
+    kept = (
+        [] if fit.aiding is None else [SOURCES[aid.name] for aid in fit.aiding.each if aid.kept and aid.name in SOURCES]
+    )
     return f"the {' and '.join(kept)}" if kept else "what was recorded beside"
 
 
@@ -85,13 +87,13 @@ def aiding_rows(fit: Fit) -> list[AidingRow]:
             f"{degrees(aid.before_deg)} → {degrees(aid.after_deg)}" if aid.kept else "left out",
             aid.words,
         )
-        for aid in (() if fit.aids is None else fit.aids.each)
+        for aid in (() if fit.aiding is None else fit.aiding.each)
     ]
 
 
 def instrument_rows(fit: Fit) -> list[tuple[str, str]]:
     """Biases and delays of the aiding sensors: name, and number with its uncertainty."""
-    aiding = fit.aids
+    aiding = fit.aiding
     if aiding is None:
         return []
     rows = []
@@ -110,68 +112,78 @@ def instrument_rows(fit: Fit) -> list[tuple[str, str]]:
     return [(name, minus(number)) for name, number in rows]
 
 
-def with_unit(driver: Driver) -> str:
+def with_unit(disturbance: Disturbance) -> str:
     """A disturbance with its unit, as an axis says it.
 
-    >>> from flinders.core.disturbance import Driver
-    >>> with_unit(Driver("current", [0, 0, 0])), with_unit(Driver("throttle", [0, 0, 0]))
+    >>> from flinders.core.disturbance import Disturbance
+    >>> with_unit(Disturbance("current", [0, 0, 0])), with_unit(Disturbance("throttle", [0, 0, 0]))
     ('current, A', 'throttle')
     """
-    return f"{driver.name},{driver.kind.unit}" if driver.kind.unit else driver.name
+    return f"{disturbance.name},{disturbance.kind.unit}" if disturbance.kind.unit else disturbance.name
 
 
 def disturbance_rows(fit: Fit) -> list[DisturbanceRow]:
     """Each disturbance that the offset depends on."""
     dip = fit.heading_error_deg.dip_deg
-    known = {driven.name: driven for driven in fit.driven if driven.driver is not None}
+    known = {estimate.name: estimate for estimate in fit.disturbances if estimate.disturbance is not None}
     rows = []
-    for place, driver in enumerate(fit.calibration.drivers):
+    for place, disturbance in enumerate(fit.calibration.disturbances):
         rows.append(
             DisturbanceRow(
-                driver.name.capitalize(),
-                f"{label(fit.calibration.unit)} per {driver.kind.per}",
-                _offsets(fit, driver, place),
+                disturbance.name.capitalize(),
+                f"{label(fit.calibration.unit)} per {disturbance.kind.per}",
+                _offsets(fit, disturbance, place),
                 _words(
-                    driver,
-                    fit.calibration.driven_deg(driver, dip_deg=dip),
-                    known.get(driver.name),
-                    _other_motors(fit, driver),
+                    disturbance,
+                    fit.calibration.disturbance_deg(disturbance, dip_deg=dip),
+                    known.get(disturbance.name),
+                    _other_motors(fit, disturbance),
                 ),
             )
         )
     return rows
 
 
-def _offsets(fit: Fit, driver: Driver, place: int) -> tuple[tuple[str, str], ...]:
+def _offsets(fit: Fit, disturbance: Disturbance, place: int) -> tuple[tuple[str, str], ...]:
     """Value and uncertainty of each axis; no uncertainty where none is known."""
-    values = driver.per_unit.tolist()
-    if fit.drivers_covariance is None:
+    values = disturbance.per_unit.tolist()
+    if fit.disturbances_covariance is None:
         return tuple((minus(f"{value:.4g}"), "") for value in values)
     first = 9 + 3 * place
-    sigma = np.sqrt(np.diag(fit.drivers_covariance)[first : first + 3]).tolist()
+    sigma = np.sqrt(np.diag(fit.disturbances_covariance)[first : first + 3]).tolist()
     pairs = [minus(with_uncertainty(*pair)).partition(" ± ") for pair in zip(values, sigma, strict=True)]
     return tuple((value, uncertainty) for value, _, uncertainty in pairs)
 
 
-def _other_motors(fit: Fit, driver: Driver) -> str:
+def _other_motors(fit: Fit, disturbance: Disturbance) -> str:
     """Of one of several motors: how the others run where so much is left."""
-    beside = [motor(other.name)[1] for other in fit.calibration.drivers if other is not driver]
-    return " and the other motors run along as they did then" if motor(driver.name)[1] and any(beside) else ""
+    beside = [motor(other.name)[1] for other in fit.calibration.disturbances if other is not disturbance]
+    return " and the other motors run along as they did then" if motor(disturbance.name)[1] and any(beside) else ""
 
 
-def _words(driver: Driver, taken_deg: float, driven: Driven | None, running: str) -> str:
+def _words(disturbance: Disturbance, taken_deg: float, estimate: DisturbanceEstimate | None, running: str) -> str:
     """In which range it was recorded, what it does to a heading, and what is left of that."""
-    parts = [f"recorded from {driver.lowest:.3g} to {driver.amount(driver.highest)}"]
-    left = "" if driven is None else f", of which {degrees(driven.left_deg)} (1 σ) is left when it is followed{running}"
-    parts.append(f"at {driver.amount(driver.farthest)} it moves headings by up to {degrees(taken_deg)}{left}")
-    return minus(f"{'; '.join([*parts, *_more(driver)])}.")
+    parts = [f"recorded from {disturbance.lowest:.3g} to {disturbance.amount(disturbance.highest)}"]
+    left = (
+        ""
+        if estimate is None
+        else f", of which {degrees(estimate.left_deg)} (1 σ) is left when it is followed{running}"
+    )
+    parts.append(f"at {disturbance.amount(disturbance.farthest)} it moves headings by up to {degrees(taken_deg)}{left}")
+    return minus(f"{'; '.join([*parts, *_more(disturbance)])}.")
 
 
-def _more(driver: Driver) -> list[str]:
+def _more(disturbance: Disturbance) -> list[str]:
     """Where the offset holds, where that is not at zero, and lag and growth of the scale, where there are any."""
-    parts = [f"the offset of the table below is that at {driver.amount(driver.reference)}"] if driver.reference else []
-    if driver.lag_s:
-        parts.append(f"readings follow {abs(driver.lag_s):.2g} s {'later' if driver.lag_s > 0 else 'earlier'}")
-    if driver.gain_per_unit:
-        parts.append(f"the scale grows by {figures(100.0 * driver.gain_per_unit)} % per °C")
+    parts = (
+        [f"the offset of the table below is that at {disturbance.amount(disturbance.reference)}"]
+        if disturbance.reference
+        else []
+    )
+    if disturbance.lag_s:
+        parts.append(
+            f"readings follow {abs(disturbance.lag_s):.2g} s {'later' if disturbance.lag_s > 0 else 'earlier'}"
+        )
+    if disturbance.gain_per_unit:
+        parts.append(f"the scale grows by {figures(100.0 * disturbance.gain_per_unit)} % per °C")
     return parts

@@ -326,7 +326,7 @@ class Rejected:
     rows : (N,) bool
         Strays, and what sits at the end of an axis.
     runs : list of (first, last)
-        Places in what was fitted; a run of strays may bridge good ones.
+        Places in what was fitted; a run of outliers may bridge good ones.
     """
 
     rows: NDArray[np.bool_]
@@ -339,7 +339,7 @@ class Rejected:
         for rail in Health.of(samples).rails:
             is_at_rail |= samples.field[:, rail.axis] == rail.value
         runs = _runs_left_out(fit, is_at_rail)
-        rows = is_at_rail | _are_strays(fit, samples, is_at_rail, runs)
+        rows = is_at_rail | _are_outliers(fit, samples, is_at_rail, runs)
         return cls(rows, [*runs, *_runs(np.flatnonzero(is_at_rail))])
 
 
@@ -478,21 +478,21 @@ def _guide(fit: Fit, goal: Goal) -> Guidance:
 
 
 def _runs_left_out(fit: Fit, is_at_rail: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Runs of strays as places in what was fitted; the fit counts them among the readings that are at no rail."""
+    """Runs of outliers as places in what was fitted; the fit counts them among the readings that are at no rail."""
     free = np.flatnonzero(~is_at_rail)
-    return [(int(free[stray.first - 1]), int(free[stray.last - 1])) for stray in fit.strays]
+    return [(int(free[outlier.first - 1]), int(free[outlier.last - 1])) for outlier in fit.outliers]
 
 
-def _are_strays(
+def _are_outliers(
     fit: Fit, samples: Samples, is_at_rail: NDArray[np.bool_], runs: Sequence[tuple[int, int]]
 ) -> NDArray[np.bool_]:
-    """(N,) which readings are strays: of a run that bridges good ones, the farthest from the ellipsoid."""
+    """(N,) which readings are outliers: of a run that bridges good ones, the farthest from the ellipsoid."""
     are = np.zeros(len(samples), bool)
-    for (first, last), stray in zip(runs, fit.strays, strict=True):
+    for (first, last), outlier in zip(runs, fit.outliers, strict=True):
         inside = slice(first, last + 1)
         lengths = np.linalg.norm(fit.calibration.at().apply(samples.field[inside]), axis=1)
         distances = np.where(is_at_rail[inside], -1.0, np.abs(lengths - fit.calibration.field_strength))
-        farthest = np.argsort(-distances, kind="stable")[: stray.rows]
+        farthest = np.argsort(-distances, kind="stable")[: outlier.rows]
         are[first + farthest] = True
     return are
 

@@ -2,7 +2,7 @@
 
 A fleet is thousands of short recordings, and a fit of one is a hundred calls of small functions whose overhead
 outweighs their arithmetic. Here each step is done for all units of a stack together. A unit for which any decision is
-not the plain one, be it strays, a level turn, a direction that nothing was seen of, or a distortion that belongs to
+not the plain one, be it outliers, a level turn, a direction that nothing was seen of, or a distortion that belongs to
 directions, leaves the stack and goes through `flinders.fit` by itself. So both give the same numbers, to a billionth.
 
 ==============  ============================================================================================
@@ -16,7 +16,7 @@ module          what it does for all units
 `likelihood`    start, steps, bias, covariance
 `places`        cells of raw space and of the sphere: what spreads readings out, coverage
 `hung`          correlation of residuals in time, what creeps, what belongs to directions, what changed
-`strays`        whether residuals ask for a robust fit
+`outliers`        whether residuals ask for a robust fit
 `judge`         health, heading errors, findings
 `lane`          all of that, one after the other
 `columns`       `fit_stack`: the lane, and `flinders.fit` for those that left it

@@ -145,14 +145,14 @@ def fit_stack(
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     columns = Columns.empty(len(units))
-    is_driven = polish and _have_drivers(units)
+    has_disturbances = polish and _have_drivers(units)
     for places, stack in _stacks(units):
         with np.errstate(all="ignore"):  # what is no number in one unit of a stack takes that unit out of the lane
             try:
                 lane = through(stack, target_deg=target_deg, dip_deg=dip_deg, polish=polish)
             except np.linalg.LinAlgError:  # and where a matrix of one has no answer at all, the stack
                 continue
-        if is_driven:
+        if has_disturbances:
             came = places[np.asarray(lane.at)].tolist()
             lane = lane.only(_unmoved(lane, [units[place] for place in came], dip_deg))
         _fill(columns, places[np.asarray(lane.at)], lane, stack.unit.inside)
@@ -213,20 +213,20 @@ def _of_like_length(members: NDArray[np.intp], lengths: NDArray[np.int64]) -> It
 def _have_drivers(units: Sequence[Samples] | Lined | Stack) -> bool:
     """Whether something was recorded beside readings that may move them."""
     if isinstance(units, Lined):
-        return bool(units.whole.drivers)
-    return not isinstance(units, Stack) and any(one.drivers for one in units)
+        return bool(units.whole.disturbances)
+    return not isinstance(units, Stack) and any(one.disturbances for one in units)
 
 
 def _unmoved(lane: Lane, sources: Sequence[Samples], dip_deg: float) -> NDArray[np.intp]:
     """Which of the units that came through have readings that follow nothing that was recorded beside them.
 
-    Residuals that hang together let a driver explain less: a few that `flinders.fit` would leave in peace leave the
-    stack, too.
+    Residuals that hang together let a disturbance explain less: a few that `flinders.fit` would leave in peace leave
+    the stack, too.
     """
     columns = zip(*(np.asarray(lane.numbers[name]) for name in ("offset", "matrix", "radius")), strict=True)
     kept = []
     for place, (one, (offset, matrix, radius)) in enumerate(zip(sources, columns, strict=True)):
-        surface = Ellipsoid(offset, radius * np.linalg.inv(matrix.reshape(3, 3))) if one.drivers else None
+        surface = Ellipsoid(offset, radius * np.linalg.inv(matrix.reshape(3, 3))) if one.disturbances else None
         if surface is None or unfollowed_of(one, surface, dip_deg=dip_deg, time=1.0 - DOUBTFUL) is None:
             kept.append(place)
     return np.array(kept, dtype=np.intp)

@@ -49,8 +49,8 @@ from flinders.stacked.consistent import consistent
 from flinders.stacked.hung import Residuals, hung_together, may_have_changed, may_have_slipped
 from flinders.stacked.judge import Evidence, Health, errors_facing, found_in
 from flinders.stacked.likelihood import likelihood
+from flinders.stacked.outliers import looked_for, may_be_bent
 from flinders.stacked.places import Means, Sorted, covered, natural_sides
-from flinders.stacked.strays import looked_for, may_be_bent
 from flinders.stacked.sums import Sums
 from flinders.stacked.support import Supports, pretended
 from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.core.calibration_file import Rotation
-    from flinders.core.disturbance import Driver
+    from flinders.core.disturbance import Disturbance
 
 Acts: TypeAlias = Literal["recorded", "mapped", "across"]
 """In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
@@ -157,9 +157,9 @@ def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
     return back @ calibration.matrix @ back.T, back @ calibration.offset
 
 
-def driver_in_recorded_axes(calibration: Calibration, driver: Driver) -> Floats:
-    """(3,) offset per unit of a driver in the axes as recorded, in the calibration's unit."""
-    return floats(_unmapped(calibration) @ driver.per_unit)
+def driver_in_recorded_axes(calibration: Calibration, disturbance: Disturbance) -> Floats:
+    """(3,) offset per unit of a disturbance in the axes as recorded, in the calibration's unit."""
+    return floats(_unmapped(calibration) @ disturbance.per_unit)
 
 
 def _unmapped(calibration: Calibration) -> Floats:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.arrays import floats
-from flinders.core.disturbance import Driver
+from flinders.core.disturbance import Disturbance
 from flinders.errors import ArrayError, DocumentError, InputError, NotExportable, counted, figures
 
 if TYPE_CHECKING:
@@ -179,24 +179,24 @@ MOTORS: Final = {"current": 2, "throttle": 1}
 """What both autopilots follow, the better witness first, and the number of their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
 
 
-def followed(calibration: Calibration) -> tuple[Calibration, Driver | None]:
-    """The plain calibration of motors at rest, all else at its reference, and the driver that an autopilot follows.
+def followed(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
+    """Split off the disturbance that an autopilot compensates from the calibration with motors at rest.
 
     >>> from flinders.core.calibration import Calibration
-    >>> both = (Driver("current", [0.5, 0, 0], highest=20), Driver("throttle", [3, 0, 0], highest=1))
-    >>> plain, motor = followed(Calibration(np.eye(3), [10, 0, 0], 50.0, drivers=both))
+    >>> both = (Disturbance("current", [0.5, 0, 0], highest=20), Disturbance("throttle", [3, 0, 0], highest=1))
+    >>> plain, motor = followed(Calibration(np.eye(3), [10, 0, 0], 50.0, disturbances=both))
     >>> plain.offset, motor.name
     (array([10.,  0.,  0.]), 'current')
     """
-    ours = {driver.name: driver for driver in calibration.drivers}
+    ours = {disturbance.name: disturbance for disturbance in calibration.disturbances}
     motor = next((ours[name] for name in MOTORS if name in ours), None)
     if motor is None:
         return calibration.at(), None
     return calibration.at(**{motor.name: 0.0}), motor
 
 
-def read_motor(name: str, per_unit: Floats) -> tuple[Driver, ...]:
-    """What an autopilot takes off for its motors, as a driver; none where it is nothing.
+def read_motor(name: str, per_unit: Floats) -> tuple[Disturbance, ...]:
+    """What an autopilot takes off for its motors, as a disturbance; none where it is nothing.
 
     Parameters do not say at which currents they were found; a throttle goes from 0 to 1.
 
@@ -205,7 +205,7 @@ def read_motor(name: str, per_unit: Floats) -> tuple[Driver, ...]:
     """
     if not np.any(per_unit):
         return ()
-    return (Driver(name, per_unit, highest=1.0 if name == "throttle" else 0.0),)
+    return (Disturbance(name, per_unit, highest=1.0 if name == "throttle" else 0.0),)
 
 
 # parameter files

@@ -67,8 +67,9 @@ class Written:
         What else to know.
     data : bytes, optional
         Content of the file, where it is no text.
-    driven : callable, optional
-        ``driven(readings, value)``: the formula at a value of the motors' current or throttle, where it follows one.
+    compensated : callable, optional
+        ``compensated(readings, value)``: the formula at a value of the motors' current or throttle, where it follows
+        one.
     """
 
     apply: Callable[[Floats], Floats]
@@ -76,7 +77,7 @@ class Written:
     values: Mapping[str, Any]
     notes: Sequence[str] = ()
     data: bytes | None = None
-    driven: Callable[[Floats, float], Floats] | None = None
+    compensated: Callable[[Floats, float], Floats] | None = None
 
 
 @dataclass(frozen=True, slots=True)

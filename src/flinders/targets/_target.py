@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.core.disturbance import Driver
+    from flinders.core.disturbance import Disturbance
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
 
@@ -208,10 +208,10 @@ class Target:
         plain, motor = followed(calibration) if self.follows == "motors" else (calibration.at(), None)
         lacks = f"{self.title} holds {self.holds}" if self._loses(plain) else ""
         deviation = self._tried(plain, written.apply, lacks=lacks, lossy=asked.lossy)
-        if motor is not None and (driven := written.driven) is not None:
+        if motor is not None and (compensated := written.compensated) is not None:
             end = motor.farthest
             far = calibration.at(**{motor.name: end})
-            tried = self._tried(far, lambda raw: driven(raw, end), lacks=lacks, lossy=asked.lossy)
+            tried = self._tried(far, lambda raw: compensated(raw, end), lacks=lacks, lossy=asked.lossy)
             deviation = deviation.beside(tried)
         warnings = (*self._warnings(deviation, lacks), *self._left_out(calibration, motor))
         return self._laid_out(plain, written, deviation, about, warnings)
@@ -262,17 +262,17 @@ class Target:
         """What one unit of a corrected reading is, in the unit of the calibration."""
         return per_unit(calibration, self.gives or self.unit, who=self.title)
 
-    def _left_out(self, calibration: Calibration, motor: Driver | None) -> Iterable[str]:
+    def _left_out(self, calibration: Calibration, motor: Disturbance | None) -> Iterable[str]:
         """What a target costs that does not follow what the calibration follows."""
         if self.follows == "all":
             return
-        for driver in calibration.drivers:
-            if motor is None or driver.name != motor.name:
-                cost = min(calibration.driven_deg(driver, dip_deg=DIP_DEG), 180.0)
+        for disturbance in calibration.disturbances:
+            if motor is None or disturbance.name != motor.name:
+                cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
                 yield (
-                    f"{self.title} does not follow {driver.name} here: it is taken for "
-                    f"{driver.amount(driver.reference)}, and at {driver.amount(driver.farthest)} headings are "
-                    f"off by up to {figures(cost)}° (at any attitude, dip {DIP_DEG:.0f}°)"
+                    f"{self.title} does not follow {disturbance.name} here: it is taken for "
+                    f"{disturbance.amount(disturbance.reference)}, and at {disturbance.amount(disturbance.farthest)} "
+                    f"headings are off by up to {figures(cost)}° (at any attitude, dip {DIP_DEG:.0f}°)"
                 )
 
     def _loses(self, calibration: Calibration) -> bool:

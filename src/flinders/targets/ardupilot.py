@@ -269,10 +269,10 @@ class Parameters:
     @property
     def is_identity(self) -> bool:
         """Nothing is corrected."""
-        return not (self.offset.any() or self.is_driven) and np.array_equal(self.matrix, np.eye(3))
+        return not (self.offset.any() or self.has_disturbances) and np.array_equal(self.matrix, np.eye(3))
 
     @property
-    def is_driven(self) -> bool:
+    def has_disturbances(self) -> bool:
         """COMPASS_MOTCT and COMPASS_MOT compensate for motors."""
         return self.motor_by in MOTORS.values() and bool(self.motor.any())
 
@@ -322,7 +322,7 @@ class Parameters:
         return readings
 
     def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
-        """The calibration that the parameters stand for, in the axes of the vehicle; where `is_driven`, it follows.
+        """Make the calibration of the parameters, in the axes of the vehicle, with motors if `has_disturbances`.
 
         MOT x is added to a corrected reading: what the motors make of a raw one is P = −A⁻¹ MOT.
 
@@ -342,10 +342,10 @@ class Parameters:
         plain = Calibration(
             self.matrix, self.centre, field_strength, known, raw=Unit.of("mG"), sensor=sensor, frame=VEHICLE
         )
-        if not self.is_driven:
+        if not self.has_disturbances:
             return plain
         name = next(name for name, number in MOTORS.items() if number == self.motor_by)
-        return replace(plain, drivers=read_motor(name, -MG * np.linalg.solve(self.matrix, self.motor)))
+        return replace(plain, disturbances=read_motor(name, -MG * np.linalg.solve(self.matrix, self.motor)))
 
     def rows(self, scheme: Scheme = "COMPASS_OFS2_X") -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFS, DIA, ODI, SCALE, and MOT with COMPASS_MOTCT where there is a motor term.
@@ -390,7 +390,7 @@ class Parameters:
             told.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
         if self.gain != 1.0:
             told.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
-        if self.is_driven:
+        if self.has_disturbances:
             unit = "mG/A" if self.motor_by == BY_CURRENT else "mG at full throttle"
             told.append(f"COMPASS_MOT{digit} {listed(self.motor)} {unit}")
         return "; ".join(told)
@@ -427,7 +427,7 @@ class Parameters:
 
     def _motor(self, drive: ArrayLike) -> Floats:
         """(..., 3) mG: MOT x, where COMPASS_MOTCT turns it on."""
-        return floats(drive, "drive")[..., np.newaxis] * (self.motor if self.is_driven else np.zeros(3))
+        return floats(drive, "drive")[..., np.newaxis] * (self.motor if self.has_disturbances else np.zeros(3))
 
     def _name(self, group: str, scheme: Scheme, axis: str = "") -> str:
         return names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"]
@@ -587,9 +587,9 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     values = dict(parameters.rows())
     body = [f"{name},{value:.9g}" for name, value in values.items()]
     left_out = _left_out(in_place, compass)
-    if not parameters.is_driven:
+    if not parameters.has_disturbances:
         return Written(parameters.apply, body, values, notes=(*left_out, NOT_WRITTEN))
-    return Written(parameters.apply, body, values, notes=(*left_out, COMPENSATED), driven=parameters.apply)
+    return Written(parameters.apply, body, values, notes=(*left_out, COMPENSATED), compensated=parameters.apply)
 
 
 def _left_out(calibration: Calibration, compass: int) -> tuple[str, ...]:

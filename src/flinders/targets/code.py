@@ -287,22 +287,22 @@ def _filled(
 
 def _driven(calibration: Calibration, name: str) -> Iterator[str]:
     """A second function, for a calibration that follows something: the first holds at the references."""
-    if not calibration.drivers:
+    if not calibration.disturbances:
         return
-    drivers = {driver.kind.key: driver for driver in calibration.drivers}
-    for key, driver in drivers.items():
-        per_unit = single(driver_in_recorded_axes(calibration, driver) / calibration.raw.scale)
+    disturbances = {disturbance.kind.key: disturbance for disturbance in calibration.disturbances}
+    for key, disturbance in disturbances.items():
+        per_unit = single(driver_in_recorded_axes(calibration, disturbance) / calibration.raw.scale)
         yield ""
-        yield f"/* {driver} */".replace("°", "deg ").replace("−", "-")
+        yield f"/* {disturbance} */".replace("°", "deg ").replace("−", "-")
         declared = f"static const float {name}_{key.lower()}[3]"
         yield f"{declared} = {{{float32s(per_unit, 'f')}}}; /* {calibration.raw.name} per unit of {key} */"
-    references = {key: digits(driver.reference, "f") for key, driver in drivers.items()}
+    references = {key: digits(disturbance.reference, "f") for key, disturbance in disturbances.items()}
     terms = "".join(f" - {name}_{key.lower()}[axis] * ({key} - {zero})" for key, zero in references.items())
-    arguments = ", ".join(f"float {key}" for key in drivers)
-    yield from DRIVEN.format(name=name, known=" and ".join(drivers), arguments=arguments, terms=terms).splitlines()
-    for key, driver in drivers.items():
-        if driver.gain_per_unit:
-            gain = digits(driver.gain_per_unit, "f")
+    arguments = ", ".join(f"float {key}" for key in disturbances)
+    yield from DRIVEN.format(name=name, known=" and ".join(disturbances), arguments=arguments, terms=terms).splitlines()
+    for key, disturbance in disturbances.items():
+        if disturbance.gain_per_unit:
+            gain = digits(disturbance.gain_per_unit, "f")
             yield from GROWN.format(gain=gain, key=key, reference=references[key]).splitlines()
     yield "}"
 

@@ -11,7 +11,7 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.core.disturbance import BY_KEY, Driver
+from flinders.core.disturbance import BY_KEY, Disturbance
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
 from flinders.targets._affine import OWN, Affine, driver_in_recorded_axes
@@ -57,14 +57,14 @@ def _drivers(calibration: Calibration) -> dict[str, Any]:
     """What the offset follows, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
     return {
         key: {
-            "offset_per_unit": driver_in_recorded_axes(calibration, driver).tolist(),
-            "reference": driver.reference,
-            "recorded": [driver.lowest, driver.highest],
-            "lag_s": driver.lag_s,
-            "scale_per_unit": driver.gain_per_unit,
+            "offset_per_unit": driver_in_recorded_axes(calibration, disturbance).tolist(),
+            "reference": disturbance.reference,
+            "recorded": [disturbance.lowest, disturbance.highest],
+            "lag_s": disturbance.lag_s,
+            "scale_per_unit": disturbance.gain_per_unit,
         }
-        for driver in calibration.drivers
-        for key in [driver.kind.key]
+        for disturbance in calibration.disturbances
+        for key in [disturbance.kind.key]
     }
 
 
@@ -97,12 +97,12 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     (length,) = numbers(fields, ["field_strength"], source)
     found = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
     known = fields.get("field_strength_known") is True
-    return replace(found.to_calibration(str(unit), known=known, strength=strength), drivers=_read(fields, source))
+    return replace(found.to_calibration(str(unit), known=known, strength=strength), disturbances=_read(fields, source))
 
 
-def _read(fields: dict[str, Any], source: str) -> tuple[Driver, ...]:
+def _read(fields: dict[str, Any], source: str) -> tuple[Disturbance, ...]:
     """What the offset follows, where the file says so."""
-    drivers = []
+    disturbances = []
     for key, name in BY_KEY.items():
         if key not in fields:
             continue
@@ -112,8 +112,10 @@ def _read(fields: dict[str, Any], source: str) -> tuple[Driver, ...]:
         reference, lag, gain = numbers(record, ["reference", "lag_s", "scale_per_unit"], source)
         low, high = listed(record, "recorded", 2, source)
         per_unit = listed(record, "offset_per_unit", 3, source)
-        drivers.append(Driver(name, per_unit, float(reference), float(low), float(high), float(lag), float(gain)))
-    return tuple(drivers)
+        disturbances.append(
+            Disturbance(name, per_unit, float(reference), float(low), float(high), float(lag), float(gain))
+        )
+    return tuple(disturbances)
 
 
 JSON: Final = Target(

@@ -313,7 +313,7 @@ class Parameters:
         name = next((name for name, number in MOTORS.items() if number == self.compensated_by), None)
         if name is None:
             return plain
-        return replace(plain, drivers=read_motor(name, -GAUSS * self.compensation / DRIVE_UNITS[name]))
+        return replace(plain, disturbances=read_motor(name, -GAUSS * self.compensation / DRIVE_UNITS[name]))
 
     def rows(self) -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFF, SCALE, ODIAG, then COMP, ROT, ID and PRIO where there are any to set.
@@ -495,11 +495,11 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: A
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
     parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL, lossy=asked.lossy).as_held()
     values: dict[str, float] = dict(parameters.rows())
-    driven: Callable[[Floats, float], Floats] | None = None
+    compensated: Callable[[Floats, float], Floats] | None = None
     if (motor := followed(calibration)[1]) is not None:
         values["CAL_MAG_COMP_TYP"] = MOTORS[motor.name]
         size = DRIVE_UNITS[motor.name]
-        driven = lambda raw, value: parameters.apply(raw, value / size)  # noqa: E731 - in the unit of COMP_TYP
+        compensated = lambda raw, value: parameters.apply(raw, value / size)  # noqa: E731 - in the unit of COMP_TYP
 
     body = [line(name, f"{value:.9g}") for name, value in values.items()]
     ready = (
@@ -508,8 +508,8 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: A
     )
     turn = turn_of(in_recorded_axes(calibration)[0])
     notes = [] if turn is None else [LEFT_OUT.format(turn=said(turn), compass=compass)]
-    notes += [ready] if driven is None else [ready, COMPENSATED]
-    return Written(parameters.apply, body, values, notes, driven=driven)
+    notes += [ready] if compensated is None else [ready, COMPENSATED]
+    return Written(parameters.apply, body, values, notes, compensated=compensated)
 
 
 def _type(name: str) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 from flinders.errors import NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.base import Estimate, Method
 from flinders.estimators.inliers import NO_RUN
-from flinders.estimators.outliers import strays_among
+from flinders.estimators.outliers import outliers_among
 from flinders.estimators.robust import Robust
 from flinders.estimators.uncertainty import algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -59,7 +59,7 @@ class MinMax:
     ----------
     variant : str
     trim : bool
-        First leave out what `Robust` leaves out: stray readings, and clumps of them off the surface. A clump
+        First leave out what `Robust` leaves out: outliers, and clumps of them off the surface. A clump
         on the surface, as of a sensor at rest, does extremes no harm. Off by default: it is no part of the recipe, and
         whoever can do it can do without extremes. Looks at each reading.
 
@@ -149,7 +149,7 @@ class MinMax:
             self._spanned(kept),
             used=len(kept.summary),
             rejected_beyond=limit,
-            strays=strays_among(readings, majority.ellipsoid, limit, NO_RUN),
+            outliers=outliers_among(readings, majority.ellipsoid, limit, NO_RUN),
         )
 
 

@@ -20,8 +20,8 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.compensation import Settler
-from flinders.core.disturbance import Driver
+from flinders.core.compensation import Compensator
+from flinders.core.disturbance import Disturbance
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import InputError, NotTurned, UsageError
@@ -51,15 +51,17 @@ SENSOR: Final = simulate.Sensor(offset=np.array([20.0, 5.0, -30.0]), noise=0.5)
 
 def given() -> Calibration:
     """A calibration that follows a current and a temperature."""
-    drivers = (
-        Driver("current", np.array([0.5, -0.1, 0.3]), lowest=0.0, highest=20.0, lag_s=0.1),
-        Driver(
+    disturbances = (
+        Disturbance("current", np.array([0.5, -0.1, 0.3]), lowest=0.0, highest=20.0, lag_s=0.1),
+        Disturbance(
             "temperature", np.array([0.1, 0.0, -0.2]), reference=25.0, lowest=10.0, highest=40.0, gain_per_unit=0.002
         ),
     )
     matrix = np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
     axes = Axes.of("y,x,-z")
-    return Calibration(matrix, np.array([-69.8, 68.9, -5.6]), 49.4, True, raw=Unit.of("mG"), axes=axes, drivers=drivers)
+    return Calibration(
+        matrix, np.array([-69.8, 68.9, -5.6]), 49.4, True, raw=Unit.of("mG"), axes=axes, disturbances=disturbances
+    )
 
 
 def test_what_motors_do_is_found_within_what_is_claimed() -> None:
@@ -67,14 +69,14 @@ def test_what_motors_do_is_found_within_what_is_claimed() -> None:
     nees = []
     for seed in range(12):
         found = driving_of([simulate.tumble(seed=seed, n=1500, disturbances=[MOTORS]).samples], ("current",))
-        error = found.drivers[0].per_unit - PER_AMPERE
+        error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
     assert 0.4 < np.mean(nees) < 1.8
 
 
 def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
     simulated = simulate.tumble(seed=3, sensor=SENSOR, disturbances=[MOTORS])
-    fit = flinders.fit(simulated.samples, drivers=("current",))
+    fit = flinders.fit(simulated.samples, disturbances=("current",))
     calm = flinders.fit(simulate.tumble(seed=3, sensor=SENSOR).samples)
     assert fit.verdict == "good"
     assert fit.noise == pytest.approx(calm.noise, rel=0.01)
@@ -84,14 +86,14 @@ def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
     without = flinders.fit(simulated.samples)
     assert without.noise > 3.0 * fit.noise
     code = [finding.code for finding in fit.findings]
-    assert "driver" in code
-    driver = fit.calibration.drivers[0]
-    across = driver.highest * np.linalg.norm(PER_AMPERE) / (50.0 * np.cos(np.deg2rad(60.0)))
-    assert fit.driven[0].taken_deg == pytest.approx(np.rad2deg(np.arcsin(across)), rel=0.03)  # 27° at 19.6 A
+    assert "disturbance" in code
+    disturbance = fit.calibration.disturbances[0]
+    across = disturbance.highest * np.linalg.norm(PER_AMPERE) / (50.0 * np.cos(np.deg2rad(60.0)))
+    assert fit.disturbances[0].taken_deg == pytest.approx(np.rad2deg(np.arcsin(across)), rel=0.03)  # 27° at 19.6 A
 
 
 def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
-    fit = flinders.fit(simulate.tumble(seed=3, disturbances=[MOTORS]).samples, drivers=("current",))
+    fit = flinders.fit(simulate.tumble(seed=3, disturbances=[MOTORS]).samples, disturbances=("current",))
     document = fit.to_document()
     assert document.fit is not None
     assert document.fit.covariance_of[-3:] == ("current_A_x", "current_A_y", "current_A_z")
@@ -104,12 +106,12 @@ def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
 def test_a_lag_is_found_only_where_there_is_one() -> None:
     samples = simulate.tumble(seed=1, disturbances=[MOTORS]).samples
     assert samples.current is not None
-    assert driving_of([samples], ("current",)).drivers[0].lag_s == 0.0
+    assert driving_of([samples], ("current",)).disturbances[0].lag_s == 0.0
     early = replace(samples, current=np.append(samples.current[10:], np.full(10, samples.current[-1])))  # 0.2 s
     found = driving_of([early], ("current",))
-    assert found.drivers[0].lag_s == pytest.approx(0.2, abs=4.0 * found.found[0].lag_sigma_s)
+    assert found.disturbances[0].lag_s == pytest.approx(0.2, abs=4.0 * found.found[0].lag_sigma_s)
     assert found.found[0].lag_sigma_s < 0.02
-    settled = Settler(found.calibration)(early).field
+    settled = Compensator(found.calibration)(early).field
     expected = samples.field - np.outer(samples.current, PER_AMPERE)
     npt.assert_allclose(settled[10:], expected[10:], atol=0.5)  # of what was logged before the beginning nobody knows
 
@@ -117,13 +119,13 @@ def test_a_lag_is_found_only_where_there_is_one() -> None:
 def test_current_and_temperature_are_told_apart() -> None:
     samples = simulate.tumble(seed=5, disturbances=[MOTORS, WARM]).samples
     found = driving_of([samples], ("temperature", "current"))
-    current, temperature = found.drivers  # in the order of a calibration, whatever was asked for first
+    current, temperature = found.disturbances  # in the order of a calibration, whatever was asked for first
     sigma = np.sqrt(np.diag(found.covariance))
     assert np.all(np.abs(current.per_unit - PER_AMPERE) < 4.0 * sigma[:3])
     assert np.all(np.abs(temperature.per_unit - [0.3, -0.2, 0.1]) < 4.0 * sigma[3:6])
     assert abs(temperature.gain_per_unit) < 4.0 * sigma[-1]
-    fit = flinders.fit(samples, drivers=("current", "temperature"))
-    assert [driver.name for driver in fit.calibration.drivers] == ["current", "temperature"]
+    fit = flinders.fit(samples, disturbances=("current", "temperature"))
+    assert [disturbance.name for disturbance in fit.calibration.disturbances] == ["current", "temperature"]
 
 
 def test_a_scale_that_grows_with_the_temperature_is_found() -> None:
@@ -134,36 +136,39 @@ def test_a_scale_that_grows_with_the_temperature_is_found() -> None:
     about = simulated.samples.field - SENSOR.offset
     grown = replace(simulated.samples, field=SENSOR.offset + about * (1.0 + 0.003 * away)[:, np.newaxis])
     found = driving_of([grown], ("temperature",))
-    assert found.drivers[0].gain_per_unit == pytest.approx(0.003, abs=4.0 * float(np.sqrt(found.covariance[-1, -1])))
+    assert found.disturbances[0].gain_per_unit == pytest.approx(
+        0.003, abs=4.0 * float(np.sqrt(found.covariance[-1, -1]))
+    )
 
 
 def test_a_current_that_does_not_change_is_named() -> None:
     samples = replace(simulate.tumble(seed=1).samples, current=np.full(3000, 12.0))
-    fit = flinders.fit(samples, drivers=("current",))
-    assert fit.calibration.drivers == ()
+    fit = flinders.fit(samples, disturbances=("current",))
+    assert fit.calibration.disturbances == ()
     assert fit.verdict == "limited"
-    assert fit.findings[0].code == "driver-constant"
+    assert fit.findings[0].code == "disturbance-constant"
 
 
 def test_a_current_in_step_with_the_attitude_is_named() -> None:
     simulated = simulate.tumble(seed=1)
     samples = replace(simulated.samples, current=10.0 + 8.0 * simulated.directions[:, 2])
     with pytest.raises(Refused) as refused:
-        flinders.fit(samples, drivers=("current",))
-    entangled = next(finding for finding in refused.value.fit.findings if finding.code == "driver-entangled")
+        flinders.fit(samples, disturbances=("current",))
+    findings = refused.value.fit.findings
+    entangled = next(one for one in findings if one.code == "disturbance-collinear-attitude")
     assert entangled.number > 0.99
-    assert any(finding.code == "driver-uncertain" for finding in refused.value.fit.findings)
+    assert any(finding.code == "disturbance-uncertain" for finding in refused.value.fit.findings)
     assert entangled.severity == "limits"
 
 
 def test_a_recording_without_the_column_or_readings_alone_are_refused() -> None:
     samples = simulate.tumble(seed=1, n=200).samples
     with pytest.raises(InputError, match="has no current"):
-        flinders.fit(samples, drivers=("current",))
+        flinders.fit(samples, disturbances=("current",))
     with pytest.raises(UsageError, match="voltage"):
-        flinders.fit(samples, drivers=("voltage",))
+        flinders.fit(samples, disturbances=("voltage",))
     with pytest.raises(UsageError, match="recording"):
-        flinders.fit(samples.field, drivers=("current",))
+        flinders.fit(samples.field, disturbances=("current",))
 
 
 def bench(seed: int = 1) -> Samples:
@@ -180,11 +185,11 @@ def test_on_the_bench_a_driver_is_found_without_a_turn() -> None:
     for seed in range(20):
         found = still([bench(seed)], ["current"])
         assert found is not None
-        error = found.drivers[0].per_unit - PER_AMPERE
+        error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
     assert 0.5 < np.mean(nees) < 1.6
     with pytest.raises(NotTurned, match="not turned"):
-        flinders.fit(bench(), drivers=("current",))
+        flinders.fit(bench(), disturbances=("current",))
 
 
 def test_what_is_turned_is_no_bench() -> None:
@@ -204,8 +209,8 @@ def away(calibration: Calibration, motor: str, value: float) -> tuple[Floats, Fl
 @pytest.mark.parametrize("motor", ["current", "throttle"])
 def test_autopilots_correct_as_the_calibration_does(motor: str) -> None:
     value = 12.0 if motor == "current" else 0.6
-    drivers = (Driver(motor, np.array([0.5, -0.1, 0.3]), reference=0.2, lowest=0.0, highest=20.0),)
-    found = replace(given(), drivers=drivers, axes=Axes())
+    disturbances = (Disturbance(motor, np.array([0.5, -0.1, 0.3]), reference=0.2, lowest=0.0, highest=20.0),)
+    found = replace(given(), disturbances=disturbances, axes=Axes())
     raw, field = away(found, motor, value)
     ardupilot = ArduPilot.of(found)
     assert ardupilot.motor_by == (2 if motor == "current" else 1)
@@ -227,7 +232,7 @@ def test_each_target_follows_or_says_what_is_lost(name: str) -> None:
     assert ("current" in told) == (follows == "")
     assert ("temperature" in told) == (follows != "all")
     if follows == "":
-        assert f"{found.driven_deg(found.drivers[0]):.0f}" in told  # degrees at 20 A
+        assert f"{found.disturbance_deg(found.disturbances[0]):.0f}" in told  # degrees at 20 A
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="no C compiler")
@@ -303,7 +308,7 @@ def test_a_bench_recording_goes_onto_a_calibration(tmp_path: Path, monkeypatch: 
     assert "the sensor was not turned in this recording" in told
     before, after = Calibration.load("calm.json"), Calibration.load("flown.json")
     assert after.at().isclose(before, tolerance=0.0)
-    npt.assert_allclose(after.drivers[0].per_unit, PER_AMPERE, atol=0.01)
+    npt.assert_allclose(after.disturbances[0].per_unit, PER_AMPERE, atol=0.01)
     assert json.loads((tmp_path / "flown.json").read_text())["fit"]["verdict"] == "good"
     assert "differs by up to" not in run("compare", "calm.json", "flown.json")
 
@@ -322,7 +327,7 @@ def flight(recordings: Callable[[str], Path], sensor: str) -> Samples:
 
 def strength(samples: Samples, calibration: Calibration) -> Floats:
     """(N,) length of corrected readings, as a share of the field."""
-    corrected = calibration.at().apply(Settler(calibration)(samples).field)
+    corrected = calibration.at().apply(Compensator(calibration)(samples).field)
     found: Floats = np.linalg.norm(corrected, axis=1) / calibration.field_strength
     return found
 
@@ -349,7 +354,7 @@ def test_in_flight_the_current_takes_off_what_it_can(
     The other half has 5 s of that; with them the external compass leaves 18 % more than the best line.
 
     What is left of the strength of the field is 0.3 to 3.5 % more than what a straight line in n c leaves that is
-    fitted to these blocks themselves, as nobody could do in flight (``python -m benchmarks.drivers``).
+    fitted to these blocks themselves, as nobody could do in flight (``python -m benchmarks.disturbances``).
     """
     samples = flight(recordings, sensor)
     block = np.arange(len(samples)) * BLOCKS // len(samples)
@@ -362,7 +367,7 @@ def test_in_flight_the_current_takes_off_what_it_can(
     with_it = np.concatenate([strength(part, found.calibration) for part in others])
     assert without.std() / without.mean() == pytest.approx(before[1 - held_out], rel=0.05)
     assert with_it.std() / with_it.mean() == pytest.approx(after[1 - held_out], rel=0.05)
-    settled = np.concatenate([Settler(found.calibration)(part).field for part in others])
+    settled = np.concatenate([Compensator(found.calibration)(part).field for part in others])
     u = (settled - found.ellipsoid.centre) @ np.linalg.inv(found.ellipsoid.shape)
     normals = magnitude.information(u / np.linalg.norm(u, axis=1, keepdims=True), found.ellipsoid)[:, :3]
     current = np.concatenate([part.current for part in others if part.current is not None])
@@ -410,14 +415,14 @@ def test_a_current_that_was_recorded_and_not_asked_for_is_named(seed: int) -> No
         found = flinders.fit(flight).findings
     except Refused as refused:
         found = refused.fit.findings
-    (named,) = [finding for finding in found if finding.code == "driver-unfollowed"]
+    (named,) = [finding for finding in found if finding.code == "disturbance-unmodelled"]
     assert "--with current" in named.advice
     assert flight.current is not None
     about = np.abs(flight.current - flight.current.mean()).max()
     level = 50.0 * np.cos(np.radians(60.0))
     assert named.number == pytest.approx(np.degrees(np.arctan2(0.3 * about, level)), rel=0.25)
-    followed = flinders.fit(flight, drivers=("current",)).findings
-    assert not [finding for finding in followed if finding.code == "driver-unfollowed"]
+    followed = flinders.fit(flight, disturbances=("current",)).findings
+    assert not [finding for finding in followed if finding.code == "disturbance-unmodelled"]
 
 
 def test_readings_that_hang_together_hide_no_driver_of_a_long_recording() -> None:
@@ -428,7 +433,7 @@ def test_readings_that_hang_together_hide_no_driver_of_a_long_recording() -> Non
     warmth = 20.0 + 10.0 * np.sin(np.linspace(0.0, 40.0 * np.pi, len(directions)))
     field = directions * strength[:, np.newaxis] + 0.1 * np.outer(warmth - 20.0, [1.0, 0.0, 0.0])
     found = flinders.fit(Samples.of(field, unit="uT", temperature=warmth)).findings
-    assert "driver-unfollowed" in [finding.code for finding in found]
+    assert "disturbance-unmodelled" in [finding.code for finding in found]
 
 
 def test_a_current_that_moves_nothing_is_not_named() -> None:
@@ -436,7 +441,7 @@ def test_a_current_that_moves_nothing_is_not_named() -> None:
         quiet = simulate.tumble(seed=seed).samples
         amperes = 10.0 + 9.0 * np.sin(np.arange(len(quiet)) / (50.0 + 20.0 * seed))
         codes = [finding.code for finding in flinders.fit(replace(quiet, current=amperes)).findings]
-        assert "driver-unfollowed" not in codes
+        assert "disturbance-unmodelled" not in codes
 
 
 # several motors
@@ -451,42 +456,47 @@ def flown_by_four(seed: int, apart: float, n: int = 1500) -> Samples:
 
 
 def test_what_each_of_four_motors_does_is_found_within_what_is_claimed() -> None:
-    """Seeds 0 to 5: twelve numbers each; 60 seeds of twice the length in `benchmarks.drivers`."""
+    """Seeds 0 to 5: twelve numbers each; 60 seeds of twice the length in `benchmarks.disturbances`."""
     nees = []
     for seed in range(6):
         found = driving_of([flown_by_four(seed, 0.1)], ("currents",))
-        assert [driver.name for driver in found.drivers] == ["current1", "current2", "current3", "current4"]
-        error = np.concatenate([driver.per_unit for driver in found.drivers]) - ARMS.ravel()
+        assert [disturbance.name for disturbance in found.disturbances] == [
+            "current1",
+            "current2",
+            "current3",
+            "current4",
+        ]
+        error = np.concatenate([disturbance.per_unit for disturbance in found.disturbances]) - ARMS.ravel()
         nees.append(error**2 / np.diag(found.covariance))
     assert 0.4 < np.mean(nees) < 1.8
 
 
 def test_one_motor_of_four_is_followed_where_it_is_asked_for() -> None:
-    fit = flinders.fit(flown_by_four(1, 0.1), drivers=("current3", "current1"))
-    assert [driver.name for driver in fit.calibration.drivers] == ["current1", "current3"]
+    fit = flinders.fit(flown_by_four(1, 0.1), disturbances=("current3", "current1"))
+    assert [disturbance.name for disturbance in fit.calibration.disturbances] == ["current1", "current3"]
 
 
 def test_motors_that_go_together_are_named_and_what_they_do_together_is_known() -> None:
     """Half a per cent apart: each offset is known to 0.2 µT/A and more, and all together to a hundredth."""
-    fit = flinders.fit(flown_by_four(2, 0.005, n=3000), drivers=("currents",))
-    alike = next(finding for finding in fit.findings if finding.code == "driver-alike")
+    fit = flinders.fit(flown_by_four(2, 0.005, n=3000), disturbances=("currents",))
+    alike = next(finding for finding in fit.findings if finding.code == "disturbances-collinear")
     assert alike.severity == "limits"
     assert alike.number > 0.99
     assert "current1, current2, current3, current4 rose and fell together" in alike.advice
-    assert "driver-entangled" not in {finding.code for finding in fit.findings}
-    assert fit.drivers_covariance is not None
+    assert "disturbance-collinear-attitude" not in {finding.code for finding in fit.findings}
+    assert fit.disturbances_covariance is not None
     together = np.tile(np.eye(3), 4)
-    covariance = fit.drivers_covariance[9:, 9:]
-    total = sum(driver.per_unit for driver in fit.calibration.drivers)
+    covariance = fit.disturbances_covariance[9:, 9:]
+    total = sum(disturbance.per_unit for disturbance in fit.calibration.disturbances)
     sigma = np.sqrt(np.diag(together @ covariance @ together.T))
     assert np.all(np.abs(total - ARMS.sum(axis=0)) < 4.0 * sigma)
     assert np.all(np.sqrt(np.diag(covariance)) > 5.0 * np.tile(sigma, 4) / 4.0)
-    assert max(driven.left_deg for driven in fit.driven) < 0.5  # where they go along as in the recording
+    assert max(driven.left_deg for driven in fit.disturbances) < 0.5  # where they go along as in the recording
 
 
 def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
     samples = flown_by_four(3, 0.1)
-    whole, each = (flinders.fit(samples, drivers=(name,)) for name in ("current", "currents"))
+    whole, each = (flinders.fit(samples, disturbances=(name,)) for name in ("current", "currents"))
     assert each.noise == pytest.approx(SENSOR.noise, rel=0.05)
     assert whole.noise > 1.1 * each.noise
 
@@ -507,8 +517,8 @@ def test_motors_have_one_lag() -> None:
     assert samples.currents is not None
     early = replace(samples, currents=np.concatenate([samples.currents[10:], np.tile(samples.currents[-1], (10, 1))]))
     found = driving_of([early], ("currents",))
-    assert len({driver.lag_s for driver in found.drivers}) == 1
-    assert found.drivers[0].lag_s == pytest.approx(0.2, abs=0.02)
+    assert len({disturbance.lag_s for disturbance in found.disturbances}) == 1
+    assert found.disturbances[0].lag_s == pytest.approx(0.2, abs=0.02)
 
 
 def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Path) -> None:
@@ -523,10 +533,17 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     made = CliRunner().invoke(main, ["calibrate", str(tmp_path / "flight.csv"), "--with", "currents", "-o", saved])
     assert made.exit_code == 0, made.output
     judged = flinders.Judged.load(saved)
-    assert [driver.name for driver in judged.calibration.drivers] == ["current1", "current2", "current3", "current4"]
+    assert [disturbance.name for disturbance in judged.calibration.disturbances] == [
+        "current1",
+        "current2",
+        "current3",
+        "current4",
+    ]
     corrected = judged.calibration.apply(samples.field, currents=samples.currents)
     assert np.linalg.norm(corrected, axis=1).std() < 1.2 * SENSOR.noise
-    one_by_one = {driver.name: samples.driving(driver.name) for driver in judged.calibration.drivers}
+    one_by_one = {
+        disturbance.name: samples.driving(disturbance.name) for disturbance in judged.calibration.disturbances
+    }
     npt.assert_array_equal(judged.calibration.apply(samples.field, **one_by_one), corrected)
     told = CliRunner().invoke(main, ["info", str(tmp_path / "flight.csv"), "--json"])
     assert json.loads(told.output)["sensors"][0]["beside"][-4:] == ["current1", "current2", "current3", "current4"]
@@ -553,9 +570,9 @@ def test_motors_run_one_after_the_other_on_a_bench_are_told_apart_and_all_at_onc
         metered = drawn + rng.normal(scale=0.01, size=drawn.shape)
         found = still([Samples.of(field, unit="uT", time=np.arange(600) / 50.0, currents=metered)], ("currents",))
         assert found is not None
-        error = np.concatenate([driver.per_unit for driver in found.drivers]) - ARMS[:2].ravel()
+        error = np.concatenate([disturbance.per_unit for disturbance in found.disturbances]) - ARMS[:2].ravel()
         assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(found.covariance)))
-        assert [driven.alike > 0.99 for driven in found.driven] == [is_alike, is_alike]
+        assert [driven.alike > 0.99 for driven in found.estimates] == [is_alike, is_alike]
         assert bool(np.sqrt(found.covariance[0, 0]) > 0.1) == is_alike
 
 
@@ -575,11 +592,11 @@ def test_a_claim_that_leans_on_one_reading_says_so() -> None:
         field[over] += np.random.default_rng(seed).normal(scale=0.6, size=(1, 3))
         samples = replace(simulated.samples, field=field)[rows]
         samples = replace(samples, time=np.arange(len(rows)) / 50.0)
-        fit, found = flinders.fit(samples, drivers=("current",)), driving_of([samples], ("current",))
-        assert fit.drivers_covariance is not None
+        fit, found = flinders.fit(samples, disturbances=("current",)), driving_of([samples], ("current",))
+        assert fit.disturbances_covariance is not None
         square = (fit.calibration.offset[2] - sensor.offset[2]) ** 2
-        claimed.append(square / fit.drivers_covariance[2, 2])
-        leant.append(square / (fit.drivers_covariance[2, 2] - found.leaning[2, 2]))
+        claimed.append(square / fit.disturbances_covariance[2, 2])
+        leant.append(square / (fit.disturbances_covariance[2, 2] - found.leaning[2, 2]))
     assert np.mean(leant) > 10.0
     assert np.mean(claimed) < 4.0
     assert not driving_of([simulate.tumble(seed=1, disturbances=[MOTORS]).samples], ("current",)).leaning.any()

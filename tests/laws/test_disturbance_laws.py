@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import dumps, loads
-from flinders.core.compensation import Settler, settled
-from flinders.core.disturbance import KINDS, Driver, lagged, motors
+from flinders.core.compensation import Compensator, settled
+from flinders.core.disturbance import KINDS, Disturbance, lagged, motors
 from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UsageError
@@ -37,8 +37,8 @@ def driven(draw: st.DrawFn) -> Calibration:
     names = draw(
         st.lists(st.sampled_from([*KINDS, "current1", "current12", "throttle2"]), min_size=1, max_size=3, unique=True)
     )
-    drivers = tuple(
-        Driver(
+    disturbances = tuple(
+        Disturbance(
             name,
             np.array(draw(triples)),
             reference=draw(numbers),
@@ -52,11 +52,13 @@ def driven(draw: st.DrawFn) -> Calibration:
     off = np.array(draw(triples)) / 20.0
     matrix = np.eye(3) + np.array([[0.0, off[0], off[1]], [off[0], 0.1, off[2]], [off[1], off[2], -0.1]])
     axes = Axes.of(draw(st.sampled_from(["x,y,z", "y,x,-z"])))
-    return Calibration(matrix, np.array(draw(triples)) * 10.0, 50.0, raw=Unit.of("mG"), axes=axes, drivers=drivers)
+    return Calibration(
+        matrix, np.array(draw(triples)) * 10.0, 50.0, raw=Unit.of("mG"), axes=axes, disturbances=disturbances
+    )
 
 
 def values_of(calibration: Calibration, rng: np.random.Generator, count: int) -> dict[str, Floats]:
-    return {driver.name: rng.uniform(-4.0, 4.0, count) for driver in calibration.drivers}
+    return {disturbance.name: rng.uniform(-4.0, 4.0, count) for disturbance in calibration.disturbances}
 
 
 @given(driven(), st.integers(0, 99))
@@ -72,7 +74,7 @@ def test_a_plain_calibration_at_a_value_is_the_driven_one_there(calibration: Cal
     raw = rng.normal(scale=50.0, size=(20, 3))
     values = {name: float(column[0]) for name, column in values_of(calibration, rng, 1).items()}
     npt.assert_allclose(calibration.at(**values).apply(raw), calibration.apply(raw, **values), atol=1e-9)
-    assert calibration.at(**values).drivers == ()
+    assert calibration.at(**values).disturbances == ()
     some = dict(list(values.items())[:1])
     held = calibration.holding(**some)
     others = {name: value for name, value in values.items() if name not in some}
@@ -83,17 +85,17 @@ def test_a_plain_calibration_at_a_value_is_the_driven_one_there(calibration: Cal
 def test_a_file_gives_back_what_was_written_to_the_bit(calibration: Calibration) -> None:
     again = Calibration.from_document(loads(dumps(calibration.to_document())))
     assert again.isclose(calibration, tolerance=0.0)
-    for ours, theirs in zip(calibration.drivers, again.drivers, strict=True):
+    for ours, theirs in zip(calibration.disturbances, again.disturbances, strict=True):
         npt.assert_array_equal(ours.per_unit, theirs.per_unit)
         assert replace(ours, per_unit=theirs.per_unit).__repr__() == theirs.__repr__()
 
 
 @given(driven())
 def test_a_calibration_without_its_drivers_is_another_one(calibration: Calibration) -> None:
-    strong = replace(calibration, drivers=(Driver("current", np.array([1.0, 0.0, 0.0]), highest=10.0),))
-    assert not strong.isclose(replace(strong, drivers=()), tolerance=0.5)
+    strong = replace(calibration, disturbances=(Disturbance("current", np.array([1.0, 0.0, 0.0]), highest=10.0),))
+    assert not strong.isclose(replace(strong, disturbances=()), tolerance=0.5)
     assert not strong.isclose(
-        replace(strong, drivers=(Driver("current", np.array([2.0, 0.0, 0.0]), highest=10.0),)), tolerance=0.01
+        replace(strong, disturbances=(Disturbance("current", np.array([2.0, 0.0, 0.0]), highest=10.0),)), tolerance=0.01
     )
     assert not strong.is_identity
 
@@ -113,8 +115,8 @@ def test_plain_json_is_read_back(calibration: Calibration, seed: int) -> None:
 @given(driven(), st.integers(1, 40), st.integers(0, 99))
 def test_settled_blocks_are_the_settled_whole(calibration: Calibration, rows: int, seed: int) -> None:
     """Also where a lag reaches back into the block before; what comes later is not known yet, and is left out here."""
-    late = tuple(replace(driver, lag_s=abs(driver.lag_s)) for driver in calibration.drivers)
-    calibration = replace(calibration, drivers=late)
+    late = tuple(replace(disturbance, lag_s=abs(disturbance.lag_s)) for disturbance in calibration.disturbances)
+    calibration = replace(calibration, disturbances=late)
     rng = np.random.default_rng(seed)
     samples = Samples.of(rng.normal(scale=50.0, size=(120, 3)), unit="uT", time=np.arange(120) / 10.0)
     values = values_of(calibration, rng, 120)
@@ -127,8 +129,8 @@ def test_settled_blocks_are_the_settled_whole(calibration: Calibration, rows: in
         currents=np.stack([values.get(name, nothing) for name in motors("current", 12)], axis=1),
         throttles=np.stack([values.get(name, nothing) for name in motors("throttle", 2)], axis=1),
     )
-    whole = Settler(calibration)(samples).field
-    settle = Settler(calibration)
+    whole = Compensator(calibration)(samples).field
+    settle = Compensator(calibration)
     parts = np.concatenate([settle(block).field for block in samples.blocks(rows)])
     npt.assert_allclose(parts, whole, atol=1e-9)
     twice = settled(Joined((samples, samples)), calibration)
@@ -150,7 +152,7 @@ def test_what_only_a_fixed_calibration_can_is_refused(calibration: Calibration) 
         _ = calibration @ plain
     with pytest.raises(UsageError, match="which was not given"):
         calibration.apply([1.0, 2.0, 3.0])
-    chained = replace(calibration, drivers=(Driver("current", np.array([1.0, 2.0, 3.0]), highest=9.0),))
+    chained = replace(calibration, disturbances=(Disturbance("current", np.array([1.0, 2.0, 3.0]), highest=9.0),))
     after = plain @ chained
     npt.assert_allclose(
         after.apply([1.0, 2.0, 3.0], current=4.0), plain.apply(chained.apply([1.0, 2.0, 3.0], current=4.0)), atol=1e-9
@@ -169,21 +171,21 @@ def test_what_only_a_fixed_calibration_can_is_refused(calibration: Calibration) 
 )
 def test_a_driver_that_means_nothing_is_refused(arguments: dict[str, object], error: type[Exception]) -> None:
     with pytest.raises(error):
-        Driver(**arguments)  # type: ignore[arg-type]
+        Disturbance(**arguments)  # type: ignore[arg-type]
 
 
 def test_two_drivers_of_one_name_are_refused() -> None:
-    one = Driver("current", np.array([1, 0, 0]))
+    one = Disturbance("current", np.array([1, 0, 0]))
     with pytest.raises(UsageError, match="twice"):
-        Calibration(np.eye(3), np.zeros(3), 50.0, drivers=(one, one))
+        Calibration(np.eye(3), np.zeros(3), 50.0, disturbances=(one, one))
     with pytest.raises(UsageError, match="follows current"):
-        Calibration(np.eye(3), np.zeros(3), 50.0, drivers=(one,)).at(throttle=1.0)
+        Calibration(np.eye(3), np.zeros(3), 50.0, disturbances=(one,)).at(throttle=1.0)
 
 
 @given(driven(), st.sampled_from(["ardupilot", "px4", "px4-shell"]))
 def test_what_an_autopilot_follows_comes_back_out_of_its_file(calibration: Calibration, target: str) -> None:
     """Read back, it corrects as the target's own formula does, at any current or throttle."""
-    named = {driver.name: driver for driver in calibration.drivers}
+    named = {disturbance.name: disturbance for disturbance in calibration.disturbances}
     motor = next((named[name] for name in ("current", "throttle") if name in named), None)
     unit, frame = ("mG", "vehicle") if target == "ardupilot" else ("G", "sensor")
     placed = replace(calibration, axes=Axes(), raw=Unit.of(unit), frame=frame)
@@ -191,9 +193,9 @@ def test_what_an_autopilot_follows_comes_back_out_of_its_file(calibration: Calib
     name, back = read_back(text.encode(), "file", strength=50.0)
     assert name == target.removesuffix("-shell")
     if motor is None or not np.any(np.abs(motor.per_unit) > 1e-12):
-        assert back.drivers == ()
+        assert back.disturbances == ()
         return
-    [found] = back.drivers
+    [found] = back.disturbances
     assert found.name == motor.name
     raw = np.random.default_rng(1).normal(scale=50.0, size=(20, 3))
     for value in (0.0, 0.3, 4.0):
@@ -210,4 +212,4 @@ def test_what_an_autopilot_follows_comes_back_out_of_its_file(calibration: Calib
 
 
 def _references(calibration: Calibration) -> dict[str, float]:
-    return {driver.name: driver.reference for driver in calibration.drivers}
+    return {disturbance.name: disturbance.reference for disturbance in calibration.disturbances}

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flinders.diagnostics.axis_swap import SLIPS, moments_of, slip_of
+from flinders.diagnostics.axis_swap import SWAPS, moments_of, slip_of
 from flinders.simulate import MOTIONS, tumble
 
 seeds = st.integers(0, 2**32 - 1)
-slips = st.sampled_from(sorted(SLIPS))
+slips = st.sampled_from(sorted(SWAPS))
 
 
 @given(seeds, st.sampled_from(sorted(MOTIONS)))
@@ -44,13 +44,13 @@ def test_the_unit_does_not_matter(seed: int, at: int, power: int) -> None:
 @settings(max_examples=15, deadline=None)
 def test_backwards_it_is_the_same_slip(seed: int, axes: str, at: int) -> None:
     field = tumble(seed, n=600).samples.field.copy()
-    field[at:] = field[at:] @ SLIPS[axes]
+    field[at:] = field[at:] @ SWAPS[axes]
     forwards, backwards = moments_of(field), moments_of(field[::-1])
     assert {name: (len(field) - rows[::-1]).tolist() for name, rows in backwards.items()} == {
         name: rows.tolist() for name, rows in forwards.items()
     }
 
 
-@pytest.mark.parametrize("axes", SLIPS)
+@pytest.mark.parametrize("axes", SWAPS)
 def test_each_slip_undoes_itself(axes: str) -> None:
-    np.testing.assert_array_equal(SLIPS[axes] @ SLIPS[axes], np.eye(3))
+    np.testing.assert_array_equal(SWAPS[axes] @ SWAPS[axes], np.eye(3))

@@ -1,4 +1,4 @@
-"""Each wrong use of a driver is named: in a flight, and on the bench."""
+"""Each wrong use of a disturbance is named: in a flight, and on the bench."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def flown(seed: int = 1, n: int = 1500) -> Samples:
 def followed(samples: Samples, *names: str) -> Fit:
     """Fit, also where the fit is refused."""
     try:
-        return flinders.fit(samples, drivers=names)
+        return flinders.fit(samples, disturbances=names)
     except Refused as refused:
         return refused.fit
 
@@ -59,7 +59,7 @@ def current_of(samples: Samples) -> Floats:
     return samples.current
 
 
-QUIET: Final = {"driver-one-way", "driver-noisy", "driver-lag", "driver-range", "driver-entangled", "driver-constant"}
+QUIET: Final = {f"disturbance-{of}" for of in ("monotone", "noisy", "lag", "range", "collinear-attitude", "constant")}
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -70,7 +70,7 @@ def test_nothing_is_said_of_a_current_that_is_right(seed: int) -> None:
 def test_a_current_in_milliamperes_is_named() -> None:
     samples = flown()
     wrong = replace(samples, current=1000.0 * current_of(samples))
-    told = next(finding for finding in followed(wrong, "current").findings if finding.code == "driver-range")
+    told = next(finding for finding in followed(wrong, "current").findings if finding.code == "disturbance-range")
     assert told.number == pytest.approx(1000.0 * current_of(samples).max())
     assert "another unit than A" in told.advice
 
@@ -78,16 +78,16 @@ def test_a_current_in_milliamperes_is_named() -> None:
 def test_a_current_with_the_wrong_sign_is_named() -> None:
     samples = flown()
     told = followed(replace(samples, current=-current_of(samples)), "current").findings
-    assert "positive for autopilots" in next(one.advice for one in told if one.code == "driver-range")
+    assert "positive for autopilots" in next(one.advice for one in told if one.code == "disturbance-range")
 
 
 def test_a_lag_beyond_the_search_is_named() -> None:
     """Logged two seconds early, with settings that last six: the end of the search is best."""
     slow = simulate.tumble(seed=1, disturbances=[replace(MOTORS, hold=6.0)]).samples
     early = replace(slow, current=np.append(current_of(slow)[100:], np.full(100, current_of(slow)[-1])))
-    told = next(one for one in followed(early, "current").findings if one.code == "driver-lag")
+    told = next(one for one in followed(early, "current").findings if one.code == "disturbance-lag")
     assert told.number == 1.0
-    assert "driver-lag" not in codes(slow, "current")
+    assert "disturbance-lag" not in codes(slow, "current")
 
 
 def test_a_temperature_that_only_rises_is_named_whether_or_not_it_is_the_cause() -> None:
@@ -97,9 +97,9 @@ def test_a_temperature_that_only_rises_is_named_whether_or_not_it_is_the_cause()
     assert time is not None
     drifted = simulated.samples.field + np.outer(time / time[-1], [2.0, -1.0, 1.0])
     rising = replace(simulated.samples, field=drifted, temperature=20.0 + 10.0 * time / time[-1])
-    assert "driver-one-way" in codes(rising, "temperature")
+    assert "disturbance-monotone" in codes(rising, "temperature")
     up_and_down = replace(rising, temperature=20.0 + 5.0 * np.sin(time / 3.0))
-    assert "driver-one-way" not in codes(up_and_down, "temperature")
+    assert "disturbance-monotone" not in codes(up_and_down, "temperature")
 
 
 def test_a_noisy_meter_is_named_with_what_it_costs() -> None:
@@ -109,11 +109,11 @@ def test_a_noisy_meter_is_named_with_what_it_costs() -> None:
         samples = flown(seed, n=3000)
         noise = np.random.default_rng(seed + 100).normal(scale=3.0, size=3000)
         found = driving_of([replace(samples, current=current_of(samples) + noise)], ("current",))
-        losses.append(1.0 - float(found.drivers[0].per_unit @ PER_AMPERE) / float(PER_AMPERE @ PER_AMPERE))
+        losses.append(1.0 - float(found.disturbances[0].per_unit @ PER_AMPERE) / float(PER_AMPERE @ PER_AMPERE))
         told.append(found.found[0].attenuation)
     assert np.mean(losses) > 0.1
     assert np.mean(told) == pytest.approx(np.mean(losses), rel=0.35)
-    assert "driver-noisy" in codes(replace(samples, current=current_of(samples) + noise), "current")
+    assert "disturbance-noisy" in codes(replace(samples, current=current_of(samples) + noise), "current")
 
 
 METERS: Final[dict[str, Callable[[Floats, np.random.Generator], Floats]]] = {
@@ -132,7 +132,7 @@ def test_a_claim_is_as_wide_as_its_meter_makes_it(meter: str) -> None:
         samples = flown(seed, n=3000)
         told = METERS[meter](current_of(samples), np.random.default_rng(900 + seed))
         found = driving_of([replace(samples, current=told)], ("current",))
-        nees.append((found.drivers[0].per_unit - PER_AMPERE) ** 2 / np.diag(found.covariance))
+        nees.append((found.disturbances[0].per_unit - PER_AMPERE) ** 2 / np.diag(found.covariance))
     assert np.mean(nees) < 3.0
 
 
@@ -162,8 +162,8 @@ def test_a_noisy_meter_makes_no_lag_and_hides_none(readings: float, noise: float
     scores = []
     for seed in range(10):
         found = driving_of([metered(seed, 25.0, readings / 25.0, noise)], ("current",))
-        scores.append((found.drivers[0].lag_s - readings / 25.0) / found.found[0].lag_sigma_s)
-        assert found.drivers[0].lag_s == 0.0 or readings
+        scores.append((found.disturbances[0].lag_s - readings / 25.0) / found.found[0].lag_sigma_s)
+        assert found.disturbances[0].lag_s == 0.0 or readings
     assert np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
@@ -171,7 +171,7 @@ def test_a_noisy_meter_on_the_bench_makes_no_lag() -> None:
     for seed in range(10):
         found = still([bench(RUNS, noise=1.0, seed=seed)], ["current"])
         assert found is not None
-        assert found.drivers[0].lag_s == 0.0
+        assert found.disturbances[0].lag_s == 0.0
 
 
 ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
@@ -189,9 +189,9 @@ def test_noisy_meters_of_motors_that_go_together_are_in_the_claim() -> None:
     for seed in range(10):
         flight = by_four(seed, 0.3)
         fit = followed(flight.samples, "currents")
-        assert fit.drivers_covariance is not None
-        error = np.concatenate([driver.per_unit for driver in fit.calibration.drivers]) - ARMS.ravel()
-        nees.append(error @ np.linalg.solve(fit.drivers_covariance[9:, 9:], error) / len(error))
+        assert fit.disturbances_covariance is not None
+        error = np.concatenate([disturbance.per_unit for disturbance in fit.calibration.disturbances]) - ARMS.ravel()
+        nees.append(error @ np.linalg.solve(fit.disturbances_covariance[9:, 9:], error) / len(error))
         ratios.append(evaluate(Judged.from_fit(fit), Truth.of(flight)).heading_ratio)
     assert np.mean(nees) < 1.6
     assert np.sqrt(np.mean(np.square(np.array(ratios, float)))) < 1.5
@@ -199,14 +199,14 @@ def test_noisy_meters_of_motors_that_go_together_are_in_the_claim() -> None:
 
 def test_noisy_meters_of_several_motors_are_one_finding_that_names_all() -> None:
     fit = followed(by_four(1, 1.0).samples, "currents")
-    [told] = [finding for finding in fit.findings if finding.code == "driver-noisy"]
-    noisy = [driven.name for driven in fit.driven if driven.attenuation > told.limit]
+    [told] = [finding for finding in fit.findings if finding.code == "disturbance-noisy"]
+    noisy = [driven.name for driven in fit.disturbances if driven.attenuation > told.limit]
     assert len(noisy) > 1
     assert f"{', '.join(noisy)}: their meters are noisy" in told.advice
-    assert told.number == max(driven.attenuation for driven in fit.driven)
-    notes = [finding.advice for finding in fit.findings if finding.code == "driver"]
+    assert told.number == max(driven.attenuation for driven in fit.disturbances)
+    notes = [finding.advice for finding in fit.findings if finding.code == "disturbance"]
     assert all("of it left (1 σ, the other motors running along as they did then)" in note for note in notes)
-    alone = next(one.advice for one in followed(flown(), "current").findings if one.code == "driver")
+    alone = next(one.advice for one in followed(flown(), "current").findings if one.code == "disturbance")
     assert "other motors" not in alone
 
 
@@ -214,8 +214,8 @@ def test_two_drivers_that_go_together_are_named() -> None:
     samples = flown()
     together = replace(samples, throttle=np.clip(current_of(samples) / 20.0, 0.0, 1.0))
     told = codes(together, "current", "throttle")
-    assert "driver-alike" in told
-    assert "driver-entangled" not in told
+    assert "disturbances-collinear" in told
+    assert "disturbance-collinear-attitude" not in told
 
 
 # on the bench
@@ -237,8 +237,8 @@ RUNS: Final = 10.0 - 10.0 * np.cos(np.arange(600) / 600 * 4.0 * np.pi)
 def of_bench(samples: Samples) -> set[str]:
     found = still([samples], ["current"])
     assert found is not None
-    columns = (one for each in found.driven for one in of_column(each))
-    return {one.code for one in (*found.findings, *of_noisy(found.driven), *columns)}
+    columns = (one for each in found.estimates for one in of_column(each))
+    return {one.code for one in (*found.findings, *of_noisy(found.estimates), *columns)}
 
 
 def test_a_good_bench_has_no_findings_and_true_claims() -> None:
@@ -249,14 +249,14 @@ def test_a_good_bench_has_no_findings_and_true_claims() -> None:
         assert not of_bench(samples)
         found = still([samples], ["current"])
         assert found is not None
-        error = found.drivers[0].per_unit - PER_AMPERE
+        error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
     assert 0.6 < np.mean(nees) < 1.5
 
 
 def test_two_steps_only_are_named() -> None:
     """Off, then on: whatever else changed when the motor was switched on is taken for the motor's."""
-    assert of_bench(bench(np.repeat([0.0, 15.0], 300))) == {"driver-one-way"}
+    assert of_bench(bench(np.repeat([0.0, 15.0], 300))) == {"disturbance-monotone"}
     assert of_bench(bench(np.tile(np.repeat([0.0, 15.0], 100), 3))) == set()
 
 
@@ -269,7 +269,7 @@ def test_a_sensor_that_moved_once_is_named() -> None:
 
 
 def test_a_noisy_current_on_the_bench_is_named() -> None:
-    assert of_bench(bench(RUNS, noise=3.0)) == {"driver-noisy"}
+    assert of_bench(bench(RUNS, noise=3.0)) == {"disturbance-noisy"}
     assert of_bench(bench(RUNS, noise=0.5)) == set()  # less than 2 %
 
 
@@ -315,32 +315,32 @@ def test_a_field_that_goes_with_the_square_is_named(seed: int) -> None:
     """From no throttle to full: a straight line leaves a sixth of it at either end."""
     throttle = wandering(0.0, 1.0, seed=seed)
     square, line = (driven_by(throttle, made, seed=seed) for made in (20.0 * throttle**2, 20.0 * throttle))
-    [driven] = followed(square, "throttle").driven
+    [driven] = followed(square, "throttle").disturbances
     assert driven.curvature == pytest.approx(1.0 / 6.0, rel=0.15)
-    assert "driver-curved" in codes(square, "throttle")
-    assert followed(line, "throttle").driven[0].curvature == 0.0
-    assert not codes(line, "throttle") & {"driver-curved", "driver-reference"}
+    assert "disturbance-nonlinear" in codes(square, "throttle")
+    assert followed(line, "throttle").disturbances[0].curvature == 0.0
+    assert not codes(line, "throttle") & {"disturbance-nonlinear", "disturbance-reference"}
 
 
 def test_a_square_on_the_bench_is_named() -> None:
     made = np.outer(RUNS**2 / RUNS.max() - RUNS, PER_AMPERE)
-    assert of_bench(bench(RUNS, moved=made)) == {"driver-curved"}
+    assert of_bench(bench(RUNS, moved=made)) == {"disturbance-nonlinear"}
 
 
 def test_a_range_far_from_where_the_offset_holds_is_named() -> None:
     """A hover at 0.35 to 0.65 of the throttle says nothing of none; of a current a straight line does."""
     throttle = wandering(0.35, 0.65)
     hover = driven_by(throttle, 20.0 * throttle)
-    told = next(one for one in followed(hover, "throttle").findings if one.code == "driver-reference")
+    told = next(one for one in followed(hover, "throttle").findings if one.code == "disturbance-reference")
     assert told.severity == "limits"
     assert told.number == pytest.approx(0.35 / 0.3, rel=0.05)
     assert "extrapolated" in told.advice
     as_current = replace(hover, current=20.0 * throttle, throttle=None)
-    noted = next(one for one in followed(as_current, "current").findings if one.code == "driver-reference")
+    noted = next(one for one in followed(as_current, "current").findings if one.code == "disturbance-reference")
     assert noted.severity == "note"
     assert noted.number == pytest.approx(told.number)
     near = wandering(0.1, 0.7)
-    assert "driver-reference" not in codes(driven_by(near, 20.0 * near), "throttle")
+    assert "disturbance-reference" not in codes(driven_by(near, 20.0 * near), "throttle")
 
 
 # commands
@@ -371,7 +371,7 @@ def test_what_lies_beyond_the_recorded_range_is_a_finding_in_json(
         ("check", "c.json", "harder.csv", "--json"),
     ):
         [finding] = json.loads(run(*words))["findings"]
-        assert finding["code"] == "driver-beyond"
+        assert finding["code"] == "disturbance-beyond"
         assert 0.3 < finding["number"] < 0.7
     assert json.loads(run("apply", "c.json", "flight.csv", "-o", "same.csv", "--json"))["findings"] == []
 
@@ -383,7 +383,7 @@ def test_a_bench_that_says_too_little_is_written_with_limits(tmp_path: Path, mon
     run("calibrate", "calm.csv", "-o", "calm.json")
     words = ("calibrate", "bench.csv", "--with", "current", "--previous", "calm.json", "-o", "flown.json", "--json")
     found = json.loads(run(*words, code=3))
-    assert [finding["code"] for finding in found["findings"]] == ["driver-one-way"]
+    assert [finding["code"] for finding in found["findings"]] == ["disturbance-monotone"]
     assert {finding["code"] for finding in found["findings"]} <= set(CATALOGUE)
 
 
@@ -395,10 +395,10 @@ def test_an_imported_file_of_an_autopilot_follows_its_motors(tmp_path: Path, mon
     (tmp_path / "off.param").write_text("\n".join(lines))
     run("import", "on.param", "-o", "on.json")
     run("import", "off.param", "-o", "off.json")
-    [driver] = Calibration.load("on.json").drivers
-    assert (driver.name, driver.has_range) == ("current", False)
-    assert driver.per_unit == pytest.approx([0.5, 0.0, -0.3])
-    assert Calibration.load("off.json").drivers == ()
+    [disturbance] = Calibration.load("on.json").disturbances
+    assert (disturbance.name, disturbance.has_range) == ("current", False)
+    assert disturbance.per_unit == pytest.approx([0.5, 0.0, -0.3])
+    assert Calibration.load("off.json").disturbances == ()
     raw = np.array([[30.0, -20.0, 10.0]])
     board = ArduPilot.read({"COMPASS_OFS_X": -100, "COMPASS_OFS_Z": 50, "COMPASS_MOTCT": 2, "COMPASS_MOT_X": -5,
                             "COMPASS_MOT_Z": 3})  # fmt: skip

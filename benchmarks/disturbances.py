@@ -1,6 +1,6 @@
-"""Is what is claimed of drivers true, and what do they take off a real flight? As Markdown.
+"""Is what is claimed of disturbances true, and what do they take off a real flight? As Markdown.
 
-    python -m benchmarks.drivers [--trials 200] [--tables nees,bench,flight,onboard]
+    python -m benchmarks.disturbances [--trials 200] [--tables nees,bench,flight,onboard]
 
 ``nees``    squared errors over their claimed variances: of P for each axis, of the growth a with the temperature, of
             the lag, and of offset and shape at the reference, in simulated tumbles by hand of a minute at 50 Hz; also
@@ -29,7 +29,7 @@ from benchmarks.datasets import parameter_error
 from benchmarks.recordings import FOLDER
 from flinders import simulate
 from flinders.core.calibration import Calibration
-from flinders.core.compensation import Settler
+from flinders.core.compensation import Compensator
 from flinders.core.disturbance import lagged, motors
 from flinders.core.samples import Samples
 from flinders.estimators import Readings
@@ -191,41 +191,41 @@ CASES: Final[dict[str, Callable[[int], Flown]]] = {
 def fitted(one: Flown) -> Fit:
     """Fit, also where the fit is refused."""
     try:
-        return flinders.fit(one.samples, drivers=tuple(one.per_unit))
+        return flinders.fit(one.samples, disturbances=tuple(one.per_unit))
     except Refused as refused:
         return refused.fit
 
 
 def errors_of(one: Flown) -> tuple[Floats, Floats, list[str]]:
-    """(9 + K + lags,) errors, their claimed variances, and what each is of: ``b``, ``S``, a driver, ``a``, ``lag``."""
+    """(9 + K + lags,) errors, their claimed variances, names: ``b``, ``S``, a disturbance, ``a``, ``lag``."""
     fit = fitted(one)
     calibration, sensor = fit.calibration, one.recording.sensor
-    assert fit.drivers_covariance is not None
+    assert fit.disturbances_covariance is not None
     offset, grown = np.array(sensor.offset), 1.0
     error: list[Floats] = []
     names, lags = ["b"] * 3 + ["S"] * 6, []
-    for driver, told in zip(calibration.drivers, fit.driven, strict=True):
-        error.append(driver.per_unit - one.per_unit[driver.name])
-        names += [f"P of {driver.name}"] * 3
-        if driver.name == "temperature":
-            away = driver.reference - 20.0
+    for disturbance, told in zip(calibration.disturbances, fit.disturbances, strict=True):
+        error.append(disturbance.per_unit - one.per_unit[disturbance.name])
+        names += [f"P of {disturbance.name}"] * 3
+        if disturbance.name == "temperature":
+            away = disturbance.reference - 20.0
             offset, grown = offset + away * WARM, 1.0 + GROWTH * away
         elif np.isfinite(told.lag_sigma_s) and one.lag_s:
-            lags.append(((driver.lag_s - one.lag_s), told.lag_sigma_s**2))
+            lags.append(((disturbance.lag_s - one.lag_s), told.lag_sigma_s**2))
     moved = replace(sensor, offset=offset, matrix=np.asarray(sensor.matrix) * grown)
     matrix = calibration.matrix / calibration.field_strength * one.recording.field_strength
     level = parameter_error(matrix, calibration.offset, replace(one.recording, sensor=moved))
     if one.growth:
-        error.append(np.array([calibration.drivers[-1].gain_per_unit - one.growth / grown]))
+        error.append(np.array([calibration.disturbances[-1].gain_per_unit - one.growth / grown]))
         names.append("a")
     squares = np.concatenate([level, *error, [lag for lag, _ in lags]])
-    variances = np.concatenate([np.diag(fit.drivers_covariance), [variance for _, variance in lags]])
+    variances = np.concatenate([np.diag(fit.disturbances_covariance), [variance for _, variance in lags]])
     return squares, variances, names + ["lag"] * len(lags)
 
 
 def nees_table(trials: int) -> Iterator[str]:
     """Yield squared errors over what was claimed, parameter by parameter."""
-    yield "| driver | b | S | P, each axis | a | lag | all, least … most |"
+    yield "| disturbance | b | S | P, each axis | a | lag | all, least … most |"
     yield "|---|---:|---:|---|---:|---:|---:|"
     for title, case in CASES.items():
         found = [errors_of(case(seed)) for seed in range(trials)]
@@ -256,7 +256,9 @@ def bench_table(trials: int) -> Iterator[str]:
     for title, drawn in courses.items():
         found = [lain(drawn, seed) for seed in range(trials)]
         kept = [one for one in found if one is not None]
-        ratios = np.mean([(one.drivers[0].per_unit - FIRST) ** 2 / np.diag(one.covariance) for one in kept], axis=0)
+        ratios = np.mean(
+            [(one.disturbances[0].per_unit - FIRST) ** 2 / np.diag(one.covariance) for one in kept], axis=0
+        )
         yield f"| {title} | {', '.join(f'{ratio:.2f}' for ratio in ratios)} | {len(found) - len(kept)} |"
 
 
@@ -290,7 +292,7 @@ def compass(name: str) -> Samples:
 
 def strength(samples: Samples, calibration: Calibration) -> Floats:
     """(N,) length of corrected readings over its mean."""
-    length = np.linalg.norm(calibration.at().apply(Settler(calibration)(samples).field), axis=1)
+    length = np.linalg.norm(calibration.at().apply(Compensator(calibration)(samples).field), axis=1)
     found: Floats = length / length.mean()
     return found
 
@@ -303,7 +305,7 @@ def plain(field: Floats) -> Calibration:
 
 def best_line(lengths: Floats, samples: Samples, calibration: Calibration) -> Floats:
     """What a straight line in the current leaves of lengths, for each axis, fitted to these very readings."""
-    directions = calibration.at().apply(Settler(calibration)(samples).field)
+    directions = calibration.at().apply(Compensator(calibration)(samples).field)
     ellipsoid = Ellipsoid(calibration.offset, calibration.shape)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     normals = magnitude.information(directions, ellipsoid)[:, :3]
@@ -385,14 +387,14 @@ def moved_spread(samples: Samples, calibration: Calibration) -> float:
 def _onboard_row(samples: Samples, board: Calibration) -> str:
     """Offset at the median current with its uncertainty, what the one on board is off that, and what leans."""
     try:
-        fit = flinders.fit(samples, drivers=("current",))
+        fit = flinders.fit(samples, disturbances=("current",))
     except Refused as refused:
         fit = refused.fit
     assert samples.current is not None
-    assert fit.drivers_covariance is not None
+    assert fit.disturbances_covariance is not None
     drawn = float(np.median(samples.current))
     carried = np.hstack([np.eye(3), np.zeros((3, 6)), drawn * np.eye(3)])
-    sigma = np.sqrt(np.diag(carried @ fit.drivers_covariance @ carried.T))
+    sigma = np.sqrt(np.diag(carried @ fit.disturbances_covariance @ carried.T))
     offset = fit.calibration.at(current=drawn).offset
     leaning = np.sqrt(np.diag(driving_of([samples], ("current",)).leaning)[:3])
     return " | ".join(
@@ -427,7 +429,7 @@ def main() -> None:
 
 def _parser() -> argparse.ArgumentParser:
     """Describe the command line."""
-    parser = argparse.ArgumentParser("python -m benchmarks.drivers", description="What is known of drivers.")
+    parser = argparse.ArgumentParser("python -m benchmarks.disturbances", description="What is known of drivers.")
     parser.add_argument("--tables", type=lambda text: text.split(","), metavar="NAME,…", help="all by default")
     parser.add_argument("--trials", type=int, default=200, help="of nees and bench")
     return parser

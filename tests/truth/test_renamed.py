@@ -1,0 +1,60 @@
+"""Old spellings of public names: they work, and warn."""
+
+from __future__ import annotations
+
+import pytest
+
+import flinders
+from flinders import simulate
+from flinders.deprecation import renamed_keywords
+from flinders.findings import CATALOGUE, current
+
+FLIGHT = simulate.tumble(seed=1, n=300).samples
+
+
+@pytest.mark.parametrize("given", [{"aids": ()}, {"drivers": ()}])
+def test_fit_takes_keywords_by_their_old_names(given: dict[str, tuple[str, ...]]) -> None:
+    with pytest.warns(DeprecationWarning, match="goes with the next release"):
+        fit = flinders.fit(FLIGHT, **given)  # type: ignore[arg-type]
+    assert fit.as_dict() == flinders.fit(FLIGHT).as_dict()
+
+
+def test_both_names_at_once_are_refused() -> None:
+    @renamed_keywords(drivers="disturbances")
+    def fit(*, disturbances: str = "") -> str:
+        return disturbances
+
+    assert fit(disturbances="current") == "current"
+    with pytest.raises(TypeError, match="give one"):
+        fit(disturbances="current", drivers="current")  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("strays", "outliers"),
+        ("slip", "axis_swap"),
+        ("unfollowed", "unmodelled"),
+        ("driven", "disturbances"),
+        ("noise_undriven", "noise_uncompensated"),
+        ("aids", "aiding"),
+    ],
+)
+def test_a_fit_has_attributes_by_their_old_names(old: str, new: str) -> None:
+    fit = flinders.fit(FLIGHT)
+    with pytest.warns(DeprecationWarning, match=new):
+        assert getattr(fit, old) == getattr(fit, new)
+
+
+def test_functions_and_attributes_of_calibrations_have_their_old_names_too() -> None:
+    with pytest.warns(DeprecationWarning, match="fit_multi"):
+        assert flinders.fit_together is flinders.fit_multi
+    with pytest.warns(DeprecationWarning, match="disturbances"):
+        assert flinders.fit(FLIGHT).calibration.drivers == ()
+
+
+def test_former_codes_of_findings_name_rows_of_today() -> None:
+    former = {row.former: row.code for row in CATALOGUE.values() if row.former}
+    assert not former.keys() & CATALOGUE.keys()
+    assert {old: current(old) for old in former} == former
+    assert current("departs") == "sensor-deviates"
