@@ -63,15 +63,6 @@ export const USED = 0;
 export const REJECTED = 1;
 export const EXCLUDED = 2;
 
-/** What there is before the first reading. */
-export const NO_POINTS = Object.freeze({
-    count: 0,
-    time: new Float32Array(0),
-    field: new Float32Array(0),
-    acceleration: null,
-    stride: 1,
-});
-
 /**
  * What each shown reading is to the fit: USED, REJECTED or EXCLUDED.
  * @param {Points} points
@@ -119,6 +110,17 @@ export function chartOf(host) {
     const chart = new Chart(host);
     charts.set(host, chart);
     return chart;
+}
+
+/**
+ * Draw a chart, now and whenever its host changes its size.
+ * @param {HTMLElement} host
+ * @param {(chart: Chart) => void} draw
+ */
+export function drawChart(host, draw) {
+    const chart = chartOf(host);
+    chart.draw = () => draw(chart);
+    chart.draw();
 }
 
 /**

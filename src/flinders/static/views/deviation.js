@@ -1,6 +1,6 @@
 /** By how much a level compass is off at each heading, before and after correction. */
 
-import { chartOf, nothing, tick } from "./charts.js";
+import { drawChart, nothing, tick } from "./charts.js";
 import { freest, path, roundUp } from "./plot.js";
 import { degrees } from "./words.js";
 
@@ -10,18 +10,6 @@ import { degrees } from "./words.js";
 /**
  * A level turn: by how much the raw compass is off at each heading, and what is left open after correction (1 σ), each
  * on a scale of its own, with the target.
- * @param {HTMLElement} host
- * @param {ChartView | null} view
- * @param {string} [theme]
- * @param {number | null} [target_deg]
- */
-export function deviation(host, view, theme = "", target_deg = null) {
-    const chart = chartOf(host);
-    chart.draw = () => drawDeviation(chart.panel, view, target_deg ?? view?.heading_error_deg?.target_deg ?? null);
-    chart.draw();
-}
-
-/**
  * @param {Panel} panel
  * @param {ChartView | null} view
  * @param {number | null} target
@@ -119,3 +107,26 @@ function lane(panel, box, marked, both) {
 function shortest(deg) {
     return `${String(Number(deg.toPrecision(4))).replace("-", "\u2212")}°`;
 }
+
+/** @type {import("../widgets.js").Widget} */
+export const deviation = {
+    name: "deviation",
+    title: "Deviation, level",
+    place: "side",
+    on: ["view", "state"],
+    legend: [
+        ["raw line", "raw"],
+        ["corrected line", "after, 1 σ"],
+    ],
+    enlarges: "the deviation",
+    draw({ host }, { view, state }) {
+        const target = state?.target_deg ?? view?.heading_error_deg?.target_deg ?? null;
+        drawChart(host, ({ panel }) => drawDeviation(panel, view, target));
+    },
+    css: `
+        .plot .band { fill: var(--corrected); fill-opacity: 0.22; }
+        .plot .target { stroke: var(--ink); stroke-width: 0.125em; stroke-dasharray: 0.17em 0.33em; }
+        .deviation .head, .deviation .key { gap: 0.5rem; }
+        @media (max-width: 699px) { .deviation .host { min-height: 12rem; } }
+    `,
+};
