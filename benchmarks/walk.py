@@ -90,22 +90,22 @@ def _live(lines: list[str]) -> None:
     """Take lines in, fit, and write the messages."""
     from flinders.core.axes import Axes
     from flinders.core.units import Unit
+    from flinders.live.buffer import Timeline, rows_of_readings
     from flinders.live.evaluation import evaluate
     from flinders.live.messages import encode
-    from flinders.live.server import rows_of_readings
-    from flinders.live.session import Arrived, Fitted, Session, begin_fit, snapshot, state, step
-    from flinders.live.track import Clock
+    from flinders.live.page_state import session_state
+    from flinders.live.session import Arrived, FitDone, Session, begin_fit, snapshot, step
     from flinders.live.transcript import Transcript
 
-    transcript, session, clock = Transcript("the board"), Session(), Clock()
+    transcript, session, clock = Transcript("the board"), Session(), Timeline()
     for number, line in enumerate(lines):
         taken = transcript.take(line.encode(), at=0.1 * number)
         if taken.readings:
             rows, clock = rows_of_readings(list(taken.readings), Axes(), clock)
             session, _ = step(session, Arrived(0.1 * number, rows, Unit.of("uT")))
     session = begin_fit(session)
-    session, messages = step(session, Fitted(60.0, evaluate(snapshot(session)), 0.01))
-    for message in (*messages, state(session)):
+    session, messages = step(session, FitDone(60.0, evaluate(snapshot(session)), 0.01))
+    for message in (*messages, session_state(session)):
         encode(message)
 
 

@@ -21,7 +21,7 @@ import flinders
 from flinders import simulate
 from flinders.live.recorder import Recorder
 from flinders.live.sinks import ToFile
-from flinders.live.sources import Serial
+from flinders.live.transports import Serial
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

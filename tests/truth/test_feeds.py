@@ -16,13 +16,13 @@ import pytest
 from flinders import fit, simulate
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, OutputError, UsageError
-from flinders.live.feeds import AT_ONCE, Feed, Kept, Replay
+from flinders.live.feeds import AT_ONCE, Feed, RecordedFeed, Replay
 from flinders.live.mavlink import ARDUPILOT, PX4, Vehicle
 from flinders.live.readings import Event, Reading, samples_of
 from flinders.live.simulated import SimulatedFeed
 from flinders.live.sinks import Resumed, ToFile
-from flinders.live.sources import Udp
 from flinders.live.telemetry import Telemetry
+from flinders.live.transports import Udp
 from flinders.readers import open_recording, read
 from flinders.targets.ardupilot import Parameters
 
@@ -238,7 +238,7 @@ def test_a_simulation_needs_sound_numbers(more: dict[str, float]) -> None:
 
 def test_what_is_kept_reads_back() -> None:
     with ToFile("out.csv") as sink:
-        feed = Kept(Replay(TUMBLE, speed=None), sink)
+        feed = RecordedFeed(Replay(TUMBLE, speed=None), sink)
         readings, _ = asked(feed, at_the_end)
         feed.close()
     kept = read("out.csv")
@@ -256,13 +256,13 @@ def test_what_is_kept_is_continued() -> None:
     for rows in (slice(0, 5), slice(5, 10)):
         more = {"resumed": Resumed.of("out.csv")} if rows.start else {}
         with ToFile("out.csv", resume=bool(rows.start)) as sink:
-            asked(Kept(Replay(whole[rows], speed=None), sink, **more), at_the_end)
+            asked(RecordedFeed(Replay(whole[rows], speed=None), sink, **more), at_the_end)
     kept = read("out.csv")
     assert kept.time is not None
     np.testing.assert_array_equal(kept.time, np.arange(10.0))
     assert kept.unit.inside == "counts"
     with ToFile("out.csv", resume=True) as sink:
-        feed = Kept(Replay(TUMBLE, speed=None), sink, resumed=Resumed.of("out.csv"))
+        feed = RecordedFeed(Replay(TUMBLE, speed=None), sink, resumed=Resumed.of("out.csv"))
         with pytest.raises(OutputError, match="begin another recording"):
             asked(feed, at_the_end)
 
@@ -445,7 +445,7 @@ def test_a_vehicle_that_falls_silent_is_gone_and_comes_back() -> None:
 
 def test_telemetry_is_kept() -> None:
     with sky(held=HELD) as (_, source, vehicle), ToFile("out.csv") as sink:
-        readings, _ = asked(Kept(Telemetry(source, vehicle=vehicle), sink), enough)
+        readings, _ = asked(RecordedFeed(Telemetry(source, vehicle=vehicle), sink), enough)
     np.testing.assert_allclose(read("out.csv").field, samples_of(readings).field, rtol=1e-8)
     assert "# 0.0 s: compass 1 of ArduPilot, system 1: its correction is taken off" in Path("out.csv").read_text()
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from flinders.errors import OutputError
-from flinders.live.pump import Pump
+from flinders.live.feed_thread import Pump
 from flinders.live.readings import Event
 from flinders.live.recorder import Recorder
 from flinders.live.sinks import AGAIN_S, Patient, ToFile
-from flinders.live.sources import Udp
+from flinders.live.transports import Udp
 
 if TYPE_CHECKING:
     from pathlib import Path

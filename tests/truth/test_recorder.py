@@ -22,8 +22,8 @@ from flinders.errors import OutputError, UnitError
 from flinders.live.readings import Event, Reading, readings_of, samples_of
 from flinders.live.recorder import Recorder
 from flinders.live.sinks import Resumed, ToFile
-from flinders.live.sources import Gone, Quiet, Scripted
 from flinders.live.transcript import LONGEST, Transcript
+from flinders.live.transports import Gone, Quiet, Scripted
 from flinders.readers import read
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """One fit of what a session holds: from a snapshot to all that follows from it, without a clock or a side effect.
 
 >>> from flinders import simulate
->>> from flinders.live.snapshot import Snapshot
+>>> from flinders.live.session import Snapshot
 >>> found = evaluate(Snapshot(key=7, samples=simulate.tumble(seed=1).samples))
 >>> found.key, found.view.verdict, found.used, [reason.code for reason in found.reasons]
 (7, 'good', 3000, [])
@@ -26,9 +26,9 @@ from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
+from flinders.live.guidance import guided
 from flinders.live.messages import PreviousState, Reason
-from flinders.live.snapshot import Evaluated
-from flinders.live.way import led
+from flinders.live.session import Evaluated
 from flinders.report.view import view
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
-    from flinders.live.snapshot import Snapshot
+    from flinders.live.session import Snapshot
     from flinders.report.view import View
 
 STALE_S: Final = 2.0
@@ -72,7 +72,7 @@ def evaluate(snapshot: Snapshot) -> Evaluated:
     if found is not None:
         drawn = view(found, samples, numbers=snapshot.numbers, goal=snapshot.goal, frame=snapshot.frame)
         if snapshot.is_followed:
-            drawn = led(drawn, found, samples, goal=snapshot.goal, frame=snapshot.frame)
+            drawn = guided(drawn, found, samples, goal=snapshot.goal, frame=snapshot.frame)
         drawn = _beyond_level(drawn, found)
     reasons = [*_of_refusal(code, refusal), *_of_motion(samples, found), *_of_fit(found, samples)]
     used = 0 if drawn is None else sum(drawn.tiles_seen) or samples.field.shape[0]

@@ -8,7 +8,7 @@
 ([500, 500, 500, 500, 500, 500], 'ended')
 
 A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Recorder` is
-one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `Kept` records those that are no lines.
+one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `RecordedFeed` records those that are no lines.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class Replay:
 _NOTHING: Final[Iterator[Samples]] = iter(())
 
 
-class Kept:
+class RecordedFeed:
     """A feed that is recorded on its way, as a table that `flinders.read` reads; events become comments.
 
     Parameters
@@ -187,7 +187,7 @@ class Kept:
     >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
     >>> tumble = simulate.tumble(seed=1, n=400).samples
     >>> with ToFile(file) as sink:
-    ...     feed = Kept(Replay(tumble, speed=None), sink)
+    ...     feed = RecordedFeed(Replay(tumble, speed=None), sink)
     ...     while not (isinstance(got := feed.next(0.1), Event) and got.kind == "ended"):
     ...         pass
     >>> np.abs(read(file).field - tumble.field).max() < 1e-6

@@ -1,7 +1,7 @@
 """The wire of the live page: every message as a dataclass, binary points, and the page's types made from them.
 
 >>> parse('{"type": "target", "deg": 0.5}')
-Target(deg=0.5)
+SetTarget(deg=0.5)
 >>> parse('{"type": "exclude", "start_s": 3, "end_s": 2}')
 Traceback (most recent call last):
 flinders.errors.UsageError: exclude: from 3 to 2 s: need a start before the end
@@ -69,7 +69,7 @@ class PreviousState(Struct, frozen=True):
     words: str
 
 
-class State(Struct, frozen=True, tag_field="type", tag="state"):
+class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     """All that a page shows beside the fit and the points.
 
     Attributes
@@ -170,17 +170,17 @@ class Hello(Struct, frozen=True, tag_field="type", tag="hello"):
     tiles: TilesView
     targets: tuple[TargetInfo, ...]
     limits: Limits
-    state: State
+    state: SessionState
     view: View | None
 
 
-class Target(Struct, frozen=True, tag_field="type", tag="target", forbid_unknown_fields=True):
+class SetTarget(Struct, frozen=True, tag_field="type", tag="target", forbid_unknown_fields=True):
     """The worst heading error that is good enough."""
 
     deg: float
 
 
-class Dip(Struct, frozen=True, tag_field="type", tag="dip", forbid_unknown_fields=True):
+class SetDip(Struct, frozen=True, tag_field="type", tag="dip", forbid_unknown_fields=True):
     """The inclination of the field at the site."""
 
     deg: float
@@ -232,14 +232,14 @@ class BackToLive(Struct, frozen=True, tag_field="type", tag="back_to_live", forb
     """Close the log that was opened."""
 
 
-Command = Target | Dip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive
+Command = SetTarget | SetDip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive
 """What a page may ask for."""
 
 _DECODER: Final = msgspec.json.Decoder(Command)
 _ENCODER: Final = msgspec.json.Encoder()
 
 
-def encode(message: State | FitMessage | Notice | Hello) -> str:
+def encode(message: SessionState | FitMessage | Notice | Hello) -> str:
     """Write a message as a text frame."""
     return _ENCODER.encode(message).decode()
 
@@ -265,9 +265,9 @@ def parse(text: str | bytes) -> Command:
 def _refuse_out_of_range(command: Command) -> None:
     """Raise `UsageError` for numbers that cannot be meant."""
     match command:
-        case Target(deg) if not 0.0 < deg <= 180.0:
+        case SetTarget(deg) if not 0.0 < deg <= 180.0:
             raise UsageError(f"target {deg:g}°: need an angle above 0°, up to 180°")
-        case Dip(deg) if not -89.0 <= deg <= 89.0:
+        case SetDip(deg) if not -89.0 <= deg <= 89.0:
             raise UsageError(f"dip {deg:g}°: need −89° to 89°")
         case Exclude(start, end) | Restore(start, end) if not -math.inf < start < end < math.inf:
             name = type(command).__name__.lower()
@@ -318,9 +318,9 @@ def points_frame(
 def typescript() -> str:
     """The messages as types for the page: ``static/messages.d.ts``."""
     found: dict[str, str] = {}
-    for kind in (Hello, State, FitMessage, Notice, *typing.get_args(Command)):
+    for kind in (Hello, SessionState, FitMessage, Notice, *typing.get_args(Command)):
         _declare(kind, found)
-    sent = " | ".join(kind.__name__ for kind in (Hello, State, FitMessage, Notice))
+    sent = " | ".join(kind.__name__ for kind in (Hello, SessionState, FitMessage, Notice))
     asked = " | ".join(kind.__name__ for kind in typing.get_args(Command))
     head = "// Generated from flinders/live/messages.py: python -m flinders.live.messages > messages.d.ts\n"
     unions = f"export type FromServer = {sent};\n\nexport type ToServer = {asked};\n"

@@ -4,7 +4,7 @@ The board answers a packet with two lines, ten numbers and nine: offsets of acce
 with the field, and the matrix. Only when both hold what was sent is it confirmed.
 
 >>> import numpy as np
->>> from flinders.live.sources import Scripted
+>>> from flinders.live.transports import Scripted
 >>> packet = Packet(np.array([10.0, -20.0, 30.0]), 50.0, np.diag([1.25, 1.0, 0.8]))
 >>> board = Scripted([b"Raw:1,2,3,4,5,6,7,8,9\r\n",
 ...                   b"Cal1:0.000,0.000,0.000,0.000,0.000,0.000,10.000,-20.000,30.000,50.000\r\n",
@@ -32,7 +32,7 @@ from flinders.targets.motioncal import BEFORE_OFFSET, Packet
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 TRIES: Final = 3
 ANSWER_S: Final = 3.0

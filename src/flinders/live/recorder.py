@@ -6,7 +6,7 @@ once and forced to the disk each second, so that a crash loses at most a second,
 >>> import tempfile
 >>> from pathlib import Path
 >>> from flinders.live.sinks import ToFile
->>> from flinders.live.sources import Scripted
+>>> from flinders.live.transports import Scripted
 >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
 >>> board = Scripted([b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", b"86\r\nRaw:0,0,8192,0,0,0,217,2,-587\r\n"])
 >>> with ToFile(file) as sink:
@@ -36,14 +36,14 @@ from typing import TYPE_CHECKING, Final
 from flinders.errors import LinkError, UnreadableInput, counted
 from flinders.live.readings import Event
 from flinders.live.sinks import title
-from flinders.live.transcript import Recorded, Taken, Transcript
+from flinders.live.transcript import RecordingStatistics, Taken, Transcript
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.live.readings import Reading
     from flinders.live.sinks import Resumed, Sink
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 SYNC_S: Final = 1.0
 """Seconds after which what was received is forced to the disk."""
@@ -103,7 +103,7 @@ class Recorder:
         resumed: Resumed | None = None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
-        watch: Callable[[Recorded], None] | None = None,
+        watch: Callable[[RecordingStatistics], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.name = source.name
@@ -130,7 +130,7 @@ class Recorder:
         self._waiting: deque[list[Reading] | Event] = deque([Event("connected", 0.0, f"{source.name} is open")])
 
     @property
-    def told(self) -> Recorded:
+    def told(self) -> RecordingStatistics:
         """What has been recorded so far."""
         return self._transcript.told
 
@@ -165,7 +165,7 @@ class Recorder:
             self._waiting.append(Event("ended", self._now(), f"{self.name} is closed"))
         self._source.close()
 
-    def run(self) -> Recorded:
+    def run(self) -> RecordingStatistics:
         """Record until the end; what was received by then is written.
 
         Raises

@@ -42,31 +42,29 @@ from flinders.core.files import reason
 from flinders.core.units import Unit
 from flinders.errors import DocumentError, FitError, FlindersError, LinkError, NotSent, OutputError, UsageError
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_of, set_cookie, shown_name
+from flinders.live.buffer import Timeline, rows_of_readings
+from flinders.live.feed_thread import Pump
 from flinders.live.messages import LONGEST, FitMessage, Hello, Limits, Notice, TargetInfo, encode, parse
-from flinders.live.pump import Pump
+from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.readings import Event as FeedEvent
 from flinders.live.session import (
+    Announced,
     Arrived,
-    Asked,
-    Cursor,
     Event,
-    Fitted,
+    FitDone,
     GotPrevious,
     Linked,
     Opened,
-    Said,
+    Requested,
     Session,
     Ticked,
     Unrecorded,
     begin_fit,
-    points,
     snapshot,
-    state,
     step,
     wants_fit,
 )
-from flinders.live.store import Edits
-from flinders.live.track import Clock
+from flinders.live.session_file import Edits
 from flinders.report.script import joined
 from flinders.report.view import tiles_view
 
@@ -77,16 +75,15 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
     from starlette.websockets import WebSocket
 
-    from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import Provenance
     from flinders.live.feeds import Feed
     from flinders.live.finish import Finished
     from flinders.live.messages import Link
     from flinders.live.readings import Reading
+    from flinders.live.session import Evaluated
     from flinders.live.sinks import Sink
-    from flinders.live.snapshot import Evaluated
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
 SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"app.js": (), "views/scene.js": ("Scene",)}
@@ -187,14 +184,14 @@ class Hub:
         supply: Supply,
         clock: Callable[[], float] = time.monotonic,
         *,
-        timeline: Clock | None = None,
+        timeline: Timeline | None = None,
     ) -> None:
         self.session, self.supply, self.pages = session, supply, set[Page]()
         self.failure: Exception | None = None
         self.name = secrets.token_hex(4)
         self.fit_message = FitMessage(0, None)
         self._clock, self._start = clock, clock()
-        self._timeline = timeline or Clock()
+        self._timeline = timeline or Timeline()
         self._pump = Pump(supply.feed)
         self._edits = Edits.of(session)
         self._fits: set[asyncio.Task[None]] = set()
@@ -255,7 +252,7 @@ class Hub:
             tiles=tiles_view(),
             targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in registry().values()),
             limits=Limits(UPLOAD_BYTES),
-            state=state(self.session),
+            state=session_state(self.session),
             view=self.session.view,
         )
 
@@ -300,7 +297,7 @@ class Hub:
         self.take(Ticked(self.now))
         if (why := self.supply.unrecorded()) != self.session.unrecorded:
             self.take(Unrecorded(self.now, why))
-        if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.track.total:
+        if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.buffer.total:
             self._is_asked = True
             if words := self.supply.hint():
                 self.take(Linked(self.now, "waiting", words))
@@ -317,7 +314,7 @@ class Hub:
         if link is None:
             is_settled = event.kind == "settled"
             words = f"understood as {event.words}" if is_settled else event.words
-            self.take(Said(self.now, "info" if is_settled else "warning", words))
+            self.take(Announced(self.now, "info" if is_settled else "warning", words))
         else:
             self.take(Linked(self.now, link, event.words))
 
@@ -341,7 +338,7 @@ class Hub:
 
     async def _fit(self, session: Session) -> None:
         found, seconds = await asyncio.to_thread(_timed, session)
-        self.take(Fitted(self.now, found, seconds))
+        self.take(FitDone(self.now, found, seconds))
 
     def _wake_pages(self) -> None:
         for page in self.pages:
@@ -354,25 +351,6 @@ def _timed(session: Session) -> tuple[Evaluated, float]:
 
     begun = time.thread_time()
     return evaluate(snapshot(session)), time.thread_time() - begun
-
-
-def rows_of_readings(readings: list[Reading], axes: Axes, clock: Clock) -> tuple[Floats, Clock]:
-    """(N, 7) readings as rows of a session's track, in its axes and on its timeline.
-
-    >>> from flinders.core.axes import Axes
-    >>> from flinders.live.readings import Reading
-    >>> rows, clock = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Clock())
-    >>> rows[0, :4]
-    array([ 0.5,  1. , -2. , -3. ])
-    """
-    import numpy as np
-
-    nothing = (np.nan, np.nan, np.nan)
-    rows = np.array([(one.time, *one.field, *(one.acceleration or nothing)) for one in readings], float)
-    rows[:, 0], clock = clock(rows[:, 0])
-    if not axes.is_identity:
-        rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
-    return rows, clock
 
 
 class Guard:
@@ -603,12 +581,12 @@ async def _open(request: Request) -> Response:
         if received is None:
             return _told(f"{name} is larger than {UPLOAD_BYTES >> 20} MB: calibrate it with flinders calibrate", 413)
         try:
-            log, _ = await asyncio.to_thread(load, path, name)
+            series, words, _ = await asyncio.to_thread(load, path, name)
         except FlindersError as error:
             words = str(error).replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
-    hub.take(Opened(hub.now, name, log.track, log.unit, log.axes, log.frame, log.words))
-    return JSONResponse({"words": log.words})
+    hub.take(Opened(hub.now, name, series, words))
+    return JSONResponse({"words": words})
 
 
 async def _saved(request: Request, path: Path) -> int | None:
@@ -718,7 +696,7 @@ async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
         try:
             if text is None:
                 raise UsageError("a page sends text, and this is not")  # noqa: TRY301 - answered like any other
-            hub.take(Asked(hub.now, parse(text)))
+            hub.take(Requested(hub.now, parse(text)))
         except UsageError as error:
             page.notices.append(Notice("error", str(error)))
         page.wake.set()
@@ -737,7 +715,7 @@ async def _tell(socket: WebSocket, hub: Hub, page: Page) -> None:
             await socket.send_text(encode(hub.fit_message))
         if _is_state_due(hub, page):
             page.is_urgent, page.stated_at = False, hub.now
-            newest = state(hub.session)
+            newest = session_state(hub.session)
             page.state_revision = newest.revision
             await socket.send_text(encode(newest))
         frame, cursor = points(hub.session, page.cursor)

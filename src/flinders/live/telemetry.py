@@ -27,7 +27,7 @@ from flinders.targets.ardupilot import COMPASSES, Parameters, names
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 RATE_HZ: Final = 20.0
 """Readings a second that the vehicle is asked for."""

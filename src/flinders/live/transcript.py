@@ -52,7 +52,7 @@ ENDS: Final = re.compile(rb"[\r\n]+")
 
 
 @dataclass(slots=True)
-class Recorded:
+class RecordingStatistics:
     """What has been recorded so far."""
 
     form: Form | None = None  # how the lines are written; None where that is not known
@@ -161,7 +161,7 @@ class Transcript:
         header: str | None = None,
         rows: tuple[str, ...] = (),
     ) -> None:
-        self.told = Recorded()
+        self.told = RecordingStatistics()
         self._name, self._is_framed, self._most = name, is_framed, most
         self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows

@@ -20,7 +20,7 @@ import { drawChanged, lay } from "./widgets.js";
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
 /** @typedef {import("./messages.d.ts").View} View */
-/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./views/scene.js").Scene} Scene */
 
 /** Charts are drawn no more often than this, and take at most a sixth of the time. */

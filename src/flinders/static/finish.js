@@ -5,7 +5,7 @@ import { ask, byId, element, icon, Refusal, save, setIcon, setList, setText } fr
 import { table } from "./views/table.js";
 import { counted, degrees, ICONS, measured, PHASES, sentence, significant, VERDICTS } from "./views/words.js";
 
-/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").TargetInfo} TargetInfo */
 

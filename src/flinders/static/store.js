@@ -5,7 +5,7 @@
  */
 
 /** @typedef {import("./messages.d.ts").Hello} Hello */
-/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
 /** @typedef {import("./views/charts.js").Points} Points */

@@ -13,7 +13,7 @@ import { residuals } from "./views/residuals.js";
 import { strength } from "./views/strength.js";
 
 /** @typedef {import("./keys.js").Shortcut} Shortcut */
-/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./store.js").Now} Now */
 /** @typedef {import("./store.js").Store} Store */

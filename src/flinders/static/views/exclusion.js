@@ -3,7 +3,7 @@
 import { setText } from "../dom.js";
 import { singleKeys } from "../keys.js";
 
-/** @typedef {import("../messages.d.ts").State} State */
+/** @typedef {import("../messages.d.ts").SessionState} State */
 /** @typedef {import("../widgets.js").Page} Page */
 
 /** Nothing of the server goes into it: it is the same for everybody. */

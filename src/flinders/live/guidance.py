@@ -10,7 +10,7 @@ lead on.
 >>> from flinders.report.view import view
 >>> samples = simulate.tumble(seed=1, motion="tilted").samples
 >>> fit = calibrate.fit(samples, target_deg=0.1)
->>> drawn = led(view(fit, samples), fit, samples)
+>>> drawn = guided(view(fit, samples), fit, samples)
 >>> drawn.guidance.words
 'follow the arrow: turn it about x (y towards z), then about z (x towards y)'
 """
@@ -40,7 +40,7 @@ SPEED_DEG: Final = 90.0
 """Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""
 
 
-def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
+def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
     """Put the way from the newest reading into a view; leave the view as it is where no way is worth it.
 
     Parameters

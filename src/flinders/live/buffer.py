@@ -1,8 +1,8 @@
 """Readings that grow: columns in one array, each state of them a value, memory bounded.
 
->>> track = Track.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
->>> later = track.extended(np.array([[0.2, 7, 8, 9, *GAP]]))
->>> len(track), len(later), later.field[-1]                                  # the earlier one is as it was
+>>> buffer = ReadingBuffer.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
+>>> later = buffer.extended(np.array([[0.2, 7, 8, 9, *GAP]]))
+>>> len(buffer), len(later), later.field[-1]                                  # the earlier one is as it was
 (2, 3, array([7., 8., 9.]))
 
 Appending costs the same however many there are: rows go into room that is left in the array behind the last one, and
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.axes import Axes
+    from flinders.core.samples import Samples
+    from flinders.live.readings import Reading
 
 HELD: Final = 1 << 20
 """Readings in memory, at most: 59 MB, and as much again for a moment while they are moved."""
@@ -47,7 +50,7 @@ def stride_for(total: int, most: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class Timeline:
     """Where a timeline has got to.
 
     Attributes
@@ -64,16 +67,16 @@ class Clock:
     shift: float = 0.0
     at: float = -np.inf
 
-    def __call__(self, times: Floats) -> tuple[Floats, Clock]:
+    def __call__(self, times: Floats) -> tuple[Floats, Timeline]:
         """Put (N,) times of a source onto the session's timeline, which never goes back.
 
         A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
 
         Examples
         --------
-        >>> times, clock = Clock()(np.array([1.0, 1.5, 0.0, 0.5]))
+        >>> times, clock = Timeline()(np.array([1.0, 1.5, 0.0, 0.5]))
         >>> times.tolist(), clock
-        ([1.0, 1.5, 1.5, 2.0], Clock(last=0.5, shift=1.5, at=2.0))
+        ([1.0, 1.5, 1.5, 2.0], Timeline(last=0.5, shift=1.5, at=2.0))
         """
         if not len(times):
             return times, self
@@ -84,7 +87,7 @@ class Clock:
         steps = np.diff(known)
         shifts = np.cumsum([self.shift, *np.where(steps < 0.0, -steps, 0.0)])[1:]
         moved = np.maximum.accumulate(np.concatenate([[self.at], known[1:] + shifts]))[1:]  # rounding goes no way back
-        return moved, Clock(float(known[-1]), float(shifts[-1]), float(moved[-1]))
+        return moved, Timeline(float(known[-1]), float(shifts[-1]), float(moved[-1]))
 
 
 @dataclass(slots=True)
@@ -96,7 +99,7 @@ class _Room:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class ReadingBuffer:
     """Readings in the order in which they came.
 
     Attributes
@@ -123,7 +126,7 @@ class Track:
         """No readings."""
         return cls(most=most)
 
-    def extended(self, rows: Floats) -> Track:
+    def extended(self, rows: Floats) -> ReadingBuffer:
         """With (N, 7) rows more: time, field, acceleration."""
         if not len(rows):
             return self
@@ -136,7 +139,7 @@ class Track:
         room = self._room_for(held, len(new))
         room.rows[count - len(new) : count] = new
         room.taken = count
-        return Track(total, stride, has_acceleration, self.most, count, room, rows[-1].copy())
+        return ReadingBuffer(total, stride, has_acceleration, self.most, count, room, rows[-1].copy())
 
     def _room_for(self, held: Floats | None, more: int) -> _Room:
         """The array to write into: the same where it has room and nobody else has gone on from here."""
@@ -208,3 +211,29 @@ class Track:
             (int(np.searchsorted(self.time, start, "left")), int(np.searchsorted(self.time, end, "right")))
             for start, end in spans
         ]
+
+
+def rows_of(samples: Samples) -> Floats:
+    """(N, 7) samples as rows of a buffer; without times, a reading counts a second."""
+    rows = np.full((len(samples), COLUMNS), np.nan)
+    rows[:, 0] = np.arange(len(samples)) if samples.time is None else samples.time
+    rows[:, 1:4] = samples.field
+    if samples.acceleration is not None:
+        rows[:, 4:] = samples.acceleration
+    return rows
+
+
+def rows_of_readings(readings: list[Reading], axes: Axes, timeline: Timeline) -> tuple[Floats, Timeline]:
+    """(N, 7) readings as rows of a session's buffer, in its axes and on its timeline.
+
+    >>> from flinders.core.axes import Axes
+    >>> from flinders.live.readings import Reading
+    >>> rows, timeline = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Timeline())
+    >>> rows[0, :4]
+    array([ 0.5,  1. , -2. , -3. ])
+    """
+    rows = np.array([(one.time, *one.field, *(one.acceleration or GAP)) for one in readings], float)
+    rows[:, 0], timeline = timeline(rows[:, 0])
+    if not axes.is_identity:
+        rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
+    return rows, timeline

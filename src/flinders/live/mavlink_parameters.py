@@ -1,9 +1,9 @@
 """Sets the compass parameters of a vehicle, and leaves it with all of them or with none.
 
-`Plan` is what would change::
+`ParameterPlan` is what would change::
 
     vehicle = Vehicle.find(source)
-    plan = Plan.of(vehicle, calibration, compass=1)
+    plan = ParameterPlan.of(vehicle, calibration, compass=1)
     backup.write_text(plan.backup())
     plan.carry_out(vehicle)
 
@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
-from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Held, Vehicle, same
+from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Parameter, Vehicle, same
 from flinders.targets import ardupilot, px4
 from flinders.targets._affine import refuse_mounted
 
@@ -45,11 +45,11 @@ AXES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ParameterChange:
     """One parameter, before and after."""
 
-    old: Held
-    new: Held
+    old: Parameter
+    new: Parameter
 
     @property
     def is_none(self) -> bool:
@@ -58,7 +58,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ParameterPlan:
     """What would change in a vehicle.
 
     Attributes
@@ -81,7 +81,7 @@ class Plan:
     autopilot: int
     compass: int
     device_id: int
-    changes: tuple[Change, ...]
+    changes: tuple[ParameterChange, ...]
     system: int = 1
     component: int = 1
     notes: tuple[str, ...] = ()
@@ -133,13 +133,13 @@ class Plan:
                     f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the "
                     "values by hand (flinders export)"
                 )
-            changes.append(Change(old, replace(old, value=value)))
+            changes.append(ParameterChange(old, replace(old, value=value)))
         return cls(
             vehicle.name, vehicle.autopilot, found, there, tuple(changes), vehicle.system, vehicle.component, notes
         )
 
     @property
-    def pending(self) -> tuple[Change, ...]:
+    def pending(self) -> tuple[ParameterChange, ...]:
         """What is not so already."""
         return tuple(change for change in self.changes if not change.is_none)
 
@@ -162,7 +162,7 @@ class Plan:
         self,
         vehicle: Vehicle,
         *,
-        done: Callable[[Change], None] = lambda _: None,
+        done: Callable[[ParameterChange], None] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
         back: float = BACK_S,
@@ -186,7 +186,7 @@ class Plan:
         NotConfirmed
             Where it failed; says why, and what the vehicle holds.
         """
-        touched: list[Change] = []
+        touched: list[ParameterChange] = []
         try:
             for change in self.pending:
                 vehicle.listen()
@@ -334,7 +334,7 @@ def _refuse_another(vehicle: Vehicle, compass: int, there: int, meant: int | Non
     return ()
 
 
-def _set(vehicle: Vehicle, new: Held) -> None:
+def _set(vehicle: Vehicle, new: Parameter) -> None:
     """Set a parameter.
 
     Raises
@@ -361,12 +361,12 @@ def _refuse_stopped(stopped: Callable[[], bool]) -> None:
         raise NotConfirmed("stopped before all was sent")
 
 
-def _put_back(vehicle: Vehicle, touched: list[Change], *, say: Callable[[str], None], back: float) -> str:
+def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable[[str], None], back: float) -> str:
     """Set the old values again, and say what the vehicle holds; a link that is lost is waited for."""
     if not touched:
         return "nothing was changed"
     left, until = list(reversed(touched)), time.monotonic() + back
-    refused: list[Change] = []
+    refused: list[ParameterChange] = []
     while left:
         try:
             answered = vehicle.set(left[0].old)
