@@ -609,6 +609,6 @@ def test_all_is_let_go_of_in_the_end(tmp_path: Path) -> None:
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)
     with bench.client, contextlib.suppress(WebSocketDisconnect), bench.page() as socket:
         socket.receive_text()
-    assert not bench.hub._pump.is_alive()
+    assert not bench.hub._feed_thread.is_alive()
     bench.sink.close()
     assert len(flinders.read(bench.path)) == 100

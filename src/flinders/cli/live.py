@@ -285,13 +285,13 @@ def _source(source: dict[str, Any], stack: contextlib.ExitStack) -> _Source:
 
 def _hint(feed: Feed) -> str:
     """Why no reading comes of lines that do: nobody can tell which of their numbers are the field."""
-    told = getattr(feed, "told", None)
-    if told is None or not told.readings or told.form is None:
+    recorded = getattr(feed, "statistics", None)
+    if recorded is None or not recorded.readings or recorded.form is None:
         return ""
-    lines = counted(told.readings, "line")
+    lines = counted(recorded.readings, "line")
     return (
         f"{lines} of numbers came, and which are the magnetometer's is not clear: start again with --columns X,Y,Z, "
-        f"three of {told.form.header}, and with --unit; what came is recorded"
+        f"three of {recorded.form.header}, and with --unit; what came is recorded"
     )
 
 

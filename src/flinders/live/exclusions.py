@@ -1,9 +1,9 @@
-"""Stretches of time that were taken out, with undo: values, ascending and apart from each other.
+"""Excluded intervals of time, with undo and redo: values, ascending and disjoint.
 
->>> taken_out = Exclusions().excluding((3.0, 5.0)).excluding((4.0, 8.0)).restoring((6.0, 7.0))
->>> taken_out.spans
+>>> exclusions = Exclusions().excluding((3.0, 5.0)).excluding((4.0, 8.0)).restoring((6.0, 7.0))
+>>> exclusions.spans
 ((3.0, 6.0), (7.0, 8.0))
->>> taken_out.undone().spans, taken_out.undone().redone() == taken_out
+>>> exclusions.undone().spans, exclusions.undone().redone() == exclusions
 (((3.0, 8.0),), True)
 """
 

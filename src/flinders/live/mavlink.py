@@ -149,19 +149,19 @@ class Vehicle:
         NotSent
             Where its autopilot is neither ArduPilot nor PX4.
         """
-        found = cls(source, answer=answer, silent=silent)
+        vehicle = cls(source, answer=answer, silent=silent)
         heard: dict[int, Heartbeat] = {}
         until, first = time.monotonic() + wait, None
         while time.monotonic() < (until if first is None else first + listen):
-            for message in found._arrived():
+            for message in vehicle._arrived():
                 if message.get_type() == "HEARTBEAT":
                     _note(heard, message)
             if first is None and heard and (system is None or system in heard):
                 first = time.monotonic()
             if system in heard and heard[system].component == AUTOPILOT:
                 break
-        found._choose(heard, system)
-        return found
+        vehicle._choose(heard, system)
+        return vehicle
 
     def _choose(self, heard: dict[int, Heartbeat], system: int | None) -> None:
         """Settle on one of the vehicles that were heard."""

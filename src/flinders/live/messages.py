@@ -70,7 +70,7 @@ class PreviousState(Struct, frozen=True):
 
 
 class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
-    """All that a page shows beside the fit and the points.
+    """What a page shows, without the fit and the points.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     unit : str
         ``µT`` or ``counts``.
     readings, used, rejected, excluded_readings : int
-        Received; of those fitted used and left out as strays; taken out by hand.
+        Received; of those fitted, used and rejected as outliers; excluded by hand.
     rate_hz : float or None
         Over the last two seconds.
     seconds : float
@@ -89,7 +89,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     words : str
         The phase in a sentence.
     reasons : list of Reason
-        Gravest first.
+        By severity.
     target_deg, dip_deg : float
     goal : str
     excluded : list of (start, end), s
@@ -317,47 +317,47 @@ def points_frame(
 
 def typescript() -> str:
     """The messages as types for the page: ``static/messages.d.ts``."""
-    found: dict[str, str] = {}
+    declared: dict[str, str] = {}
     for kind in (Hello, SessionState, FitMessage, Notice, *typing.get_args(Command)):
-        _declare(kind, found)
+        _declare(kind, declared)
     sent = " | ".join(kind.__name__ for kind in (Hello, SessionState, FitMessage, Notice))
     asked = " | ".join(kind.__name__ for kind in typing.get_args(Command))
     head = "// Generated from flinders/live/messages.py: python -m flinders.live.messages > messages.d.ts\n"
     unions = f"export type FromServer = {sent};\n\nexport type ToServer = {asked};\n"
-    return "\n".join([head, *found.values(), unions])
+    return "\n".join([head, *declared.values(), unions])
 
 
-def _declare(kind: type[Struct], found: dict[str, str]) -> None:
+def _declare(kind: type[Struct], declared: dict[str, str]) -> None:
     """Declare a struct, after those that it holds."""
-    if kind.__name__ in found:
+    if kind.__name__ in declared:
         return
-    found[kind.__name__] = ""
+    declared[kind.__name__] = ""
     tag = kind.__struct_config__.tag
     lines = [f'  type: "{tag}";'] if tag else []
     hints = typing.get_type_hints(kind)
-    lines += [f"  {name}: {_type(hints[name], found)};" for name in kind.__struct_fields__]
+    lines += [f"  {name}: {_type(hints[name], declared)};" for name in kind.__struct_fields__]
     comment = (kind.__doc__ or "").partition("\n")[0]
-    del found[kind.__name__]
-    found[kind.__name__] = f"/** {comment} */\nexport interface {kind.__name__} {{\n" + "\n".join(lines) + "\n}\n"
+    del declared[kind.__name__]
+    declared[kind.__name__] = f"/** {comment} */\nexport interface {kind.__name__} {{\n" + "\n".join(lines) + "\n}\n"
 
 
 PLAIN: Final = {bool: "boolean", int: "number", float: "number", str: "string", type(None): "null"}
 
 
-def _type(hint: Any, found: dict[str, str]) -> str:  # noqa: ANN401 - a type, whatever its kind
+def _type(hint: Any, declared: dict[str, str]) -> str:  # noqa: ANN401 - a type, whatever its kind
     """One type as TypeScript has it; a tuple of fixed length stays one."""
     origin, inside = typing.get_origin(hint), typing.get_args(hint)
     if hint in PLAIN:
         return PLAIN[hint]
     if origin in (Union, types.UnionType):
-        return " | ".join(_type(one, found) for one in inside)
+        return " | ".join(_type(one, declared) for one in inside)
     if origin is Literal:
         return " | ".join(f'"{one}"' for one in inside)
     if origin is tuple and inside[-1] is Ellipsis:
-        return f"Array<{_type(inside[0], found)}>"
+        return f"Array<{_type(inside[0], declared)}>"
     if origin is tuple:
-        return f"[{', '.join(_type(one, found) for one in inside)}]"
-    _declare(hint, found)
+        return f"[{', '.join(_type(one, declared) for one in inside)}]"
+    _declare(hint, declared)
     return str(hint.__name__)
 
 

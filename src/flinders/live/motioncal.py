@@ -76,19 +76,19 @@ class Echo:
         >>> Echo.of("12.346,-0.500", 2).differs((12.3456, -0.5)), Echo.of("12.346,-0.51", 2).differs((12.3456, -0.5))
         (None, 1)
         """
-        for place, (found, digits, wanted) in enumerate(zip(self.values, self.places, expected, strict=True)):
+        for place, (number, digits, wanted) in enumerate(zip(self.values, self.places, expected, strict=True)):
             half = 0.5 * 10.0 ** -max(digits, FEWEST_PLACES)
-            if not abs(found - wanted) <= MOTIONCAL_SLACK + MOTIONCAL_SHARE * abs(wanted) + half:
+            if not abs(number - wanted) <= MOTIONCAL_SLACK + MOTIONCAL_SHARE * abs(wanted) + half:
                 return place
         return None
 
     @classmethod
     def of(cls, text: str, count: int) -> Echo | None:
         """Read what stands behind the colon; None where that is not so many numbers."""
-        found = [NUMBER.fullmatch(cell.strip()) for cell in text.split(",")]
-        if len(found) != count or None in found:
+        matches = [NUMBER.fullmatch(cell.strip()) for cell in text.split(",")]
+        if len(matches) != count or None in matches:
             return None
-        numbers = [match for match in found if match is not None]
+        numbers = [match for match in matches if match is not None]
         return cls(tuple(float(match[0]) for match in numbers), tuple(len(match[1] or "") for match in numbers))
 
 
@@ -134,7 +134,7 @@ def send(
     NotConfirmed
         Where no echo comes, or one of other values; says what the board may hold.
     """
-    heard = _Heard(source)
+    heard = _EchoListener(source)
     heard.anything(boot)
     heard.before = dict(heard.known)
     expected = echo_of(packet)
@@ -174,7 +174,7 @@ def echo_lines(packet: Packet) -> list[str]:
 
 
 @dataclass(slots=True)
-class _Heard:
+class _EchoListener:
     """What the board has said.
 
     Attributes
@@ -229,8 +229,8 @@ class _Heard:
             place = echo.differs(expected[name])
             if place is None:
                 continue
-            found, wanted = echo.values[place], expected[name][place]
-            wrong = f"{found:g} in place of {wanted:.6g} (number {place + 1} of its {name} line)"
+            number, wanted = echo.values[place], expected[name][place]
+            wrong = f"{number:g} in place of {wanted:.6g} (number {place + 1} of its {name} line)"
             if name in self.echoes:
                 return self._now(name, wrong)
             return (

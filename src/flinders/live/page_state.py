@@ -1,4 +1,4 @@
-"""What the page is told about a session: its state in words and numbers, and the points that it lacks.
+"""What a page shows of a session: its state in words and numbers, and the points that the page lacks.
 
 >>> from flinders.live.session import Session
 >>> session_state(Session()).phase, session_state(Session()).words
@@ -30,7 +30,7 @@ LEVEL_DEG: Final = 89.0
 
 
 def session_state(session: Session) -> SessionState:
-    """All that a page shows beside the fit and the points."""
+    """The state message of a session."""
     shown, evaluated = session.shown, session.shown.evaluated
     phase, words, reasons = _phase(session)
     rejected = 0 if evaluated is None else evaluated.rejected
@@ -79,7 +79,7 @@ def _rate_hz(session: Session) -> float | None:
 
 
 def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
-    """How far it has come, in a sentence, and what is in the way."""
+    """Phase of the session, a sentence about it, and the reasons against it."""
     evaluated = session.shown.evaluated
     link = [] if session.opened is not None else _of_link(session)
     unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
@@ -100,8 +100,8 @@ def _of_view(session: Session) -> tuple[Phase, str]:
     if worst is None:
         return "collecting", view.sentence
     if worst > session.target_deg:
-        told = f"{figures(worst)}° (1 σ)" if worst < 90.0 else "any angle"
-        return "collecting", f"Keep turning: the worst error to expect is {told}, {target}."
+        error = f"{figures(worst)}° (1 σ)" if worst < 90.0 else "any angle"
+        return "collecting", f"Keep turning: the worst error to expect is {error}, {target}."
     what = "heading error" if session.goal == "heading" else "error at any attitude"
     done = f"the worst {what} to expect is {figures(worst)}° (1 σ), {target}"
     if view.verdict != "refused" and not _is_sure(session):
@@ -119,8 +119,8 @@ def _as_far_as(view: View) -> str:
     limit = view.attitude_limit_deg
     if limit is None or limit >= LEVEL_DEG:
         return ""
-    held = "held level" if limit < 1.0 else f"up to {limit:.0f}° of tilt"
-    return f", {held}; for more tilt than that, turn it tilted and upside down too"
+    tilt = "held level" if limit < 1.0 else f"up to {limit:.0f}° of tilt"
+    return f", {tilt}; for more tilt than that, turn it tilted and upside down too"
 
 
 def _is_sure(session: Session) -> bool:
@@ -159,15 +159,15 @@ def _sentence(words: str) -> str:
 
 
 def _of_link(session: Session) -> list[Reason]:
-    """What is wrong on the way from the sensor."""
+    """Reasons why no readings arrive."""
     source, since = session.source, session.at - session.arrived_at
     if source.link == "gone":
         return [Reason("gone", source.words or f"{source.name} is gone: check the cable")]
     total, seconds = session.live.buffer.total, session.live.buffer.seconds
     patience = max(SILENT_S, SILENT_STEPS * seconds / total if total else 0.0)
     if source.link in ("connected", "waiting") and since > patience:
-        told = source.words if total == 0 and source.link == "waiting" else ""
-        return [Reason("nothing-arrives", told or _nothing_arrives(session, since))]
+        words = source.words if total == 0 and source.link == "waiting" else ""
+        return [Reason("nothing-arrives", words or _nothing_arrives(session, since))]
     if source.link == "ended":
         return [Reason("ended", source.words or f"{source.name} has ended", "info")]
     return []

@@ -43,10 +43,10 @@ from flinders.core.units import Unit
 from flinders.errors import DocumentError, FitError, FlindersError, LinkError, NotSent, OutputError, UsageError
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_of, set_cookie, shown_name
 from flinders.live.buffer import Timeline, rows_of_readings
-from flinders.live.feed_thread import Pump
+from flinders.live.feed_thread import FeedThread
 from flinders.live.messages import LONGEST, FitMessage, Hello, Limits, Notice, TargetInfo, encode, parse
 from flinders.live.page_state import Cursor, points, session_state
-from flinders.live.readings import Event as FeedEvent
+from flinders.live.readings import FeedEvent
 from flinders.live.session import (
     Announced,
     Arrived,
@@ -114,7 +114,7 @@ MOST_CONNECTIONS: Final = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Supply:
-    """Where readings come from and where they are kept.
+    """Source and recording of the readings.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class Hub:
         self.fit_message = FitMessage(0, None)
         self._clock, self._start = clock, clock()
         self._timeline = timeline or Timeline()
-        self._pump = Pump(supply.feed)
+        self._feed_thread = FeedThread(supply.feed)
         self._edits = Edits.of(session)
         self._fits: set[asyncio.Task[None]] = set()
         self._final: Finished | None = None
@@ -208,8 +208,8 @@ class Hub:
     async def run(self) -> None:
         """Take in, fit and tell, until cancelled."""
         loop = asyncio.get_running_loop()
-        self._pump.tell = lambda: loop.call_soon_threadsafe(self._came.set)
-        self._pump.start()
+        self._feed_thread.tell = lambda: loop.call_soon_threadsafe(self._came.set)
+        self._feed_thread.start()
         try:
             while True:
                 self._came.clear()
@@ -223,13 +223,13 @@ class Hub:
 
     async def stop(self) -> None:
         """Let go of the feed, once what it holds is written."""
-        await asyncio.to_thread(self._pump.stop)
+        await asyncio.to_thread(self._feed_thread.stop)
 
     def take(self, event: Event) -> None:
         """Take one event into the session, and tell all pages what follows from it."""
         before = self.session
-        self.session, told = step(self.session, event)
-        for message in told:
+        self.session, replies = step(self.session, event)
+        for message in replies:
             if isinstance(message, FitMessage):
                 self.fit_message = message
             else:
@@ -266,15 +266,15 @@ class Hub:
         async with self._finishing:
             session = self.session
             path = None if session.unrecorded else self.supply.path
-            kept = self._final
-            if kept is None or kept.key != session.shown.key:
-                kept = await asyncio.to_thread(finished, session, path, self.supply.reading)
-                self._final = kept
-        return kept
+            final = self._final
+            if final is None or final.key != session.shown.key:
+                final = await asyncio.to_thread(finished, session, path, self.supply.reading)
+                self._final = final
+        return final
 
     async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
         """Do something on the thread of the feed."""
-        return await asyncio.wrap_future(self._pump.do(job))
+        return await asyncio.wrap_future(self._feed_thread.do(job))
 
     async def _something(self) -> None:
         """Wait until something has come, or for so long that time itself may have something to say."""
@@ -286,13 +286,13 @@ class Hub:
     def _take(self) -> None:
         """Take what the sensor gave: readings that came together as one event."""
         rows: list[list[Reading]] = []
-        for found in self._pump.taken():
-            if isinstance(found, FeedEvent):
+        for received in self._feed_thread.taken():
+            if isinstance(received, FeedEvent):
                 self._arrive(rows)
                 rows = []
-                self._note(found)
+                self._note(received)
             else:
-                rows.append(found)
+                rows.append(received)
         self._arrive(rows)
         self.take(Ticked(self.now))
         if (why := self.supply.unrecorded()) != self.session.unrecorded:
@@ -325,7 +325,7 @@ class Hub:
             return
         self._edits = edits
         if sink is not None:
-            self._pump.do(lambda: sink.write(edits.line()))
+            self._feed_thread.do(lambda: sink.write(edits.line()))
 
     def _fit_if_due(self) -> None:
         """Begin a fit in a thread of its own, where one is due."""
@@ -337,8 +337,8 @@ class Hub:
         task.add_done_callback(self._fits.discard)
 
     async def _fit(self, session: Session) -> None:
-        found, seconds = await asyncio.to_thread(_timed, session)
-        self.take(FitDone(self.now, found, seconds))
+        evaluated, seconds = await asyncio.to_thread(_timed, session)
+        self.take(FitDone(self.now, evaluated, seconds))
 
     def _wake_pages(self) -> None:
         for page in self.pages:
@@ -371,7 +371,7 @@ class Guard:
             origin=headers.get("origin"),
             needs_origin=is_socket or scope.get("method") not in ("GET", "HEAD"),
         )
-        answer = None if refusal is None else _told(refusal, 403)
+        answer = None if refusal is None else _answer(refusal, 403)
         if answer is None and self._tokens is not None:
             answer = self._without_cookie(scope, headers)
         if answer is None and is_socket:
@@ -391,7 +391,7 @@ class Guard:
             return
         except asyncio.CancelledError:
             with contextlib.suppress(Exception):
-                await _told("flinders live has been stopped", 503)(scope, receive, send)
+                await _answer("flinders live has been stopped", 503)(scope, receive, send)
 
     def _without_cookie(self, scope: Scope, headers: Headers) -> Response | None:
         """What a browser without a cookie gets: one for a token, or a refusal."""
@@ -400,7 +400,7 @@ class Guard:
         shown = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
         cookie = self._tokens.redeem(shown) if shown and scope["type"] == "http" and scope["path"] == "/" else None
         if cookie is None:
-            return _told("open the address that flinders live prints, with its token; each works once", 401)
+            return _answer("open the address that flinders live prints, with its token; each works once", 401)
         self._say(f"for another browser: http://HOST:{self._gate.port}/?token={self._tokens.current}")
         return Response(status_code=303, headers={"Location": "/", "Set-Cookie": set_cookie(self._gate.port, cookie)})
 
@@ -424,7 +424,7 @@ async def _refuse_socket(receive: Receive, send: Send) -> None:
     await send({"type": "websocket.close", "code": 1008})
 
 
-def _told(words: str, status: int) -> Response:
+def _answer(words: str, status: int) -> Response:
     return JSONResponse({"words": words}, status_code=status)
 
 
@@ -475,7 +475,7 @@ def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callabl
 
 
 async def _on_error(_: Request, error: Exception) -> Response:
-    return _refused(error) if isinstance(error, FlindersError) else _told(str(error), 500)
+    return _refused(error) if isinstance(error, FlindersError) else _answer(str(error), 500)
 
 
 async def _index(_: Request) -> Response:
@@ -491,7 +491,7 @@ def _script(request: Request) -> Response:
     try:
         return Response(_joined(entry), media_type="text/javascript; charset=utf-8")
     except FileNotFoundError:
-        return _told(f"{entry} is missing from this installation", 404)
+        return _answer(f"{entry} is missing from this installation", 404)
 
 
 @functools.cache
@@ -504,17 +504,18 @@ async def _calibration(request: Request) -> Response:
     from flinders.core.calibration_file import dumps
 
     hub: Hub = request.app.state.hub
-    found = await hub.final()
-    return _download(dumps(found.fit.to_document(_provenance(found))).encode(), "calibration.json", "application/json")
+    finished = await hub.final()
+    content = dumps(finished.fit.to_document(_provenance(finished)))
+    return _download(content.encode(), "calibration.json", "application/json")
 
 
 async def _recording(request: Request) -> Response:
     """The file of the session, as it is."""
     hub: Hub = request.app.state.hub
     if hub.session.opened is not None:
-        return _told("a log is shown, which you have already: go back to live to save the session", 409)
+        return _answer("a log is shown, which you have already: go back to live to save the session", 409)
     if hub.supply.path is None or not hub.supply.path.exists():
-        return _told("nothing has been recorded yet", 404)
+        return _answer("nothing has been recorded yet", 404)
     return FileResponse(hub.supply.path, media_type="text/csv", filename=hub.supply.path.name)
 
 
@@ -523,18 +524,18 @@ async def _report(request: Request) -> Response:
     from flinders.report.html import page
 
     hub: Hub = request.app.state.hub
-    found = await hub.final()
-    if isinstance(found.outcome, FlindersError) and not isinstance(found.outcome, FitError):
-        raise found.outcome
-    text = await asyncio.to_thread(page, found.outcome, found.recording, provenance=_provenance(found))
+    finished = await hub.final()
+    if isinstance(finished.outcome, FlindersError) and not isinstance(finished.outcome, FitError):
+        raise finished.outcome
+    text = await asyncio.to_thread(page, finished.outcome, finished.recording, provenance=_provenance(finished))
     return _download(text.encode(), "report.html", "text/html; charset=utf-8")
 
 
-def _provenance(found: Finished) -> Provenance:
+def _provenance(finished: Finished) -> Provenance:
     """Which release made a calibration, when, of which file."""
     from flinders.core.calibration_file import Provenance
 
-    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=found.files)
+    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=finished.files)
 
 
 async def _export(request: Request) -> Response:
@@ -545,10 +546,10 @@ async def _export(request: Request) -> Response:
     try:
         row = find(request.path_params["target"])
     except UsageError as error:
-        return _told(str(error), 404)
+        return _answer(str(error), 404)
     is_preview = "application/json" in request.headers.get("accept", "")
-    found = await hub.final()
-    calibration, about = found.fit.calibration, found.about
+    finished = await hub.final()
+    calibration, about = finished.fit.calibration, finished.about
     try:
         export = await asyncio.to_thread(row.render, calibration, about=about)
     except FlindersError as error:
@@ -559,7 +560,7 @@ async def _export(request: Request) -> Response:
     content = export.text.encode() if export.data is None else export.data
     if is_preview:
         binary = None if export.data is None else base64.b64encode(export.data).decode()
-        fields = {"text": export.text, "filename": filename, "warnings": [*export.warnings, *found.limits]}
+        fields = {"text": export.text, "filename": filename, "warnings": [*export.warnings, *finished.limits]}
         return JSONResponse({**fields, "checked": export.checked, "binary_base64": binary})
     kind = "text/plain; charset=utf-8" if export.data is None else "application/octet-stream"
     return _download(content, filename, kind)
@@ -579,7 +580,7 @@ async def _open(request: Request) -> Response:
         path = Path(folder) / f"dropped-{secrets.token_hex(4)}"
         received = await _saved(request, path)
         if received is None:
-            return _told(f"{name} is larger than {UPLOAD_BYTES >> 20} MB: calibrate it with flinders calibrate", 413)
+            return _answer(f"{name} is larger than {UPLOAD_BYTES >> 20} MB: calibrate it with flinders calibrate", 413)
         try:
             series, words, _ = await asyncio.to_thread(load, path, name)
         except FlindersError as error:
@@ -621,7 +622,7 @@ async def _previous(request: Request) -> Response:
     async for chunk in request.stream():
         content += chunk
         if len(content) > CALIBRATION_BYTES:
-            return _told(f"{name} is larger than {CALIBRATION_BYTES >> 20} MB: that is no calibration file", 413)
+            return _answer(f"{name} is larger than {CALIBRATION_BYTES >> 20} MB: that is no calibration file", 413)
     try:
         judged = Judged.from_document(loads(content, source=name), name=name)
     except DocumentError as error:
@@ -642,11 +643,11 @@ async def _send(request: Request) -> Response:
             "this source takes no calibration: save it and use flinders send, or paste what the export shows"
         )
     _refuse_a_log(hub.session)
-    found = await hub.final()
+    finished = await hub.final()
     _refuse_a_log(hub.session)
-    if found.key < hub.session.live.since:
-        return _told("the session was begun anew meanwhile: look at the new calibration, and send that", 409)
-    packet = Packet.of(found.fit.calibration)
+    if finished.key < hub.session.live.since:
+        return _answer("the session was begun anew meanwhile: look at the new calibration, and send that", 409)
+    packet = Packet.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
 
@@ -743,15 +744,15 @@ def listening(host: str, port: int) -> socket.socket:
         Where it is taken, or the address is not one of this machine.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    found = socket.socket(family, socket.SOCK_STREAM)
+    listener = socket.socket(family, socket.SOCK_STREAM)
     try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind((host.strip("[]"), port))
-        found.listen()
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host.strip("[]"), port))
+        listener.listen()
     except (OSError, OverflowError) as error:
-        found.close()
+        listener.close()
         raise LinkError(_why_not(host, port, error)) from None
-    return found
+    return listener
 
 
 def _why_not(host: str, port: int, error: Exception) -> str:

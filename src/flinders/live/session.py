@@ -1,24 +1,24 @@
-"""A live session: readings and wishes in, what a page shows out; a pure reducer.
+"""A live session: a pure reducer of readings and of a person's commands.
 
-`step` takes a session and an event to the next session and what is to be told. It knows no clock, no socket and no
-thread: each event says when it was, and a recorded list of events is a test and a demo.
+`step` makes of a session and an event the next session and the messages for its pages. It knows no clock, socket or
+thread: each event carries its time, so that a recorded list of events is a test and a demo.
 
 >>> from flinders import simulate
 >>> from flinders.live.buffer import rows_of
 >>> from flinders.live.evaluation import evaluate
 >>> from flinders.live.page_state import session_state
 >>> rows = rows_of(simulate.tumble(seed=1).samples)
->>> session, told = step(Session(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
+>>> session, replies = step(Session(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
 >>> wants_fit(session, at=60.0)
 True
 >>> session = begin_fit(session)
->>> session, told = step(session, FitDone(at=60.1, evaluated=evaluate(snapshot(session)), seconds=0.01))
+>>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(snapshot(session)), seconds=0.01))
 >>> session_state(session).phase, session_state(session).words
 ('collecting', 'Almost: the worst heading error to expect is 0.066° (1 σ), the target 1°; hold on a little.')
->>> session, told = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
+>>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
 >>> session_state(session).phase, session_state(session).words
 ('good', 'Good: the worst heading error to expect is 0.066° (1 σ), the target 1°.')
->>> session, told = step(session, Requested(at=61.0, command=Exclude(start_s=0.0, end_s=30.0)))
+>>> session, replies = step(session, Requested(at=61.0, command=Exclude(start_s=0.0, end_s=30.0)))
 >>> session_state(session).excluded_readings, session_state(session).can_undo
 (1501, True)
 
@@ -82,12 +82,12 @@ SURE_S: Final = 1.0
 NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
 
 Reply = FitMessage | Notice
-"""What a step tells all pages, beside the state."""
+"""Messages of a step to all pages; the state is sent apart from them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """What is fitted.
+    """Input of a fit.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """What follows from a snapshot.
+    """Result of a fit, and what a page shows of it.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Linked:
 
 @dataclass(frozen=True, slots=True)
 class Announced:
-    """Something that all pages are told once."""
+    """A notice for all pages."""
 
     at: float
     severity: Literal["info", "warning", "error"]
@@ -225,7 +225,7 @@ Event = Arrived | Linked | Announced | Unrecorded | Requested | FitDone | Opened
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """Readings that are looked at as one: what the sensor gives, or a log.
+    """Readings that are fitted together: those of the sensor, or of a log.
 
     Attributes
     ----------
@@ -265,7 +265,7 @@ class Series:
 
     @property
     def excluded(self) -> tuple[Span, ...]:
-        """What is taken out, the pause that is going on included."""
+        """Excluded intervals, with the present pause."""
         spans = self.exclusions.spans
         if self.paused_at is None or self.buffer.seconds < self.paused_at:
             return spans
@@ -274,7 +274,7 @@ class Series:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """All that the server knows, but for its sockets.
+    """State of the server, without its sockets.
 
     Attributes
     ----------
@@ -283,7 +283,7 @@ class Session:
     opened : Series, optional
         Shown in its place, and by what name.
     target_deg, dip_deg, goal
-        What the calibration is held against.
+        What the calibration is compared with.
     previous : Judged, optional
     recording : str
     unrecorded : str
@@ -325,12 +325,12 @@ class Session:
 
     @property
     def shown(self) -> Series:
-        """What pages see, and commands act on."""
+        """The series that pages show and commands act on."""
         return self.live if self.opened is None else self.opened
 
     @property
     def view(self) -> View | None:
-        """The newest fit of that."""
+        """Its newest fit."""
         return None if self.shown.evaluated is None else self.shown.evaluated.view
 
 
@@ -347,25 +347,25 @@ def _changed(session: Session, **changes: object) -> Session:
 
 
 def _with_shown(session: Session, series: Series) -> Session:
-    """Put what is shown anew in its place."""
+    """Replace the series that is shown."""
     return _changed(session, **{"live" if session.opened is None else "opened": series})
 
 
 def _refit(session: Session, *, soon: bool = True) -> Session:
-    """Mark what is shown as changed, so that it is fitted again; what a person asked for, soon."""
+    """Mark the shown series as changed, so that it is fitted again; soon where a person asked for it."""
     keys = session.keys + 1
     session = replace(session, keys=keys, due_at=min(session.due_at, session.at) if soon else session.due_at)
     return _with_shown(session, replace(session.shown, key=keys))
 
 
 def _alone(session: Session) -> Session:
-    """Fit what is shown anew, and take no fit for it that was begun before."""
+    """Fit the shown series anew, and accept no fit that was begun before."""
     session = _refit(session)
     return _with_shown(session, replace(session.shown, since=session.keys))
 
 
 def _arrived(session: Session, event: Arrived) -> Stepped:
-    """Add readings to what the sensor gives; also while a log is shown."""
+    """Add readings to those of the sensor; also while a log is shown."""
     if not len(event.rows):
         return session, []
     live = session.live
@@ -396,8 +396,8 @@ def _said(session: Session, event: Announced) -> Stepped:
 
 def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
     """Say that the recording has a hole, or goes on."""
-    told = Notice("error", event.words) if event.words else Notice("info", "what arrives is recorded again")
-    return _changed(session, unrecorded=event.words), [told]
+    notice = Notice("error", event.words) if event.words else Notice("info", "what arrives is recorded again")
+    return _changed(session, unrecorded=event.words), [notice]
 
 
 def _got_previous(session: Session, event: GotPrevious) -> Stepped:
@@ -409,12 +409,12 @@ def _ticked(session: Session, _: Ticked) -> Stepped:
 
 
 def _asked(session: Session, event: Requested) -> Stepped:
-    """Do what a page asks for; what changes nothing is no step."""
+    """Carry out a command of a page; one that changes nothing is no step."""
     return _ANSWERS[type(event.command)](session, event.command)
 
 
-def _held_against(session: Session, **wish: object) -> Stepped:
-    """Hold the calibration against something else: a target, a dip, a goal, another calibration."""
+def _with_goal(session: Session, **wish: object) -> Stepped:
+    """Change what the calibration is compared with: target, dip, goal or another calibration."""
     ((name, value),) = wish.items()
     if getattr(session, name) == value:
         return session, []
@@ -423,7 +423,7 @@ def _held_against(session: Session, **wish: object) -> Stepped:
 
 
 def _edited(session: Session, edit: Callable[[Exclusions], Exclusions]) -> Stepped:
-    """Take out or put back; nothing happens where that is as it was."""
+    """Change the exclusions; without a difference it is no step."""
     exclusions = edit(session.shown.exclusions)
     if exclusions == session.shown.exclusions:
         return session, []
@@ -431,7 +431,7 @@ def _edited(session: Session, edit: Callable[[Exclusions], Exclusions]) -> Stepp
 
 
 def _excluded(session: Session, start: float, end: float) -> Stepped:
-    """Take a stretch out, as far as there is one: what is still to come is never taken out."""
+    """Exclude an interval, as far as readings have come: later ones are never excluded."""
     buffer = session.shown.buffer
     if not buffer.total:
         return session, []
@@ -442,7 +442,7 @@ def _excluded(session: Session, start: float, end: float) -> Stepped:
 
 
 def _paused(session: Session, *, paused: bool) -> Stepped:
-    """Leave out what arrives from now on, or no longer: a pause is an exclusion that can be undone."""
+    """Exclude new readings from now on, or no longer: a pause is an exclusion that can be undone."""
     live = session.live
     if session.opened is not None:
         return session, [Notice("warning", "a log is shown, and nothing arrives in it: go back to live first")]
@@ -458,7 +458,7 @@ def _paused(session: Session, *, paused: bool) -> Stepped:
 
 
 def _cleared(session: Session) -> Stepped:
-    """Begin anew with nothing."""
+    """Begin anew without readings."""
     if session.opened is not None:
         return session, [Notice("warning", "a log is shown, which cannot be begun anew: go back to live first")]
     old = session.live
@@ -496,7 +496,7 @@ def _opened(session: Session, event: Opened) -> Stepped:
 
 
 def _fitted(session: Session, event: FitDone) -> Stepped:
-    """Keep a fit, unless what is shown is no longer what it was made of."""
+    """Take a fit over, unless it is of another series than the shown one."""
     session = replace(session, is_fitting=False, due_at=event.at + max(event.seconds / SHARE, FASTEST_S))
     shown, key = session.shown, event.evaluated.key
     newest = -1 if shown.evaluated is None else shown.evaluated.key
@@ -520,10 +520,10 @@ _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Ticked: _ticked,
 }
 _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
-    SetTarget: lambda session, asked: _held_against(session, target_deg=asked.deg),
-    SetDip: lambda session, asked: _held_against(session, dip_deg=asked.deg),
-    SetGoal: lambda session, asked: _held_against(session, goal=asked.goal),
-    PreviousClear: lambda session, _: _held_against(session, previous=None),
+    SetTarget: lambda session, asked: _with_goal(session, target_deg=asked.deg),
+    SetDip: lambda session, asked: _with_goal(session, dip_deg=asked.deg),
+    SetGoal: lambda session, asked: _with_goal(session, goal=asked.goal),
+    PreviousClear: lambda session, _: _with_goal(session, previous=None),
     Exclude: lambda session, asked: _excluded(session, asked.start_s, asked.end_s),
     Restore: lambda session, asked: _edited(
         session, lambda exclusions: exclusions.restoring((asked.start_s, asked.end_s))
@@ -556,7 +556,7 @@ def snapshot(session: Session, most: int | None = FITTED) -> Snapshot:
     ----------
     session : Session
     most : int, optional
-        Readings, at most; None for all that are held.
+        Readings, at most; None for all in memory.
     """
     shown = session.shown
     used = np.flatnonzero(~shown.buffer.within(shown.excluded))
@@ -589,30 +589,30 @@ def _frame(series: Series) -> Frame:
     return "vehicle" if series.frame == "vehicle" or not series.axes.is_identity else "sensor"
 
 
-def is_usable(found: Evaluated | None) -> bool:
+def is_usable(evaluated: Evaluated | None) -> bool:
     """Whether a fit gives a calibration."""
-    return found is not None and found.fit is not None and found.fit.verdict != "refused"
+    return evaluated is not None and evaluated.fit is not None and evaluated.fit.verdict != "refused"
 
 
 def worst_deg(session: Session, view: View) -> float | None:
-    """The error that is held against the target; None where it is not known."""
+    """The error that is compared with the target; None where it is not known."""
     error = view.heading_error_deg
     if error is None or view.guidance is None:
         return None
     return error.worst if session.goal == "heading" else max(error.worst, view.guidance.worst_deg)
 
 
-def _is_within(session: Session, found: Evaluated) -> bool:
+def _is_within(session: Session, evaluated: Evaluated) -> bool:
     """Whether a fit says that the target is reached, and nothing that speaks against it."""
-    worst = None if found.view is None else worst_deg(session, found.view)
-    is_clean = all(reason.severity != "warning" for reason in found.reasons)
-    return worst is not None and worst <= session.target_deg and is_clean and is_usable(found)
+    worst = None if evaluated.view is None else worst_deg(session, evaluated.view)
+    is_clean = all(reason.severity != "warning" for reason in evaluated.reasons)
+    return worst is not None and worst <= session.target_deg and is_clean and is_usable(evaluated)
 
 
 def replayed(events: Sequence[Event], session: Session) -> tuple[Session, list[Reply]]:
     """Take a list of events in, one after the other."""
-    told: list[Reply] = []
+    replies: list[Reply] = []
     for event in events:
         session, more = step(session, event)
-        told += more
-    return session, told
+        replies += more
+    return session, replies

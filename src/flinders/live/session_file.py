@@ -77,14 +77,14 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def within(cls, lines: Iterable[str]) -> Edits:
         """What the last such comment says; one that a crash has cut is passed over."""
-        found = cls()
+        edits = cls()
         for line in lines:
             if line.startswith(SIGN):
                 try:
-                    found = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
+                    edits = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
                 except msgspec.DecodeError:
                     continue
-        return found
+        return edits
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Edits:
@@ -123,11 +123,11 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
             f"{folder}: cannot be made: {reason(error)}; give the recording another place with --output"
         ) from None
     name = now.astimezone().strftime("%Y-%m-%d %H-%M-%S").replace(" ", "_")
-    found = path / f"{name}.csv"
+    file = path / f"{name}.csv"
     again = 2
-    while found.exists():
-        found, again = path / f"{name}_{again}.csv", again + 1
-    return found
+    while file.exists():
+        file, again = path / f"{name}_{again}.csv", again + 1
+    return file
 
 
 @dataclass(slots=True, eq=False)

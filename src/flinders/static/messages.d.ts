@@ -40,7 +40,7 @@ export interface PreviousState {
   words: string;
 }
 
-/** All that a page shows beside the fit and the points. */
+/** What a page shows, without the fit and the points. */
 export interface SessionState {
   type: "state";
   revision: number;
