@@ -16,7 +16,7 @@ from flinders.errors import UsageError
 from flinders.live.buffer import SHOWN, ReadingBuffer, Timeline, rows_of, stride_for
 from flinders.live.evaluation import evaluate
 from flinders.live.exclusions import Exclusions
-from flinders.live.messages import Clear, Exclude, Pause, Redo, Restore, SetTarget, Undo, parse
+from flinders.live.messages import Clear, Exclude, FitMessage, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
 from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (
     SHARE,
@@ -28,7 +28,6 @@ from flinders.live.session import (
     Requested,
     Session,
     begin_fit,
-    replayed,
     snapshot,
     step,
     wants_fit,
@@ -49,6 +48,15 @@ edits = st.one_of(
 
 def arriving(places: list[int]) -> list[Event]:
     return [Arrived(ROWS[b - 1, 0], ROWS[a:b], UT) for a, b in itertools.pairwise(places) if b > a]
+
+
+def replayed(events: list[Event], session: Session) -> tuple[Session, list[FitMessage | Notice]]:
+    """Take a list of events in, one after the other."""
+    replies: list[FitMessage | Notice] = []
+    for event in events:
+        session, more = step(session, event)
+        replies += more
+    return session, replies
 
 
 def fitted(session: Session) -> str:

@@ -57,7 +57,7 @@ from flinders.live.messages import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
@@ -607,12 +607,3 @@ def _is_within(session: Session, evaluated: Evaluated) -> bool:
     worst = None if evaluated.view is None else worst_deg(session, evaluated.view)
     is_clean = all(reason.severity != "warning" for reason in evaluated.reasons)
     return worst is not None and worst <= session.target_deg and is_clean and is_usable(evaluated)
-
-
-def replayed(events: Sequence[Event], session: Session) -> tuple[Session, list[Reply]]:
-    """Take a list of events in, one after the other."""
-    replies: list[Reply] = []
-    for event in events:
-        session, more = step(session, event)
-        replies += more
-    return session, replies

@@ -177,9 +177,9 @@ function drawPhase(state) {
     setIcon(title, ICONS[state.phase]);
     const strong = title.querySelector("strong");
     const phase = PHASES[state.phase] ?? state.phase;
-    const told = state.paused ? "Paused" : phase;
-    const words = told === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
-    if (strong) setText(strong, told);
+    const phaseTitle = state.paused ? "Paused" : phase;
+    const words = phaseTitle === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
+    if (strong) setText(strong, phaseTitle);
     setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : words);
     const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
     setList(byId("reasons", HTMLElement), others, (reason) => {
@@ -187,7 +187,7 @@ function drawPhase(state) {
         row.dataset.severity = reason.severity;
         return row;
     });
-    say("phase", `${told}. ${words}`); // all of it: nothing that is wrong is said twice
+    say("phase", `${phaseTitle}. ${words}`); // all of it: nothing that is wrong is said twice
 }
 
 /**
@@ -444,9 +444,9 @@ function setField(id, value) {
  * Send a number when it has been typed; what cannot be used goes back to what holds.
  * @param {string} id
  * @param {(value: number) => ToServer} message
- * @param {() => number | undefined} held
+ * @param {() => number | undefined} current
  */
-function onNumber(id, message, held) {
+function onNumber(id, message, current) {
     const field = byId(id, HTMLInputElement);
     field.addEventListener("change", () => {
         if (field.value !== "" && field.checkValidity()) {
@@ -454,7 +454,7 @@ function onNumber(id, message, held) {
             return;
         }
         notify("warning", `${field.value || "Nothing"} cannot be used here: need a number from ${field.min} to ${field.max}.`);
-        const value = held();
+        const value = current();
         if (value !== undefined) field.value = String(value);
     });
     field.addEventListener("keydown", (event) => {

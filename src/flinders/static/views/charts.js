@@ -71,17 +71,17 @@ export const EXCLUDED = 2;
  * @returns {Uint8Array}
  */
 export function marks(points, rejected, excluded) {
-    const found = new Uint8Array(points.count);
+    const kinds = new Uint8Array(points.count);
     for (const [first, last] of rejected) {
         const end = Math.min(Math.floor(last / points.stride), points.count - 1);
-        for (let j = Math.ceil(first / points.stride); j <= end; j++) found[j] = REJECTED;
+        for (let j = Math.ceil(first / points.stride); j <= end; j++) kinds[j] = REJECTED;
     }
     for (const [start, end] of excluded) {
         for (let j = 0; j < points.count; j++) {
-            if (points.time[j] >= start && points.time[j] <= end) found[j] = EXCLUDED;
+            if (points.time[j] >= start && points.time[j] <= end) kinds[j] = EXCLUDED;
         }
     }
-    return found;
+    return kinds;
 }
 
 /** A chart in its host: keeps its panel, and draws again when the size changes. */

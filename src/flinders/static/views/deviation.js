@@ -32,7 +32,7 @@ function drawDeviation(panel, view, target) {
     if (!turn) return nothing(panel, "after the first fit");
     const closed = (/** @type {readonly (number | null)[]} */ values) => [...values, values[0]];
     const headings = [...turn.heading_deg, 360];
-    const upper = lane(panel, { top: 0.3 * panel.em, bottom: middle - 0.9 * panel.em, left, right }, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
+    const upper = degreeAxis(panel, { top: 0.3 * panel.em, bottom: middle - 0.9 * panel.em, left, right }, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
     const raw = closed(turn.before_deg).flatMap((value, i, all) => {
         const wraps = i > 0 && Math.abs((value ?? 0) - (all[i - 1] ?? 0)) > 180;
         const point = /** @type {const} */ ([toX(headings[i]), upper(value ?? NaN)]);
@@ -42,7 +42,7 @@ function drawDeviation(panel, view, target) {
     const top = Math.max(worst, target ?? 0);
     const end = roundUp(1.2 * (Number.isFinite(top) && top > 0 ? top : 1));
     const marked = target && target > 0.4 * end ? [target, end] : [end];
-    const lower = lane(panel, { top: middle, bottom, left, right }, marked, false);
+    const lower = degreeAxis(panel, { top: middle, bottom, left, right }, marked, false);
     const left_open = closed(turn.sigma_deg ?? []).map(
         (value, i) => /** @type {const} */ ([toX(headings[i]), lower(value ?? NaN)]),
     );
@@ -86,7 +86,7 @@ function places(panel, { left, right }, lines, words) {
  * @param {boolean} both
  * @returns {(deg: number) => number} Where a number of degrees lies.
  */
-function lane(panel, box, marked, both) {
+function degreeAxis(panel, box, marked, both) {
     const end = marked[marked.length - 1];
     const low = both ? -end : 0;
     const toY = (/** @type {number} */ value) => box.bottom - ((box.bottom - box.top) * (value - low)) / (end - low);

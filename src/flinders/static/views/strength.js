@@ -109,11 +109,11 @@ function hatch(x, width, top, bottom, step) {
  * @returns {Float32Array}
  */
 function lengths(points, shown) {
-    const found = new Float32Array(points.count);
+    const norms = new Float32Array(points.count);
     const { field } = points;
     for (let j = 0, i = 0; j < points.count; j++, i += 3) {
         if (!shown) {
-            found[j] = Math.sqrt(field[i] ** 2 + field[i + 1] ** 2 + field[i + 2] ** 2);
+            norms[j] = Math.sqrt(field[i] ** 2 + field[i + 1] ** 2 + field[i + 2] ** 2);
             continue;
         }
         const [x, y, z] = [field[i] - shown.offset[0], field[i + 1] - shown.offset[1], field[i + 2] - shown.offset[2]];
@@ -121,9 +121,9 @@ function lengths(points, shown) {
         const a = r[0] * x + r[1] * y + r[2] * z;
         const b = s[0] * x + s[1] * y + s[2] * z;
         const c = t[0] * x + t[1] * y + t[2] * z;
-        found[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is many times slower
+        norms[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is many times slower
     }
-    return found;
+    return norms;
 }
 
 /**
@@ -186,9 +186,9 @@ function minuteTicks({ low, high }, most) {
     const steps = [1, 2, 5, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
     const width = high - low;
     const step = steps.find((seconds) => width / seconds <= most) ?? 86400 * Math.ceil(width / 86400 / most);
-    const found = [];
-    for (let t = Math.ceil(low / step) * step; t <= high; t += step) found.push(t);
-    return found;
+    const times = [];
+    for (let t = Math.ceil(low / step) * step; t <= high; t += step) times.push(t);
+    return times;
 }
 
 /**
