@@ -30,7 +30,7 @@ from flinders.fitting.result import Refused
 from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
-from flinders.live.way import believe
+from flinders.live.guidance import believe
 from flinders.simulate import Sensor
 from flinders.simulate.angle_error import best_rotation
 from flinders.simulate.rotations import north_and_down, seen_from, turns

@@ -7,7 +7,8 @@ Counts are of the distinct files of `flinders` in which a traced run enters a fu
 imported does not count.
 
 reading     from a CSV file to the exported header: ``calibrate`` and ``export --to arduino``
-line        from a line of a serial port to what the page is told: the transcript, the session, a fit, a message
+line        from a line of a serial port to what the page is told: the transcript, the session, a message
+live fit    from the readings of a session to the view that its pages draw
 row group   from a row group of a Parquet file to a row of the table: ``fleet``
 """
 
@@ -81,32 +82,35 @@ def a_row_group(folder: Path) -> None:
 
 
 def a_line(_: Path) -> None:
-    """From a line of a serial port to what the page is told: all but the port and the socket."""
-    field = simulate.tumble(seed=1, n=600).samples.field
-    _live([f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n" for x, y, z in field.tolist()])
-
-
-def _live(lines: list[str]) -> None:
-    """Take lines in, fit, and write the messages."""
+    """From a line of a serial port to what the page is told: all but the port, the socket and the fit."""
     from flinders.core.axes import Axes
     from flinders.core.units import Unit
-    from flinders.live.evaluation import evaluate
+    from flinders.live.buffer import Timeline, rows_of_readings
     from flinders.live.messages import encode
-    from flinders.live.server import rows_of_readings
-    from flinders.live.session import Arrived, Fitted, Session, begin_fit, snapshot, state, step
-    from flinders.live.track import Clock
+    from flinders.live.page_state import session_state
+    from flinders.live.session import Arrived, Evaluated, FitDone, Session, begin_fit, snapshot, step
     from flinders.live.transcript import Transcript
 
-    transcript, session, clock = Transcript("the board"), Session(), Clock()
-    for number, line in enumerate(lines):
+    field = simulate.tumble(seed=1, n=600).samples.field
+    transcript, session, timeline = Transcript("the board"), Session(), Timeline()
+    for number, (x, y, z) in enumerate(field.tolist()):
+        line = f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n"
         taken = transcript.take(line.encode(), at=0.1 * number)
         if taken.readings:
-            rows, clock = rows_of_readings(list(taken.readings), Axes(), clock)
-            session, _ = step(session, Arrived(0.1 * number, rows, Unit.of("uT")))
+            rows, timeline = rows_of_readings(list(taken.readings), Axes(), timeline)
+            session = step(session, Arrived(0.1 * number, rows, Unit.of("uT")))[0]
     session = begin_fit(session)
-    session, messages = step(session, Fitted(60.0, evaluate(snapshot(session)), 0.01))
-    for message in (*messages, state(session)):
+    session, messages = step(session, FitDone(60.0, Evaluated(key=snapshot(session).key), 0.01))
+    for message in (*messages, session_state(session)):
         encode(message)
+
+
+def a_live_fit(_: Path) -> None:
+    """From the readings of a session to the view of their fit."""
+    from flinders.live.evaluation import evaluate
+    from flinders.live.session import Snapshot
+
+    evaluate(Snapshot(key=1, samples=simulate.tumble(seed=1, n=600).samples, is_followed=True))
 
 
 def _command(*words: str) -> None:
@@ -121,7 +125,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--list", action="store_true", help="also list the files")
     asked = parser.parse_args()
-    walks = {"a reading, to the header": a_reading, "a line, to the page": a_line, "a row group": a_row_group}
+    walks = {
+        "a reading, to the header": a_reading,
+        "a line, to the page": a_line,
+        "a live fit, to its view": a_live_fit,
+        "a row group": a_row_group,
+    }
     for name, walk in walks.items():
         files = entered(walk)
         print(f"{name:<26} {len(files):>3} files")

@@ -21,7 +21,7 @@ import flinders
 from flinders import simulate
 from flinders.live.recorder import Recorder
 from flinders.live.sinks import ToFile
-from flinders.live.sources import Serial
+from flinders.live.transports import Serial
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -120,7 +120,7 @@ def test_a_recording_and_the_live_page_give_the_same_numbers(
         sender.start()
         live = []
         until = time.monotonic() + PATIENCE_S
-        while recorder.told.readings < len(numbers) and time.monotonic() < until:
+        while recorder.statistics.readings < len(numbers) and time.monotonic() < until:
             found = recorder.next(0.1)
             live += found if isinstance(found, list) else []
         recorder.close()

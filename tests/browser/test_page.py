@@ -478,7 +478,7 @@ def test_a_phone_keeps_advice_and_finish_in_sight_beside_each_other(visitor: Vis
 def test_a_phone_gives_each_view_its_room_and_scrolls_down(visitor: Visitor) -> None:
     page = done(visitor.page(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True))
     assert page.evaluate("document.documentElement.scrollHeight") > 740
-    for panel in ("stage", "strength", "projections", "deviation", "histogram", "dial"):
+    for panel in ("stage", "strength", "projections", "deviation", "residuals", "heading"):
         box = page.locator(f"#{panel}").bounding_box()
         assert box is not None
         assert box["width"] > 250, panel

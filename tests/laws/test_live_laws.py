@@ -13,29 +13,25 @@ from hypothesis import strategies as st
 from flinders import simulate
 from flinders.core.units import Unit
 from flinders.errors import UsageError
+from flinders.live.buffer import SHOWN, ReadingBuffer, Timeline, rows_of, stride_for
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import Clear, Exclude, Pause, Redo, Restore, Target, Undo, parse
+from flinders.live.exclusions import Exclusions
+from flinders.live.messages import Clear, Exclude, FitMessage, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
+from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (
     SHARE,
     Arrived,
-    Asked,
-    Cursor,
+    Evaluated,
     Event,
-    Fitted,
+    FitDone,
     Linked,
+    Requested,
     Session,
     begin_fit,
-    points,
-    replayed,
-    rows_of,
     snapshot,
-    state,
     step,
     wants_fit,
 )
-from flinders.live.snapshot import Evaluated
-from flinders.live.spans import History
-from flinders.live.track import SHOWN, Clock, Track, stride_for
 
 UT = Unit.of("uT")
 ROWS = rows_of(simulate.tumble(seed=1, n=600).samples)
@@ -52,6 +48,15 @@ edits = st.one_of(
 
 def arriving(places: list[int]) -> list[Event]:
     return [Arrived(ROWS[b - 1, 0], ROWS[a:b], UT) for a, b in itertools.pairwise(places) if b > a]
+
+
+def replayed(events: list[Event], session: Session) -> tuple[Session, list[FitMessage | Notice]]:
+    """Take a list of events in, one after the other."""
+    replies: list[FitMessage | Notice] = []
+    for event in events:
+        session, more = step(session, event)
+        replies += more
+    return session, replies
 
 
 def fitted(session: Session) -> str:
@@ -71,39 +76,39 @@ def test_any_split_of_the_readings_gives_the_same_fit(places: list[int]) -> None
 @settings(max_examples=50)
 @given(st.lists(edits, max_size=10), spans)
 def test_exclude_and_undo_is_as_if_nothing_had_happened(before: list[Exclude], span: tuple[float, float]) -> None:
-    session, _ = replayed([*arriving([0, 600]), *(Asked(60.0, one) for one in before)], Session())
-    taken, _ = step(session, Asked(61.0, Exclude(*span)))
-    assume(taken.shown.history != session.shown.history)
-    later, _ = step(taken, Asked(62.0, Undo()))
+    session, _ = replayed([*arriving([0, 600]), *(Requested(60.0, one) for one in before)], Session())
+    taken, _ = step(session, Requested(61.0, Exclude(*span)))
+    assume(taken.shown.exclusions != session.shown.exclusions)
+    later, _ = step(taken, Requested(62.0, Undo()))
     npt.assert_array_equal(snapshot(later).samples.field, snapshot(session).samples.field)
-    assert state(later).excluded == state(session).excluded
+    assert session_state(later).excluded == session_state(session).excluded
 
 
 @given(st.lists(edits, max_size=30))
 def test_spans_stay_in_order_and_apart_and_all_steps_can_be_undone(wishes: list[Exclude]) -> None:
-    session, _ = replayed([Asked(0.0, wish) for wish in wishes], Session())
-    flat = [edge for span in session.shown.history.spans for edge in span]
+    session, _ = replayed([Requested(0.0, wish) for wish in wishes], Session())
+    flat = [edge for span in session.shown.exclusions.spans for edge in span]
     assert flat == sorted(flat)
     assert len(set(flat)) == len(flat)
-    history = session.shown.history
-    while history.past:
-        history = history.undone()
-    assert history.spans == ()
-    while history.future:
-        history = history.redone()
-    redone = session.shown.history
+    exclusions = session.shown.exclusions
+    while exclusions.past:
+        exclusions = exclusions.undone()
+    assert exclusions.spans == ()
+    while exclusions.future:
+        exclusions = exclusions.redone()
+    redone = session.shown.exclusions
     while redone.future:
         redone = redone.redone()
-    assert history.spans == redone.spans
+    assert exclusions.spans == redone.spans
 
 
 @given(spans, st.integers(0, 599))
 def test_a_reading_is_fitted_unless_its_time_was_taken_out(span: tuple[float, float], row: int) -> None:
-    session, _ = replayed([*arriving([0, 600]), Asked(60.0, Exclude(*span))], Session())
+    session, _ = replayed([*arriving([0, 600]), Requested(60.0, Exclude(*span))], Session())
     kept = snapshot(session).numbers
     assert kept is not None
     assert (row in kept) == (not span[0] <= ROWS[row, 0] <= span[1])
-    assert state(session).excluded_readings == 600 - len(kept)
+    assert session_state(session).excluded_readings == 600 - len(kept)
 
 
 @given(cuts, st.integers(1, 40))
@@ -123,13 +128,17 @@ def test_two_pages_get_the_same_points_whenever_they_came(places: list[int], fra
 
 
 def test_the_same_events_give_the_same_messages_again() -> None:
-    events: list[Event] = [*arriving([0, 100, 600]), Asked(60.0, Exclude(1.0, 2.0)), Asked(61.0, Target(0.5))]
+    events: list[Event] = [
+        *arriving([0, 100, 600]),
+        Requested(60.0, Exclude(1.0, 2.0)),
+        Requested(61.0, SetTarget(0.5)),
+    ]
     first, told = replayed(events, Session())
     found = evaluate(snapshot(first))
-    first, more = step(begin_fit(first), Fitted(62.0, found, 0.01))
+    first, more = step(begin_fit(first), FitDone(62.0, found, 0.01))
     second, told_again = replayed(events, Session())
-    second, more_again = step(begin_fit(second), Fitted(62.0, evaluate(snapshot(second)), 0.01))
-    assert (told, repr(more), state(first)) == (told_again, repr(more_again), state(second))
+    second, more_again = step(begin_fit(second), FitDone(62.0, evaluate(snapshot(second)), 0.01))
+    assert (told, repr(more), session_state(first)) == (told_again, repr(more_again), session_state(second))
 
 
 def test_a_state_is_not_changed_by_what_comes_after_it() -> None:
@@ -138,22 +147,22 @@ def test_a_state_is_not_changed_by_what_comes_after_it() -> None:
     one, _ = step(session, Arrived(10.0, ROWS[300:310], UT))
     other, _ = step(session, Arrived(10.0, ROWS[400:410], UT))
     npt.assert_array_equal(snapshot(session).samples.field, before)
-    npt.assert_array_equal(one.live.track.field[300:], ROWS[300:310, 1:4])
-    npt.assert_array_equal(other.live.track.field[300:], ROWS[400:410, 1:4])
+    npt.assert_array_equal(one.live.buffer.field[300:], ROWS[300:310, 1:4])
+    npt.assert_array_equal(other.live.buffer.field[300:], ROWS[400:410, 1:4])
 
 
 @given(st.lists(st.integers(1, 700), min_size=1, max_size=12))
 def test_memory_is_bounded_and_what_is_held_does_not_depend_on_how_it_came(batches: list[int]) -> None:
     rows = np.zeros((sum(batches), 7))
     rows[:, 0] = np.arange(len(rows))
-    whole, track = Track.empty(128).extended(rows), Track.empty(128)
+    whole, buffer = ReadingBuffer.empty(128).extended(rows), ReadingBuffer.empty(128)
     for first, last in itertools.pairwise(np.cumsum([0, *batches])):
-        track = track.extended(rows[first:last])
-        assert len(track) <= 128
-        assert len(track._room.rows) <= max(128, 4096)
-    assert (track.total, track.stride) == (whole.total, whole.stride)
-    npt.assert_array_equal(track.time, whole.time)
-    npt.assert_array_equal(track.time, rows[:: whole.stride, 0])
+        buffer = buffer.extended(rows[first:last])
+        assert len(buffer) <= 128
+        assert len(buffer._room.rows) <= max(128, 4096)
+    assert (buffer.total, buffer.stride) == (whole.total, whole.stride)
+    npt.assert_array_equal(buffer.time, whole.time)
+    npt.assert_array_equal(buffer.time, rows[:: whole.stride, 0])
 
 
 @given(st.integers(1, 10**7), st.integers(1, 10**5))
@@ -180,16 +189,16 @@ def test_when_the_stride_doubles_a_page_that_kept_every_second_point_has_the_rig
             assert header[2] == len(page)
             page = np.concatenate([page, np.frombuffer(content, "<f4", header[3], 56)])
             cursor = following
-    assert state(session).stride == 2
+    assert session_state(session).stride == 2
     npt.assert_array_equal(page, rows[::2, 0])
 
 
 @given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), max_size=30), st.integers(0, 30))
 def test_a_timeline_never_goes_back_and_does_not_depend_on_batches(times: list[float], cut: int) -> None:
-    whole, _ = Clock()(np.array(times))
+    whole, _ = Timeline()(np.array(times))
     assert np.all(np.diff(whole) >= 0.0)
     if len(times) > 1 and cut and np.isfinite(times[0]):
-        first, clock = Clock()(np.array(times[:cut]))
+        first, clock = Timeline()(np.array(times[:cut]))
         second, _ = clock(np.array(times[cut:]))
         npt.assert_array_equal(np.concatenate([first, second]), whole)
 
@@ -201,7 +210,7 @@ def test_fits_take_their_share_of_a_core_and_no_more() -> None:
         session, _ = step(session, Arrived(now, row[np.newaxis], UT))
         if wants_fit(session, now):
             session = begin_fit(session)
-            session, _ = step(session, Fitted(now, Evaluated(key=session.shown.key), 0.03))
+            session, _ = step(session, FitDone(now, Evaluated(key=session.shown.key), 0.03))
             busy += 0.03
     assert 0.0 < busy <= SHARE * now + 0.03
 
@@ -210,27 +219,27 @@ def test_the_last_fit_of_a_source_that_has_ended_does_not_wait_for_its_share() -
     session, _ = step(Session(), Arrived(0.0, ROWS[:100], UT))
     session = begin_fit(session)
     session, _ = step(session, Arrived(0.5, ROWS[100:200], UT))
-    session, _ = step(session, Fitted(1.0, Evaluated(key=0), 30.0))
+    session, _ = step(session, FitDone(1.0, Evaluated(key=0), 30.0))
     session, _ = step(session, Arrived(1.5, ROWS[200:300], UT))
     assert not wants_fit(session, 2.0)
     session, _ = step(session, Linked(2.0, "ended", "played to its end"))
     assert wants_fit(session, 2.0)
-    session, _ = step(begin_fit(session), Fitted(2.5, Evaluated(key=session.shown.key), 30.0))
+    session, _ = step(begin_fit(session), FitDone(2.5, Evaluated(key=session.shown.key), 30.0))
     assert not wants_fit(session, 1e6)
 
 
 def test_a_pause_is_an_exclusion_that_can_be_undone() -> None:
     session, _ = step(Session(), Arrived(2.0, ROWS[:100], UT))
-    session, _ = step(session, Asked(2.0, Pause(paused=True)))
+    session, _ = step(session, Requested(2.0, Pause(paused=True)))
     session, _ = step(session, Arrived(4.0, ROWS[100:200], UT))
-    assert state(session).excluded_readings == 100
-    assert state(session).paused
-    session, _ = step(session, Asked(4.0, Pause(paused=False)))
+    assert session_state(session).excluded_readings == 100
+    assert session_state(session).paused
+    session, _ = step(session, Requested(4.0, Pause(paused=False)))
     session, _ = step(session, Arrived(6.0, ROWS[200:300], UT))
     numbers = snapshot(session).numbers
     assert numbers is not None
     npt.assert_array_equal(numbers, [*range(100), *range(200, 300)])
-    session, _ = step(session, Asked(6.0, Undo()))
+    session, _ = step(session, Requested(6.0, Undo()))
     assert len(snapshot(session).samples) == 300
 
 
@@ -238,11 +247,11 @@ def test_a_fit_of_what_was_there_before_is_not_shown_after_clearing() -> None:
     session, _ = replayed(arriving([0, 600]), Session())
     session = begin_fit(session)
     found = evaluate(snapshot(session))
-    session, _ = step(session, Asked(60.0, Clear()))
-    session, told = step(session, Fitted(60.1, found, 0.01))
+    session, _ = step(session, Requested(60.0, Clear()))
+    session, told = step(session, FitDone(60.1, found, 0.01))
     assert session.view is None
     assert told == []
-    assert state(session).readings == 0
+    assert session_state(session).readings == 0
 
 
 @pytest.mark.parametrize("depth", [100, 20_000])
@@ -262,9 +271,9 @@ def test_what_a_page_sends_is_a_message_or_refused(content: bytes | str) -> None
 
 
 def test_history_remembers_a_bounded_number_of_steps() -> None:
-    history = History()
+    exclusions = Exclusions()
     for number in range(1000):
-        history = history.excluding((number * 2.0, number * 2.0 + 1.0))
-    assert len(history.past) == 200
-    assert len(history.spans) == 1000
-    assert history.excluding((9000.0, 9001.0)) == history
+        exclusions = exclusions.excluding((number * 2.0, number * 2.0 + 1.0))
+    assert len(exclusions.past) == 200
+    assert len(exclusions.spans) == 1000
+    assert exclusions.excluding((9000.0, 9001.0)) == exclusions

@@ -16,13 +16,13 @@ import pytest
 from flinders import fit, simulate
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, OutputError, UsageError
-from flinders.live.feeds import AT_ONCE, Feed, Kept, Replay
+from flinders.live.feeds import AT_ONCE, Feed, RecordedFeed, Replay
 from flinders.live.mavlink import ARDUPILOT, PX4, Vehicle
-from flinders.live.readings import Event, Reading, samples_of
+from flinders.live.readings import FeedEvent, Reading, samples_of
 from flinders.live.simulated import SimulatedFeed
 from flinders.live.sinks import Resumed, ToFile
-from flinders.live.sources import Udp
 from flinders.live.telemetry import Telemetry
+from flinders.live.transports import Udp
 from flinders.readers import open_recording, read
 from flinders.targets.ardupilot import Parameters
 
@@ -49,21 +49,21 @@ class Clock:
         self.now += seconds
 
 
-def asked(feed: Feed, until: Callable[[list[Reading], list[Event]], bool]) -> tuple[list[Reading], list[Event]]:
+def asked(feed: Feed, until: Callable[[list[Reading], list[FeedEvent]], bool]) -> tuple[list[Reading], list[FeedEvent]]:
     """Ask until there is enough."""
     readings: list[Reading] = []
-    events: list[Event] = []
+    events: list[FeedEvent] = []
     give_up = time.monotonic() + 20
     while not until(readings, events) and time.monotonic() < give_up:
         found = feed.next(0.1)
-        if isinstance(found, Event):
+        if isinstance(found, FeedEvent):
             events.append(found)
         else:
             readings += found
     return readings, events
 
 
-def at_the_end(_: list[Reading], events: list[Event]) -> bool:
+def at_the_end(_: list[Reading], events: list[FeedEvent]) -> bool:
     return bool(events) and events[-1].kind == "ended"
 
 
@@ -90,8 +90,8 @@ def test_it_takes_the_time_that_it_took_over_the_speed(speed: float) -> None:
     clock = Clock()
     feed = Replay(TUMBLE, speed=speed, clock=clock, sleep=clock.sleep)
     start, late = clock.now, 0.0
-    assert isinstance(feed.next(0.1), Event)
-    while not isinstance(found := feed.next(0.1), Event):
+    assert isinstance(feed.next(0.1), FeedEvent)
+    while not isinstance(found := feed.next(0.1), FeedEvent):
         if found:
             late = max(late, clock.now - start - found[0].time / speed)
     assert clock.now - start == pytest.approx((1199 / 50) / speed, abs=0.01)
@@ -119,7 +119,7 @@ def test_a_recording_without_times_has_fifty_readings_a_second() -> None:
 def test_readings_are_handed_on_in_blocks_and_none_twice() -> None:
     clock = Clock()
     feed = Replay(TUMBLE, clock=clock, sleep=clock.sleep)
-    assert isinstance(feed.next(0.1), Event)
+    assert isinstance(feed.next(0.1), FeedEvent)
     clock.now += 1e6  # nobody asked for a long time
     blocks = [feed.next(0.1) for _ in range(3)]
     assert [len(block) for block in blocks if isinstance(block, list)] == [AT_ONCE, AT_ONCE, 200]
@@ -163,7 +163,7 @@ def test_the_simulated_sensor_is_calibrated_to_its_truth() -> None:
 )
 def test_it_turns_to_where_it_is_told_at_its_rate_and_stays(wanted: Floats) -> None:
     feed = SimulatedFeed(seed=3, speed=None, imu=simulate.Imu(gyro_noise=0.0), turn_deg_s=90.0)
-    assert isinstance(feed.next(0.1), Event)
+    assert isinstance(feed.next(0.1), FeedEvent)
     feed.turn_to(wanted)
     turned = [feed.next(0.1) for _ in range(4)]  # 4 s: more than half a turn
     np.testing.assert_allclose(feed.attitude, wanted, atol=1e-6)
@@ -206,7 +206,7 @@ def test_it_keeps_time_and_stands_still_while_nobody_asks() -> None:
     clock = Clock()
     feed = SimulatedFeed(seed=1, rate_hz=100.0, clock=clock, sleep=clock.sleep)
     count = 0
-    assert isinstance(feed.next(0.1), Event)
+    assert isinstance(feed.next(0.1), FeedEvent)
     while clock.now < 110.0:
         found = feed.next(0.05)
         count += len(found) if isinstance(found, list) else 0
@@ -238,7 +238,7 @@ def test_a_simulation_needs_sound_numbers(more: dict[str, float]) -> None:
 
 def test_what_is_kept_reads_back() -> None:
     with ToFile("out.csv") as sink:
-        feed = Kept(Replay(TUMBLE, speed=None), sink)
+        feed = RecordedFeed(Replay(TUMBLE, speed=None), sink)
         readings, _ = asked(feed, at_the_end)
         feed.close()
     kept = read("out.csv")
@@ -256,13 +256,13 @@ def test_what_is_kept_is_continued() -> None:
     for rows in (slice(0, 5), slice(5, 10)):
         more = {"resumed": Resumed.of("out.csv")} if rows.start else {}
         with ToFile("out.csv", resume=bool(rows.start)) as sink:
-            asked(Kept(Replay(whole[rows], speed=None), sink, **more), at_the_end)
+            asked(RecordedFeed(Replay(whole[rows], speed=None), sink, **more), at_the_end)
     kept = read("out.csv")
     assert kept.time is not None
     np.testing.assert_array_equal(kept.time, np.arange(10.0))
     assert kept.unit.inside == "counts"
     with ToFile("out.csv", resume=True) as sink:
-        feed = Kept(Replay(TUMBLE, speed=None), sink, resumed=Resumed.of("out.csv"))
+        feed = RecordedFeed(Replay(TUMBLE, speed=None), sink, resumed=Resumed.of("out.csv"))
         with pytest.raises(OutputError, match="begin another recording"):
             asked(feed, at_the_end)
 
@@ -360,7 +360,7 @@ HELD = {
 }
 
 
-def enough(readings: list[Reading], _: list[Event]) -> bool:
+def enough(readings: list[Reading], _: list[FeedEvent]) -> bool:
     return len(readings) >= 20
 
 
@@ -445,7 +445,7 @@ def test_a_vehicle_that_falls_silent_is_gone_and_comes_back() -> None:
 
 def test_telemetry_is_kept() -> None:
     with sky(held=HELD) as (_, source, vehicle), ToFile("out.csv") as sink:
-        readings, _ = asked(Kept(Telemetry(source, vehicle=vehicle), sink), enough)
+        readings, _ = asked(RecordedFeed(Telemetry(source, vehicle=vehicle), sink), enough)
     np.testing.assert_allclose(read("out.csv").field, samples_of(readings).field, rtol=1e-8)
     assert "# 0.0 s: compass 1 of ArduPilot, system 1: its correction is taken off" in Path("out.csv").read_text()
 

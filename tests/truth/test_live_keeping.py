@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from flinders.errors import OutputError
-from flinders.live.pump import Pump
-from flinders.live.readings import Event
+from flinders.live.feed_thread import FeedThread
+from flinders.live.readings import FeedEvent
 from flinders.live.recorder import Recorder
 from flinders.live.sinks import AGAIN_S, Patient, ToFile
-from flinders.live.sources import Udp
+from flinders.live.transports import Udp
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,7 +40,7 @@ def test_datagrams_that_waited_are_taken_together(tmp_path: Path) -> None:
     with ToFile(path) as sink:
         recorder = Recorder(source, sink, unit="uT")
         asked = 0
-        while recorder.told.readings < 200 and asked < 20:
+        while recorder.statistics.readings < 200 and asked < 20:
             recorder.next(0.05)
             asked += 1
         recorder.close()
@@ -59,7 +59,7 @@ def test_at_1_khz_nothing_is_lost_while_a_thread_computes(tmp_path: Path) -> Non
 
     busy = threading.Thread(target=compute)
     with ToFile(path) as sink:
-        pump = Pump(Recorder(source, sink, unit="uT"))
+        pump = FeedThread(Recorder(source, sink, unit="uT"))
         busy.start()
         pump.start()
         begun = time.monotonic()
@@ -83,20 +83,20 @@ def test_what_this_machine_throws_away_is_counted_told_and_noted(tmp_path: Path)
     with ToFile(path) as sink:
         recorder = Recorder(source, sink, unit="uT", clock=lambda: float(next(clock)))
         send(source.port, range(1000))
-        events: list[Event] = []
+        events: list[FeedEvent] = []
         for more in (range(0), range(1000, 1003), range(0), range(0)):
             send(source.port, more)
             for _ in range(5):
                 found = recorder.next(0.01)
-                events += [found] if isinstance(found, Event) else []
+                events += [found] if isinstance(found, FeedEvent) else []
         recorder.close()
     kept = len(rows(path))
     lost = 1003 - kept
     assert 0 < kept < 1000
     assert [event.words.split(" were lost")[0] for event in events if event.kind == "lost"] == [f"{lost} datagrams"]
     assert f"# {lost} datagrams were lost by this machine" in path.read_text(encoding="utf-8")
-    assert recorder.told.datagrams_lost == lost
-    assert f"{lost} datagrams lost" in str(recorder.told)
+    assert recorder.statistics.datagrams_lost == lost
+    assert f"{lost} datagrams lost" in str(recorder.statistics)
 
 
 def test_a_full_disk_is_said_once_and_nothing_is_missing_when_there_is_room_again(tmp_path: Path) -> None:

@@ -29,13 +29,14 @@ from flinders.fitting import calibrate
 from flinders.fitting.judged import Judged
 from flinders.live import motioncal, server
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name
-from flinders.live.feeds import Kept, Replay
+from flinders.live.feeds import RecordedFeed, Replay
 from flinders.live.messages import MAGIC, SourceState, typescript
+from flinders.live.page_state import session_state
 from flinders.live.server import STATIC, UPLOAD_BYTES, Hub, Supply, application, listening
-from flinders.live.session import Session, state
+from flinders.live.session import Session
+from flinders.live.session_file import Edits, default_path
 from flinders.live.sinks import ToFile
-from flinders.live.sources import Scripted
-from flinders.live.store import Edits, default_path
+from flinders.live.transports import Scripted
 from flinders.targets import registry
 
 with warnings.catch_warnings():
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from starlette.testclient import WebSocketTestSession
 
     from flinders.core.samples import Samples
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
     from flinders.targets.motioncal import Packet
 
 HOST = "127.0.0.1:8410"
@@ -70,7 +71,7 @@ class Bench:
     ) -> None:
         self.path = folder / "session.csv"
         self.sink = ToFile(self.path)
-        feed = Kept(Replay(samples, speed=None), self.sink)
+        feed = RecordedFeed(Replay(samples, speed=None), self.sink)
         supply = Supply(feed, self.sink, self.path, Axes(), board=board)
         source = SourceState("bench", "serial", "waiting", "")
         self.hub = Hub(Session(source=source, has_board=board is not None), supply)
@@ -89,7 +90,11 @@ class Bench:
 
 
 def has_fit(session: Session) -> bool:
-    return session.view is not None and session.shown.found is not None and session.shown.found.key == session.shown.key
+    return (
+        session.view is not None
+        and session.shown.evaluated is not None
+        and session.shown.evaluated.key == session.shown.key
+    )
 
 
 def has_all(session: Session) -> bool:
@@ -236,9 +241,9 @@ def test_ten_thousand_fuzzed_messages_change_nothing(wall: Bench) -> None:
         while "the end" not in received(socket, "notice")["words"] and len(wall.hub.pages) == 0:
             pass
     assert refused > 9_000
-    assert wall.hub.session.live.history == before.live.history
+    assert wall.hub.session.live.exclusions == before.live.exclusions
     assert wall.hub.session.target_deg == before.target_deg
-    assert wall.hub.session.live.track.total == 3000
+    assert wall.hub.session.live.buffer.total == 3000
 
 
 def test_every_answer_has_the_headers(wall: Bench) -> None:
@@ -318,7 +323,7 @@ def test_a_log_is_opened_and_closed_again(bench: Bench) -> None:
         socket.send_json({"type": "back_to_live"})
         while received(socket, "state")["opened"]:
             pass
-    assert bench.hub.session.shown.track.total == 3000
+    assert bench.hub.session.shown.buffer.total == 3000
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00" * 5000, b"hello, world\n" * 50, b"1,2\n3,4\n"])
@@ -376,10 +381,10 @@ def test_a_calibration_of_another_sensor_is_not_sent_to_the_board(
     )
     with bench.client:
         bench.until(has_fit)
-        assert state(bench.hub.session).can_send
+        assert session_state(bench.hub.session).can_send
         assert bench.client.post("/open?name=colleague.csv", content=buffer.encode(), headers=OWN).status_code == 200
         bench.until(has_fit)
-        assert not state(bench.hub.session).can_send
+        assert not session_state(bench.hub.session).can_send
         answer = bench.client.post("/send", headers=OWN)
         assert answer.status_code == 409
         assert "colleague.csv is shown" in answer.json()["words"]
@@ -488,7 +493,7 @@ def test_a_browser_that_goes_away_in_an_upload_is_no_fault(listener: int, caplog
 def test_nothing_can_be_made_of_nothing(tmp_path: Path) -> None:
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=5).samples)
     with bench.client:
-        bench.until(lambda session: session.live.track.total == 5)
+        bench.until(lambda session: session.live.buffer.total == 5)
         for path in ("/calibration.json", "/export/c"):
             answer = bench.client.get(path)
             assert answer.status_code == 409
@@ -503,7 +508,7 @@ def test_the_report_comes_as_a_file_also_of_a_refusal(wall: Bench, tmp_path: Pat
     assert answer.text.lstrip().lower().startswith("<!doctype html")
     short = Bench(tmp_path, simulate.tumble(seed=1, n=5).samples)
     with short.client:
-        short.until(lambda session: session.live.track.total == 5)
+        short.until(lambda session: session.live.buffer.total == 5)
         assert "No calibration" in short.client.get("/report.html").text
     short.sink.close()
 
@@ -604,6 +609,6 @@ def test_all_is_let_go_of_in_the_end(tmp_path: Path) -> None:
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)
     with bench.client, contextlib.suppress(WebSocketDisconnect), bench.page() as socket:
         socket.receive_text()
-    assert not bench.hub._pump.is_alive()
+    assert not bench.hub._feed_thread.is_alive()
     bench.sink.close()
     assert len(flinders.read(bench.path)) == 100

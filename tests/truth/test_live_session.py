@@ -17,26 +17,25 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
 from flinders.fitting.judged import Judged
+from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SetGoal, SourceState, State, Target
+from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SessionState, SetGoal, SetTarget, SourceState
+from flinders.live.page_state import session_state
 from flinders.live.session import (
     Arrived,
-    Asked,
-    Fitted,
+    FitDone,
     GotPrevious,
     Linked,
     Opened,
+    Requested,
+    Series,
     Session,
-    Stretch,
     Ticked,
     Unrecorded,
     begin_fit,
-    rows_of,
     snapshot,
-    state,
     step,
 )
-from flinders.live.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -58,56 +57,56 @@ def after(samples: Samples, session: Session | None = None, **changes: object) -
 def fitted(session: Session) -> Session:
     """Fitted, and a second later, in which nothing came."""
     session = begin_fit(session)
-    session, _ = step(session, Fitted(session.at, evaluate(snapshot(session)), 0.01))
+    session, _ = step(session, FitDone(session.at, evaluate(snapshot(session)), 0.01))
     return step(session, Ticked(session.at + 1.0))[0]
 
 
-def codes(shown: State) -> list[str]:
+def codes(shown: SessionState) -> list[str]:
     return [reason.code for reason in shown.reasons]
 
 
 def test_a_tumble_becomes_good() -> None:
-    shown = state(after(simulate.tumble(seed=1).samples))
+    shown = session_state(after(simulate.tumble(seed=1).samples))
     assert (shown.phase, shown.used, shown.rejected, codes(shown)) == ("good", 3000, 0, [])
 
 
 def test_the_first_seconds_are_collecting_and_nothing_is_wrong() -> None:
     whole = simulate.tumble(seed=1).samples
     for count in (1, 5, 20, 60, 150):
-        shown = state(after(whole[:count]))
+        shown = session_state(after(whole[:count]))
         assert shown.phase == "collecting", (count, shown.words)
         assert not [reason for reason in shown.reasons if reason.severity == "warning"]
 
 
 def test_before_the_first_reading_it_waits_and_then_says_so() -> None:
     session, _ = step(Session(source=SENSOR), Ticked(1.0))
-    assert state(session).words == "Waiting for the first reading."
+    assert session_state(session).words == "Waiting for the first reading."
     session, _ = step(session, Ticked(4.0))
-    assert (state(session).phase, codes(state(session))) == ("wrong", ["nothing-arrives"])
-    assert "baud" in state(session).words
+    assert (session_state(session).phase, codes(session_state(session))) == ("wrong", ["nothing-arrives"])
+    assert "baud" in session_state(session).words
 
 
 def test_what_the_feed_says_of_silence_goes_before_what_is_guessed() -> None:
     session, _ = step(Session(source=SENSOR), Linked(3.5, "waiting", "900 bytes arrived and no line: check --baud"))
-    assert state(session).reasons == (Reason("nothing-arrives", "900 bytes arrived and no line: check --baud"),)
+    assert session_state(session).reasons == (Reason("nothing-arrives", "900 bytes arrived and no line: check --baud"),)
     session, _ = step(session, Arrived(4.0, np.zeros((1, 7)), Unit.of("uT")))
-    assert state(session).source.link == "connected"
+    assert session_state(session).source.link == "connected"
 
 
 def test_a_slow_sensor_is_given_time() -> None:
     rows = rows_of(simulate.tumble(seed=1, n=20).samples)
     rows[:, 0] = np.arange(20) * 4.0
     session, _ = step(Session(source=SENSOR), Arrived(76.0, rows, Unit.of("uT")))
-    assert codes(state(step(session, Ticked(86.0))[0])) == []
-    assert codes(state(step(session, Ticked(100.0))[0])) == ["nothing-arrives"]
+    assert codes(session_state(step(session, Ticked(86.0))[0])) == []
+    assert codes(session_state(step(session, Ticked(100.0))[0])) == ["nothing-arrives"]
 
 
 def test_a_cable_that_is_pulled_is_said_and_so_is_its_return() -> None:
     session = after(simulate.tumble(seed=1).samples)
     gone, told = step(session, Linked(61.0, "gone", "/dev/ttyACM0 is gone: check the cable"))
-    assert (state(gone).phase, codes(state(gone))[0], told[0].severity) == ("wrong", "gone", "warning")  # type: ignore[union-attr]
+    assert (session_state(gone).phase, codes(session_state(gone))[0], told[0].severity) == ("wrong", "gone", "warning")  # type: ignore[union-attr]
     back, told = step(gone, Linked(62.0, "connected", "/dev/ttyACM0 is back"))
-    assert state(back).phase == "good"
+    assert session_state(back).phase == "good"
     assert len(told) == 1
 
 
@@ -115,7 +114,7 @@ def test_a_stuck_axis_is_wrong() -> None:
     samples = simulate.tumble(seed=1).samples
     field = samples.field.copy()
     field[:, 1] = 7.0
-    shown = state(after(replace(samples, field=field)))
+    shown = session_state(after(replace(samples, field=field)))
     assert (shown.phase, codes(shown)) == ("wrong", ["stuck-axis"])
 
 
@@ -123,7 +122,7 @@ def test_a_sensor_that_stops_measuring_is_stale() -> None:
     samples = simulate.tumble(seed=1).samples
     field = samples.field.copy()
     field[-150:] = field[-150]
-    shown = state(after(replace(samples, field=field)))
+    shown = session_state(after(replace(samples, field=field)))
     assert (shown.phase, codes(shown)[0]) == ("wrong", "stale")
     assert "150 readings" in shown.words
 
@@ -132,13 +131,13 @@ def test_a_sensor_at_its_limit_is_saturated() -> None:
     samples = simulate.tumble(
         seed=1, sensor=simulate.Sensor(offset=np.array([30.0, 0.0, 0.0]), noise=0.3, limit=60.0)
     ).samples
-    shown = state(after(samples))
+    shown = session_state(after(samples))
     assert (shown.phase, codes(shown)) == ("wrong", ["saturated"])
 
 
 def test_a_magnet_that_is_put_beside_it_changes_the_field() -> None:
     samples = simulate.tumble(seed=1, disturbances=[simulate.Step(6.0, at=0.5)]).samples
-    shown = state(after(samples))
+    shown = session_state(after(samples))
     assert shown.phase == "wrong"
     assert {"field-changed", "outliers", "structure", "noise"} & set(codes(shown))
 
@@ -148,29 +147,29 @@ def test_a_sensor_that_lies_still_is_reminded_of_and_not_called_wrong() -> None:
     rng = np.random.default_rng(1)
     still = moving.field[-1] + 0.5 * rng.normal(size=(500, 3))
     field = np.concatenate([moving.field, still])
-    shown = state(after(Samples.of(field, unit="uT", time=np.arange(len(field)) / 50.0)))
+    shown = session_state(after(Samples.of(field, unit="uT", time=np.arange(len(field)) / 50.0)))
     assert (shown.phase, codes(shown)) == ("good", ["no-rotation"])
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mG", 10.0), ("G", 0.01), ("nT", 1000.0), ("mT", 0.001)])
 def test_readings_in_another_unit_are_recognised(unit: str, factor: float) -> None:
     samples = simulate.tumble(seed=1).samples
-    shown = state(after(replace(samples, field=samples.field * factor)))
+    shown = session_state(after(replace(samples, field=samples.field * factor)))
     assert (shown.phase, codes(shown)) == ("wrong", ["wrong-unit"])
     assert f"--unit {unit}" in shown.words
 
 
 def test_counts_are_of_no_unit_and_none_is_wrong() -> None:
     samples = simulate.tumble(seed=1).samples
-    shown = state(after(replace(samples, field=samples.field * 16.0, unit=Unit.of("counts"))))
+    shown = session_state(after(replace(samples, field=samples.field * 16.0, unit=Unit.of("counts"))))
     assert (shown.phase, shown.unit) == ("good", "counts")
 
 
 def test_a_goal_beyond_level_headings_asks_for_more() -> None:
     session = after(simulate.tumble(seed=1, motion="tilted").samples)
-    assert state(session).phase == "limited"
-    wished = fitted(step(session, Asked(20.5, SetGoal("attitude")))[0])
-    assert state(wished).phase == "collecting"
+    assert session_state(session).phase == "limited"
+    wished = fitted(step(session, Requested(20.5, SetGoal("attitude")))[0])
+    assert session_state(wished).phase == "collecting"
     assert wished.view is not None
     assert wished.view.guidance is not None
     assert wished.view.guidance.direction is not None
@@ -178,15 +177,15 @@ def test_a_goal_beyond_level_headings_asks_for_more() -> None:
 
 def test_a_stricter_target_is_asked_for_and_reached_later() -> None:
     session = after(simulate.tumble(seed=1).samples)
-    stricter = fitted(step(session, Asked(61.0, Target(0.01)))[0])
-    assert state(stricter).phase == "collecting"
-    assert "the target 0.01°" in state(stricter).words
+    stricter = fitted(step(session, Requested(61.0, SetTarget(0.01)))[0])
+    assert session_state(stricter).phase == "collecting"
+    assert "the target 0.01°" in session_state(stricter).words
 
 
 def test_advice_speaks_of_a_vehicle_where_its_axes_are_known() -> None:
     samples = simulate.tumble(seed=1, motion="tilted").samples
     bare = after(samples, goal="attitude")
-    known = after(samples, Session(source=SENSOR, live=Stretch(axes=Axes.of("x,y,-z"))), goal="attitude")
+    known = after(samples, Session(source=SENSOR, live=Series(axes=Axes.of("x,y,-z"))), goal="attitude")
     assert bare.view is not None
     assert bare.view.guidance is not None
     assert re.search(r"about [xyz] \([xyz] towards [xyz]\)", bare.view.guidance.words)
@@ -202,7 +201,7 @@ def test_the_calibration_from_before_agrees_or_does_not() -> None:
     for now, word, low, high in ((sensor, "agrees", 0.0, 0.3), (moved, "contradicts", 4.0, 9.0)):
         session = after(simulate.tumble(seed=3, sensor=now).samples)
         session = fitted(step(session, GotPrevious(61.0, before))[0])
-        shown = state(session).previous
+        shown = session_state(session).previous
         assert shown is not None
         assert shown.change_deg is not None
         assert word in shown.words
@@ -213,7 +212,7 @@ def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
     counts = replace(simulate.tumble(seed=2).samples, unit=Unit.of("counts"))
     before = Judged.from_fit(calibrate.fit(counts), name="monday.json")
     session = after(simulate.tumble(seed=3).samples)
-    shown = state(fitted(step(session, GotPrevious(61.0, before))[0])).previous
+    shown = session_state(fitted(step(session, GotPrevious(61.0, before))[0])).previous
     assert shown is not None
     assert shown.change_deg is None
     assert "counts" in shown.words
@@ -222,11 +221,13 @@ def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
 def test_a_log_is_shown_in_place_of_the_sensor_which_goes_on() -> None:
     session = after(simulate.tumble(seed=1, n=500).samples)
     log = simulate.tumble(seed=2, n=800).samples
-    track = Track.empty().extended(rows_of(log))
-    session, _ = step(session, Opened(61.0, "flight.bin", track, log.unit, log.axes, "sensor", "flight.bin: 800"))
+    buffer = ReadingBuffer.empty().extended(rows_of(log))
+    session, _ = step(
+        session, Opened(61.0, "flight.bin", Series(buffer, log.unit, log.axes, "sensor"), "flight.bin: 800")
+    )
     session, _ = step(session, Arrived(62.0, rows_of(log[:100]), log.unit))
-    assert (state(session).opened, state(session).readings) == ("flight.bin", 800)
-    assert session.live.track.total == 600
+    assert (session_state(session).opened, session_state(session).readings) == ("flight.bin", 800)
+    assert session.live.buffer.total == 600
     assert fitted(session).view is not None
 
 
@@ -238,14 +239,14 @@ def test_a_long_session_is_fitted_from_a_spread_of_its_readings() -> None:
     assert (np.diff(found.numbers) == 3).all()
 
 
-def growing(rows: Floats, every_s: float) -> Iterator[State]:
+def growing(rows: Floats, every_s: float) -> Iterator[SessionState]:
     """What is shown of a sensor that is turned, after each of its fits."""
     session = Session(source=SENSOR)
     for at in np.arange(every_s, rows[-1, 0], every_s).tolist():
         new = rows[(rows[:, 0] > session.at) & (rows[:, 0] <= at)]
         session, _ = step(session, Arrived(at, new, Unit.of("uT")))
-        session, _ = step(begin_fit(session), Fitted(at, evaluate(snapshot(session)), 0.01))
-        yield state(session)
+        session, _ = step(begin_fit(session), FitDone(at, evaluate(snapshot(session)), 0.01))
+        yield session_state(session)
 
 
 @pytest.mark.parametrize(("every_s", "fits"), [(0.5, 2), (2.0, 1)])
@@ -265,23 +266,23 @@ def test_a_stricter_target_has_to_be_reached_anew() -> None:
     rows = rows_of(simulate.tumble(seed=1).samples)
     session = Session(source=SENSOR)
     for cut in (2000, 2100, 2200):
-        session, _ = step(session, Arrived(float(rows[cut, 0]), rows[session.live.track.total : cut], Unit.of("uT")))
-        session, _ = step(begin_fit(session), Fitted(session.at, evaluate(snapshot(session)), 0.01))
-    assert state(session).phase == "good"
-    session, _ = step(session, Asked(session.at, Target(0.5)))
-    assert state(session).words.startswith("Almost: ")
+        session, _ = step(session, Arrived(float(rows[cut, 0]), rows[session.live.buffer.total : cut], Unit.of("uT")))
+        session, _ = step(begin_fit(session), FitDone(session.at, evaluate(snapshot(session)), 0.01))
+    assert session_state(session).phase == "good"
+    session, _ = step(session, Requested(session.at, SetTarget(0.5)))
+    assert session_state(session).words.startswith("Almost: ")
 
 
 def test_a_limited_calibration_says_up_to_which_tilt_it_holds() -> None:
-    shown = state(after(simulate.tumble(seed=1, motion="tilted").samples))
+    shown = session_state(after(simulate.tumble(seed=1, motion="tilted").samples))
     assert shown.phase == "limited"
     assert re.search(r"up to \d+° of tilt; for more tilt than that, turn it", shown.words), shown.words
 
 
 def test_who_turned_it_level_is_told_to_tilt_it_and_not_to_keep_it_level() -> None:
     session = after(simulate.tumble(seed=1, motion="level", noise=0.05).samples)
-    assert state(session).phase == "limited"
-    assert "held level" in state(session).words
+    assert session_state(session).phase == "limited"
+    assert "held level" in session_state(session).words
     assert session.view is not None
     assert session.view.guidance is not None
     assert session.view.guidance.words.endswith("turn it tilted and upside down too")
@@ -300,7 +301,7 @@ def test_an_axis_that_stops_is_named_while_the_others_move() -> None:
     rows = rows_of(simulate.tumble(seed=3).samples)
     rows[1000:, 2] = rows[1000, 2]
     for total, is_said in ((1000, False), (1050, False), (1110, True), (2000, True)):
-        shown = state(after(Samples.of(rows[:total, 1:4], time=rows[:total, 0])))
+        shown = session_state(after(Samples.of(rows[:total, 1:4], time=rows[:total, 0])))
         assert ("frozen-axis" in codes(shown)) == is_said, (total, shown.words)
     assert shown.words.startswith("Axis y has been the same for 20.0 s while the others change")
 
@@ -337,40 +338,42 @@ def test_the_rate_is_that_of_the_readings_however_they_come(together: int, speed
     for start in range(0, 1000, together):
         new = rows[start : start + together]
         session, _ = step(session, Arrived(float(new[-1, 0]) / speed, new, Unit.of("uT")))
-    rate = state(session).rate_hz
+    rate = session_state(session).rate_hz
     assert rate == pytest.approx(50.0, rel=1e-6)
     silent, _ = step(session, Ticked(session.at + 2.0))
-    assert state(silent).rate_hz is None
+    assert session_state(silent).rate_hz is None
 
 
 def test_what_cannot_be_recorded_is_said_and_the_page_goes_on() -> None:
     session = after(simulate.tumble(seed=1).samples)
     broken, told = step(session, Unrecorded(61.0, "full.csv: cannot be written: the disk is full"))
     assert [(one.severity, one.words) for one in told if isinstance(one, Notice)] == [("error", broken.unrecorded)]
-    assert (state(broken).phase, codes(state(broken))) == ("good", ["not-recorded"])
+    assert (session_state(broken).phase, codes(session_state(broken))) == ("good", ["not-recorded"])
     mended, told = step(broken, Unrecorded(62.0, ""))
-    assert codes(state(mended)) == []
+    assert codes(session_state(mended)) == []
     assert told == [Notice("info", "what arrives is recorded again")]
 
 
 def test_a_calibration_can_be_sent_to_the_board_that_it_is_of() -> None:
     samples = simulate.tumble(seed=1).samples
     board = Session(source=SENSOR, has_board=True)
-    assert not state(board).can_send
-    assert not state(after(samples[:60], board)).can_send
-    assert not state(after(samples)).can_send
+    assert not session_state(board).can_send
+    assert not session_state(after(samples[:60], board)).can_send
+    assert not session_state(after(samples)).can_send
     ready = after(samples, board)
-    assert state(ready).can_send
-    track = Track.empty().extended(rows_of(samples))
-    opened, _ = step(ready, Opened(61.0, "a.csv", track, samples.unit, samples.axes, "sensor", "a.csv: 3,000 readings"))
-    assert not state(opened).can_send
-    assert not state(fitted(opened)).can_send
-    assert state(step(opened, Asked(62.0, BackToLive()))[0]).can_send
+    assert session_state(ready).can_send
+    buffer = ReadingBuffer.empty().extended(rows_of(samples))
+    opened, _ = step(
+        ready, Opened(61.0, "a.csv", Series(buffer, samples.unit, samples.axes, "sensor"), "a.csv: 3,000 readings")
+    )
+    assert not session_state(opened).can_send
+    assert not session_state(fitted(opened)).can_send
+    assert session_state(step(opened, Requested(62.0, BackToLive()))[0]).can_send
 
 
 def test_a_span_beyond_all_sense_is_clipped_to_the_session() -> None:
     session = after(simulate.tumble(seed=1).samples)
-    taken, _ = step(session, Asked(61.0, Exclude(-1e308, 1.0)))
-    assert state(taken).excluded == ((0.0, 1.0),)
-    nothing, _ = step(session, Asked(61.0, Exclude(1e6, 1e308)))
-    assert (state(nothing).excluded, state(nothing).can_undo) == ((), False)
+    taken, _ = step(session, Requested(61.0, Exclude(-1e308, 1.0)))
+    assert session_state(taken).excluded == ((0.0, 1.0),)
+    nothing, _ = step(session, Requested(61.0, Exclude(1e6, 1e308)))
+    assert (session_state(nothing).excluded, session_state(nothing).can_undo) == ((), False)

@@ -24,8 +24,8 @@ from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInpu
 from flinders.live.lines import settle
 from flinders.live.recorder import Recorder
 from flinders.live.sinks import ToFile
-from flinders.live.sources import Gone, Quiet, Scripted, Serial, Tcp, Udp
-from flinders.live.transcript import Recorded, escaped
+from flinders.live.transcript import RecordingStatistics, escaped
+from flinders.live.transports import Gone, Quiet, Scripted, Serial, Tcp, Udp
 from flinders.readers import read
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ def table(rows: Floats = FIELD, delimiter: str = ",", end: str = "\n", header: s
     return (header + "".join(delimiter.join(f"{value:.1f}" for value in row) + end for row in rows)).encode()
 
 
-def recorded(steps: Iterable[bytes | Gone | Quiet], *, is_framed: bool = False, **more: object) -> tuple[Recorded, str]:
+def recorded(
+    steps: Iterable[bytes | Gone | Quiet], *, is_framed: bool = False, **more: object
+) -> tuple[RecordingStatistics, str]:
     """Record a script to its end; what was told, and the file."""
     source, path = Scripted(steps, is_framed=is_framed), Path("out.csv")
     with ToFile(path, force=True) as sink:

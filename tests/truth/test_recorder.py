@@ -19,11 +19,11 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UnitError
-from flinders.live.readings import Event, Reading, readings_of, samples_of
+from flinders.live.readings import FeedEvent, Reading, readings_of, samples_of
 from flinders.live.recorder import Recorder
 from flinders.live.sinks import Resumed, ToFile
-from flinders.live.sources import Gone, Quiet, Scripted
 from flinders.live.transcript import LONGEST, Transcript
+from flinders.live.transports import Gone, Quiet, Scripted
 from flinders.readers import read
 
 if TYPE_CHECKING:
@@ -43,15 +43,15 @@ def table(rows: Floats = FIELD, header: str = "mx_uT,my_uT,mz_uT\n") -> bytes:
     return (header + "".join(f"{x:.1f},{y:.1f},{z:.1f}\n" for x, y, z in rows)).encode()
 
 
-def fed(recorder: Recorder, source: Scripted) -> tuple[list[Reading], list[Event]]:
+def fed(recorder: Recorder, source: Scripted) -> tuple[list[Reading], list[FeedEvent]]:
     """Ask until the script is at its end, and then for what is left."""
     readings: list[Reading] = []
-    events: list[Event] = []
+    events: list[FeedEvent] = []
     while not events or events[-1].kind != "ended":
         if source.is_done:
             recorder.close()
         found = recorder.next(0.01)
-        if isinstance(found, Event):
+        if isinstance(found, FeedEvent):
             events.append(found)
         else:
             readings += found
@@ -112,7 +112,7 @@ def test_a_loss_and_a_return_are_events_between_the_readings() -> None:
         recorder = Recorder(source, sink)
         while not source.is_done:
             found = recorder.next(0.05)
-            order += [found.kind] if isinstance(found, Event) else ["readings"] if found else []
+            order += [found.kind] if isinstance(found, FeedEvent) else ["readings"] if found else []
         recorder.close()
     assert order == ["connected", "settled", "readings", "gone", "back", "readings"]
     np.testing.assert_allclose(read("out.csv").field, FIELD)
@@ -135,8 +135,8 @@ def test_a_header_long_before_a_slow_sensors_first_reading_counts() -> None:
         taken = transcript.take(b"21.7,0.4,-58.6\n", second)
         text += taken.text + transcript.take(b"", second + 0.95).text
     Path("out.csv").write_text(text, encoding="utf-8")
-    assert transcript.told.form is not None
-    assert transcript.told.unit == "µT"
+    assert transcript.statistics.form is not None
+    assert transcript.statistics.unit == "µT"
     assert read("out.csv").unit.name == "uT"
 
 
@@ -172,7 +172,7 @@ def test_a_layout_that_fits_none_of_the_lines_settles_nothing() -> None:
     """A time of day in front is no number: nothing is settled, and lines that follow and are understood still are."""
     transcript = Transcript("the board")
     assert transcript.take(b"12:30:05 1.0 2.0\n" * 30, 0.5).events == []
-    assert transcript.told.form is None
+    assert transcript.statistics.form is None
     assert len(transcript.take(raw(), 1.0).readings) == 40
 
 
@@ -341,5 +341,5 @@ def test_quiet_is_nothing() -> None:
     source = Scripted([Quiet(0.01)])
     with ToFile("out.csv") as sink:
         recorder = Recorder(source, sink)
-        assert isinstance(recorder.next(0.01), Event)
+        assert isinstance(recorder.next(0.01), FeedEvent)
         assert recorder.next(0.01) == []

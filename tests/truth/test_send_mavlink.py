@@ -28,8 +28,8 @@ from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed, NotExportable, NotSent, UsageError
 from flinders.live import mavlink
 from flinders.live.mavlink import Vehicle
-from flinders.live.plan import Plan
-from flinders.live.sources import Udp
+from flinders.live.mavlink_parameters import ParameterPlan
+from flinders.live.transports import Udp
 from flinders.targets import ardupilot, px4
 from flinders.targets._autopilot import parse
 
@@ -214,7 +214,7 @@ def vehicle(*, answer: float = 0.25, **more: Any) -> Iterator[tuple[Autopilot, V
 def test_ardupilot_holds_every_value_and_no_other_changed() -> None:
     with vehicle() as (autopilot, seen):
         assert seen.name == "ArduPilot, system 1"
-        plan = Plan.of(seen, found(), compass=2, device_id=DEVICE + 1)
+        plan = ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1)
         assert autopilot.sets == []
         plan.carry_out(seen)
     held = ardupilot.Parameters.read(autopilot.values, 2)
@@ -228,7 +228,7 @@ def test_ardupilot_holds_every_value_and_no_other_changed() -> None:
 
 def test_px4_device_ids_travel_byte_by_byte() -> None:
     with vehicle(kind=mavlink.PX4) as (autopilot, seen):
-        plan = Plan.of(seen, found(sensor=f"sensor_mag 1 (device {DEVICE + 1})"))
+        plan = ParameterPlan.of(seen, found(sensor=f"sensor_mag 1 (device {DEVICE + 1})"))
         assert (plan.compass, plan.device_id) == (1, DEVICE + 1)  # looked up by the id that the calibration names
         plan.carry_out(seen)
     held = px4.Parameters.read(autopilot.values, 1)
@@ -240,34 +240,34 @@ def test_px4_device_ids_travel_byte_by_byte() -> None:
 
 def test_the_other_scheme_of_names_and_mavlink_1_work() -> None:
     with vehicle(scheme=1, old=True) as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1, device_id=DEVICE)
+        plan = ParameterPlan.of(seen, found(), compass=1, device_id=DEVICE)
         plan.carry_out(seen)
     assert autopilot.values["COMPASS1_OFS_X"] == np.float32(-123.456789)
 
 
 def test_an_armed_vehicle_is_refused_before_anything_is_asked() -> None:
     with vehicle(armed=True) as (autopilot, seen), pytest.raises(NotSent, match="is armed"):
-        Plan.of(seen, found(), compass=1)
+        ParameterPlan.of(seen, found(), compass=1)
     assert autopilot.sets == []
 
 
 def test_another_compass_is_refused() -> None:
     with vehicle() as (autopilot, seen):
         with pytest.raises(NotSent, match=f"has device id {DEVICE}, and the calibration is for 42"):
-            Plan.of(seen, found(), compass=1, device_id=42)
+            ParameterPlan.of(seen, found(), compass=1, device_id=42)
         with pytest.raises(NotSent, match="has no compass with device id 42"):
-            Plan.of(seen, found(), device_id=42)
+            ParameterPlan.of(seen, found(), device_id=42)
         with pytest.raises(NotSent, match="has no compass 3"):
-            Plan.of(seen, found(), compass=3)
+            ParameterPlan.of(seen, found(), compass=3)
         with pytest.raises(UsageError, match="compass 0: ArduPilot counts them from 1 to 3"):
-            Plan.of(seen, found(), compass=0)
-        assert "nobody said which compass" in Plan.of(seen, found()).notes[-1]
+            ParameterPlan.of(seen, found(), compass=0)
+        assert "nobody said which compass" in ParameterPlan.of(seen, found()).notes[-1]
     assert autopilot.sets == []
 
 
 def test_a_value_that_is_not_taken_brings_all_the_old_ones_back() -> None:
     with vehicle(ignores=("COMPASS_ODI_Y",)) as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match="did not confirm COMPASS_ODI_Y") as caught:
             plan.carry_out(seen)
     assert "holds the values from before again (all 8 that were touched, confirmed)" in str(caught.value)
@@ -277,14 +277,14 @@ def test_a_value_that_is_not_taken_brings_all_the_old_ones_back() -> None:
 
 def test_where_the_old_values_cannot_be_put_back_their_names_are_told() -> None:
     with vehicle(answers_wrongly=("COMPASS_OFS_Y",)) as (_, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match="could not be put back for COMPASS_OFS_Y: DO NOT ARM"):
             plan.carry_out(seen)
 
 
 def test_a_vehicle_that_is_armed_on_the_way_gets_its_old_values_back() -> None:
     with vehicle(arms=2) as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match=r"is armed.*holds the values from before again"):
             plan.carry_out(seen, done=lambda _: time.sleep(0.12))
     assert autopilot.values == autopilot.before
@@ -292,7 +292,7 @@ def test_a_vehicle_that_is_armed_on_the_way_gets_its_old_values_back() -> None:
 
 def test_a_link_that_is_lost_on_the_way_says_what_is_not_known() -> None:
     with vehicle(falls_silent=3) as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         said: list[str] = []
         with pytest.raises(NotConfirmed, match=r"has been silent for 0\.6 s; and .* COMPASS_OFS_X, COMPASS_OFS_Y, CO"):
             plan.carry_out(seen, say=said.append, back=0.3)
@@ -302,7 +302,7 @@ def test_a_link_that_is_lost_on_the_way_says_what_is_not_known() -> None:
 
 def test_a_vehicle_that_comes_back_in_time_gets_its_old_values() -> None:
     with vehicle(falls_silent=3, away=1.2) as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match=r"silent for 0\.6 s; the vehicle holds the values from before again"):
             plan.carry_out(seen, back=5.0)
     assert autopilot.values == autopilot.before
@@ -310,14 +310,14 @@ def test_a_vehicle_that_comes_back_in_time_gets_its_old_values() -> None:
 
 def test_three_of_ten_packets_lost_each_way_are_sent_again() -> None:
     with vehicle(loses=0.3, answer=0.05) as (autopilot, seen):
-        Plan.of(seen, found(), compass=2, device_id=DEVICE + 1).carry_out(seen)
+        ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1).carry_out(seen)
     held = ardupilot.Parameters.read(autopilot.values, 2)
     np.testing.assert_array_equal(held.offset, ardupilot.Parameters.of(found(), compass=2).as_held().offset)
 
 
 def test_a_vehicle_that_rounds_is_left_as_it_was_and_what_it_says_is_told() -> None:
     with vehicle(rounds=2) as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match=r"COMPASS_OFS_X as -123\.456787: it says -123\.4[56]"):
             plan.carry_out(seen)
     assert autopilot.values == autopilot.before
@@ -328,7 +328,7 @@ def test_a_parameter_that_is_a_whole_number_is_not_set(kind: int) -> None:
     name = "CAL_MAG0_YOFF" if kind == mavlink.PX4 else "COMPASS_OFS_Y"
     with vehicle(kind=kind, whole=(name,)) as (autopilot, seen):
         with pytest.raises(NotSent, match=rf"keeps {name} as a whole number \(MAV_PARAM_TYPE 4\)"):
-            Plan.of(seen, found())
+            ParameterPlan.of(seen, found())
         assert autopilot.sets == []
 
 
@@ -337,13 +337,13 @@ def test_a_device_id_that_is_no_number_is_no_compass(value: float) -> None:
     with vehicle() as (autopilot, seen):
         autopilot.values["COMPASS_DEV_ID"] = value
         with pytest.raises(NotSent, match="does not answer what compass 1 is"):
-            Plan.of(seen, found(), compass=1)
+            ParameterPlan.of(seen, found(), compass=1)
 
 
 def test_an_old_value_that_is_no_number_is_kept_and_put_back() -> None:
     with vehicle(ignores=("COMPASS_SCALE",)) as (autopilot, seen):
         autopilot.values["COMPASS_OFS_X"] = np.nan
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         assert "COMPASS_OFS_X,nan\n" in plan.backup()
         with pytest.raises(NotConfirmed, match="holds the values from before again"):
             plan.carry_out(seen)
@@ -352,14 +352,14 @@ def test_an_old_value_that_is_no_number_is_kept_and_put_back() -> None:
 
 def test_px4_device_ids_beyond_the_sign_are_the_same_compass() -> None:
     with vehicle(kind=mavlink.PX4, device=-5) as (_, seen):
-        assert Plan.of(seen, found(), compass=0, device_id=2**32 - 5).device_id == 2**32 - 5
+        assert ParameterPlan.of(seen, found(), compass=0, device_id=2**32 - 5).device_id == 2**32 - 5
 
 
 def test_other_components_of_the_vehicle_have_no_say() -> None:
     """A companion computer and a gimbal on the same system: armed, and with parameters of the same names."""
     with vehicle(crowded=(100, 191)) as (autopilot, seen):
         assert (seen.component, seen.autopilot, seen.armed) == (1, mavlink.ARDUPILOT, False)
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         assert {change.old.value for change in plan.changes} == {0.0, 1.0, 3.0}
         plan.carry_out(seen)
     assert autopilot.values["COMPASS_OFS_X"] == np.float32(-123.456789)
@@ -374,7 +374,7 @@ def test_other_components_of_the_vehicle_have_no_say() -> None:
 
 def test_stopping_puts_the_old_values_back() -> None:
     with vehicle() as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match=r"stopped before all was sent; .* \(all 4 "):
             plan.carry_out(seen, stopped=lambda: len(autopilot.sets) >= 4)
     assert autopilot.values == autopilot.before
@@ -382,19 +382,19 @@ def test_stopping_puts_the_old_values_back() -> None:
 
 def test_late_and_lost_answers_are_waited_for() -> None:
     with vehicle(late=0.05, drops=2) as (autopilot, seen):
-        Plan.of(seen, found(), compass=1).carry_out(seen)
+        ParameterPlan.of(seen, found(), compass=1).carry_out(seen)
     assert autopilot.values["COMPASS_OFS_X"] == np.float32(-123.456789)
 
 
 def test_a_late_answer_to_an_earlier_question_does_no_harm() -> None:
     with vehicle(answer=0.08) as (autopilot, seen):
-        plan = Plan.of(seen, found(), compass=1)
+        plan = ParameterPlan.of(seen, found(), compass=1)
         autopilot.late = 0.1  # longer than a first try: many answers are to the try before
         plan.carry_out(seen)
         assert autopilot.values["COMPASS_DIA_Z"] == np.float32(dict(plan_values(plan))["COMPASS_DIA_Z"])
 
 
-def plan_values(plan: Plan) -> Iterator[tuple[str, float]]:
+def plan_values(plan: ParameterPlan) -> Iterator[tuple[str, float]]:
     return ((change.new.name, change.new.value) for change in plan.changes)
 
 
@@ -496,10 +496,10 @@ def test_a_calibration_goes_to_the_compass_of_its_log(
 def test_an_autopilot_gets_no_numbers_from_the_other_side_of_its_mounting() -> None:
     with vehicle(kind=mavlink.PX4) as (autopilot, seen):
         with pytest.raises(NotExportable, match="PX4 corrects them before the mounting"):
-            Plan.of(seen, found(frame="vehicle"))
+            ParameterPlan.of(seen, found(frame="vehicle"))
         assert autopilot.sets == []
     with vehicle() as (_, seen):
-        plan = Plan.of(seen, found(frame="vehicle", axes=Axes.of("y,-x,z")), compass=1)
+        plan = ParameterPlan.of(seen, found(frame="vehicle", axes=Axes.of("y,-x,z")), compass=1)
     values = {change.new.name: change.new.value for change in plan.changes}
     x, y, z = found().offset  # along y, −x and z of the vehicle
     np.testing.assert_allclose([values[f"COMPASS_OFS_{axis}"] for axis in "XYZ"], -10 * np.array([-y, x, z]), rtol=1e-6)

@@ -26,7 +26,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed
 from flinders.live import motioncal
-from flinders.live.sources import Serial
+from flinders.live.transports import Serial
 from flinders.targets.motioncal import Packet
 
 if TYPE_CHECKING:

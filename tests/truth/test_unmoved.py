@@ -18,7 +18,7 @@ from flinders.diagnostics.unmoved import unmoved_deg
 from flinders.errors import FitError, Unmoved
 from flinders.fitting.result import Refused
 from flinders.live.evaluation import evaluate
-from flinders.live.snapshot import Snapshot
+from flinders.live.session import Snapshot
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -278,3 +278,14 @@ def test_the_finish_panel_never_says_better_than_the_page(
     for reason in reasons:
         assert found["words"].casefold().startswith(reason["advice"])
     assert ("3.0°" in found["words"]) == (now["goal"] == "attitude")
+
+
+def test_every_widget_of_the_views_is_on_the_page() -> None:
+    static = files("flinders").joinpath("static")
+    row = re.compile(r'@type \{import\("../widgets.js"\).Widget\} \*/\nexport const (\w+) = \{\n    name: "(\w+)"')
+    views = [path.read_text(encoding="utf-8") for path in static.joinpath("views").iterdir()]
+    rows = dict(found for text in views for found in row.findall(text))
+    listed = re.search(r"WIDGETS = \[(.*)\]", static.joinpath("widgets.js").read_text(encoding="utf-8"))
+    assert listed
+    assert sorted(listed[1].split(", ")) == sorted(rows)
+    assert len(set(rows.values())) == len(rows)

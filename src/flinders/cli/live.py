@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.fitting.judged import Judged
     from flinders.live.access import Tokens
+    from flinders.live.buffer import Timeline
     from flinders.live.feeds import Feed
     from flinders.live.messages import Kind
     from flinders.live.server import Supply
     from flinders.live.session import Session
+    from flinders.live.session_file import Edits
     from flinders.live.sinks import Patient, Resumed, Sink
-    from flinders.live.sources import ByteSource
-    from flinders.live.store import Edits
-    from flinders.live.track import Clock
+    from flinders.live.transports import ByteSource
 
 ANY_PORT: Final = "?"
 """``--serial`` without a port."""
@@ -152,15 +152,15 @@ def _loaded(previous: str) -> Judged:
 
 def _ended(session: Session, recording: str | None) -> dict[str, Any]:
     """What there was when the page was closed: the recording, how far it had come, and the newest fit."""
-    from flinders.live.session import state
+    from flinders.live.page_state import session_state
 
-    found, told = session.shown.found, state(session)
+    evaluated, shown = session.shown.evaluated, session_state(session)
     return {
         "recording": recording,
-        "readings": told.readings,
-        "phase": told.phase,
-        "words": told.words,
-        "fit": None if found is None or found.fit is None else found.fit.as_dict(),
+        "readings": shown.readings,
+        "phase": shown.phase,
+        "words": shown.words,
+        "fit": None if evaluated is None or evaluated.fit is None else evaluated.fit.as_dict(),
     }
 
 
@@ -213,12 +213,12 @@ class _Source:
 
 def _begun(
     stack: contextlib.ExitStack, source: dict[str, Any], axes: Axes, output: str | None, resume: str | None
-) -> tuple[Supply, Session, Clock]:
+) -> tuple[Supply, Session, Timeline]:
     """Open source and file, and take up what a session that is continued holds."""
     from flinders.live.messages import SourceState
     from flinders.live.server import Supply
+    from flinders.live.session_file import Edits, default_path
     from flinders.live.sinks import Patient, Resumed, ToFile
-    from flinders.live.store import Edits, default_path
 
     resumed = None if resume is None else Resumed.of(resume)
     edits = Edits() if resume is None else Edits.read(resume)
@@ -285,19 +285,19 @@ def _source(source: dict[str, Any], stack: contextlib.ExitStack) -> _Source:
 
 def _hint(feed: Feed) -> str:
     """Why no reading comes of lines that do: nobody can tell which of their numbers are the field."""
-    told = getattr(feed, "told", None)
-    if told is None or not told.readings or told.form is None:
+    recorded = getattr(feed, "statistics", None)
+    if recorded is None or not recorded.readings or recorded.form is None:
         return ""
-    lines = counted(told.readings, "line")
+    lines = counted(recorded.readings, "line")
     return (
         f"{lines} of numbers came, and which are the magnetometer's is not clear: start again with --columns X,Y,Z, "
-        f"three of {told.form.header}, and with --unit; what came is recorded"
+        f"three of {recorded.form.header}, and with --unit; what came is recorded"
     )
 
 
 def _wire(source: dict[str, Any]) -> tuple[Kind, ByteSource] | None:
     """Open what sends lines; None where none is named and none is plugged in."""
-    from flinders.live.sources import Serial, Tcp, Udp, host_and_port
+    from flinders.live.transports import Serial, Tcp, Udp, host_and_port
 
     if source["udp"] is not None:
         return "udp", Udp(source["udp"])
@@ -319,7 +319,7 @@ def _only_port(*, is_asked: bool) -> str | None:
     MissingExtra
         Where ports cannot be listed, and one was asked for.
     """
-    from flinders.live.sources import ports, ports_in_words
+    from flinders.live.transports import ports, ports_in_words
 
     try:
         found = ports()
@@ -339,47 +339,47 @@ def _only_port(*, is_asked: bool) -> str | None:
 
 def _vehicle(source: dict[str, Any], stack: contextlib.ExitStack) -> _Source:
     from flinders.cli.send import opened as link_of
-    from flinders.live.feeds import Kept
+    from flinders.live.feeds import RecordedFeed
     from flinders.live.telemetry import Telemetry
 
     link = link_of(source["mavlink"], source["baud"])
     stack.callback(link.close)
     feed = Telemetry(link, compass=source["compass"])
-    return _Source("mavlink", lambda sink, resumed: Kept(feed, sink, resumed=resumed), {})
+    return _Source("mavlink", lambda sink, resumed: RecordedFeed(feed, sink, resumed=resumed), {})
 
 
 def _replay(log: str, speed: float, named: dict[str, Any]) -> _Source:
-    from flinders.live.feeds import Kept, Replay
+    from flinders.live.feeds import RecordedFeed, Replay
     from flinders.readers import open_recording
 
     recording = open_recording(log, **named)
     say(str(recording))
     feed = Replay(recording, speed=speed)
-    return _Source("replay", lambda sink, resumed: Kept(feed, sink, resumed=resumed), {})
+    return _Source("replay", lambda sink, resumed: RecordedFeed(feed, sink, resumed=resumed), {})
 
 
 def _simulation() -> _Source:
-    from flinders.live.feeds import Kept
+    from flinders.live.feeds import RecordedFeed
     from flinders.live.simulated import SimulatedFeed
 
-    return _Source("simulated", lambda sink, resumed: Kept(SimulatedFeed(SEED), sink, resumed=resumed), {})
+    return _Source("simulated", lambda sink, resumed: RecordedFeed(SimulatedFeed(SEED), sink, resumed=resumed), {})
 
 
-def _continued(path: Path | None, edits: Edits, axes: Axes, reading: dict[str, Any]) -> tuple[Session, Clock]:
+def _continued(path: Path | None, edits: Edits, axes: Axes, reading: dict[str, Any]) -> tuple[Session, Timeline]:
     """A new session, or the one that a file holds."""
-    from flinders.live.session import Session, Stretch
-    from flinders.live.spans import History
-    from flinders.live.track import Clock
+    from flinders.live.buffer import Timeline
+    from flinders.live.exclusions import Exclusions
+    from flinders.live.session import Series, Session
 
-    live, timeline = Stretch(axes=axes), Clock()
+    live, timeline = Series(axes=axes), Timeline()
     if path is not None:
         from flinders.live.finish import load
 
         before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
-        log, timeline = load(path, path.name, before, **reading)
-        say(f"{path}: goes on after {counted(log.track.total, 'reading')}")
-        history = History(edits.excluded)
-        live = replace(live, track=log.track, unit=log.unit, history=history, begun_s=edits.begun_s, key=1)
+        read, _, timeline = load(path, path.name, before, **reading)
+        say(f"{path}: goes on after {counted(read.buffer.total, 'reading')}")
+        exclusions = Exclusions(edits.excluded)
+        live = replace(read, axes=axes, frame=live.frame, exclusions=exclusions, begun_s=edits.begun_s, key=1)
     session = Session(live=live, target_deg=edits.target_deg, dip_deg=edits.dip_deg, goal=edits.goal, keys=live.key)
     return session, timeline
 

@@ -15,8 +15,8 @@ from flinders.errors import UsageError, counted, figures
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.live.sources import ByteSource
-    from flinders.live.transcript import Recorded
+    from flinders.live.transcript import RecordingStatistics
+    from flinders.live.transports import ByteSource
 
 
 @click.command(
@@ -117,7 +117,7 @@ def _refuse_unclear(port: str | None, udp: int | None, tcp: str | None, output: 
     if given > 1:
         raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
     if given == 0:
-        from flinders.live.sources import ports_in_words
+        from flinders.live.transports import ports_in_words
 
         raise UsageError(
             f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
@@ -129,7 +129,7 @@ def _refuse_unclear(port: str | None, udp: int | None, tcp: str | None, output: 
 
 
 def _opened(port: str | None, baud: int, udp: int | None, tcp: str | None) -> ByteSource:
-    from flinders.live.sources import Serial, Tcp, Udp, host_and_port
+    from flinders.live.transports import Serial, Tcp, Udp, host_and_port
 
     if udp is not None:
         return Udp(udp)
@@ -138,7 +138,7 @@ def _opened(port: str | None, baud: int, udp: int | None, tcp: str | None) -> By
     return Serial(str(port), baud)
 
 
-def _remarks(told: Recorded, output: str | None) -> Iterator[str]:
+def _remarks(told: RecordingStatistics, output: str | None) -> Iterator[str]:
     """Say what to know of a recording, and what to type next."""
     if told.unknown:
         yield (
@@ -162,7 +162,7 @@ class _Status:
     def __init__(self, *, is_shown: bool) -> None:
         self._is_shown, self._width = is_shown, 0
 
-    def show(self, told: Recorded) -> None:
+    def show(self, told: RecordingStatistics) -> None:
         """Write the line anew."""
         if self._is_shown:
             text = _in_short(told)
@@ -185,7 +185,7 @@ class _Status:
             click.echo(text, nl=False, err=True)
 
 
-def _in_short(told: Recorded) -> str:
+def _in_short(told: RecordingStatistics) -> str:
     """Readings, rate, strength and seconds on a line that fits any terminal."""
     parts = [counted(told.readings, "reading"), f"{figures(told.rate_hz, 3)} Hz" if told.rate_hz else "- Hz"]
     if told.strengths:

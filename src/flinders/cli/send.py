@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.fitting.judged import Judged
     from flinders.live.mavlink import Vehicle
-    from flinders.live.plan import Change, Plan
-    from flinders.live.sources import ByteSource
+    from flinders.live.mavlink_parameters import ParameterChange, ParameterPlan
+    from flinders.live.transports import ByteSource
     from flinders.targets import Export
 
 
@@ -112,7 +112,7 @@ def _unclear(*, both: bool) -> str:
     """Say that exactly one receiver has to be named."""
     if both:
         return "--port and --mavlink name two receivers: send to each with a command of its own"
-    from flinders.live.sources import ports_in_words
+    from flinders.live.transports import ports_in_words
 
     return f"no receiver: name the board's --port ({ports_in_words()}), or the vehicle's --mavlink udp:127.0.0.1:14550"
 
@@ -130,7 +130,7 @@ def _render(calibration: Calibration, target: str) -> Export:
 def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: bool) -> None:
     """Send MotionCal's packet and wait for the echo."""
     from flinders.live import motioncal
-    from flinders.live.sources import Serial
+    from flinders.live.transports import Serial
     from flinders.targets.motioncal import Packet
 
     export = _render(judged.calibration, "motioncal")
@@ -185,7 +185,7 @@ def opened(address: str, baud: int) -> ByteSource:
     LinkError
         Where it cannot be opened.
     """
-    from flinders.live.sources import Serial, Tcp, Udp, host_and_port
+    from flinders.live.transports import Serial, Tcp, Udp, host_and_port
 
     kind, colon, rest = address.partition(":")
     match kind.casefold() if colon else "":
@@ -221,7 +221,7 @@ def _to_vehicle(
     """Set the compass parameters of a vehicle, or show what they would be."""
     from flinders.core.files import write_text
     from flinders.live.mavlink import PX4, Vehicle
-    from flinders.live.plan import Plan
+    from flinders.live.mavlink_parameters import ParameterPlan
 
     if backup is not None:
         _refuse_backup(backup)
@@ -234,7 +234,7 @@ def _to_vehicle(
         device_id = only(judged, known_of(judged, target, "device_id"), "the compasses with device id", "--device-id")
     if device_id is None and compass is None:
         compass = only(judged, known_of(judged, target, "compass"), "compass", "--compass")
-    plan = Plan.of(vehicle, judged.calibration, compass=compass, device_id=device_id)
+    plan = ParameterPlan.of(vehicle, judged.calibration, compass=compass, device_id=device_id)
     path = backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.param{'s' * (plan.autopilot == PX4)}"
     for note in (*plan.notes, *warnings):
         say(f"! {note}")
@@ -274,7 +274,7 @@ def _refuse_backup(path: str) -> None:
         ) from None
 
 
-def _carry_out(plan: Plan, vehicle: Vehicle, path: str) -> None:
+def _carry_out(plan: ParameterPlan, vehicle: Vehicle, path: str) -> None:
     """Change the vehicle; where that fails, say where the old values are.
 
     Raises
@@ -292,7 +292,7 @@ def _carry_out(plan: Plan, vehicle: Vehicle, path: str) -> None:
             raise click.Abort from None
 
 
-def _show(plan: Plan, *, as_json: bool, written_to: str | None) -> None:
+def _show(plan: ParameterPlan, *, as_json: bool, written_to: str | None) -> None:
     """Print each parameter, before and after."""
     if as_json:
         print_json(
@@ -316,5 +316,5 @@ def _show(plan: Plan, *, as_json: bool, written_to: str | None) -> None:
         click.echo(f"{counted(len(plan.pending), 'value')} would change")
 
 
-def _as_dict(change: Change) -> dict[str, object]:
+def _as_dict(change: ParameterChange) -> dict[str, object]:
     return {"name": change.new.name, "before": change.old.value, "after": change.new.value}

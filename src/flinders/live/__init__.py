@@ -1,10 +1,11 @@
 """Live: sensors and vehicles at the other end of a wire.
 
-`sources` are the wires. `recorder` keeps what comes in, in one of the `sinks`, as the text that `transcript` makes of
-it by what `lines` recognises, and hands on `readings`; so do `feeds` that are no wires, `simulated` and `telemetry`.
-`motioncal` sends a calibration to a board, and `plan` to a vehicle that `mavlink` speaks to.
+`transports` carry bytes. `recorder` writes what arrives to one of the `sinks`, as the text that `transcript` makes of
+it (`lines` recognises the layout), and hands on `readings`; so do `feeds` of other kinds, `simulated` and `telemetry`.
+`motioncal` sends a calibration to a board, `mavlink_parameters` to a vehicle that `mavlink` speaks to.
 
-The page: `session` is a pure reducer of wishes and of readings, which a `track` holds, with `spans` that were taken
-out; `snapshot` is one fit of it, `finish` the calibration in the end, `messages` the wire, `store` the file. `pump`
-asks a feed in a thread, `access` says who may look, and `server` puts it all together.
+The page: `session` is a pure reducer of readings and commands, with a `buffer` of readings and `exclusions` of time;
+`evaluation` fits a snapshot of it, with `guidance` where to turn; `page_state` is what a page shows of it, `messages`
+the wire format. `session_file` is the recording with what a person did, `finish` the calibration of all its readings.
+`feed_thread` asks a feed, `access` says who may look, and `server` puts all together.
 """

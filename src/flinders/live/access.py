@@ -91,10 +91,10 @@ class Gate:
 
     def _is_own(self, host: str) -> bool:
         """Whether a Host header names this server."""
-        found = re.fullmatch(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(\d{1,5}))?", host)
-        if not found or int(found[2] or 80) != self.port:
+        match = re.fullmatch(r"(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(?::(\d{1,5}))?", host)
+        if not match or int(match[2] or 80) != self.port:
             return False
-        name = found[1].strip("[]").casefold()
+        name = match[1].strip("[]").casefold()
         return name in self.names or (self.is_open and is_address(name))
 
 

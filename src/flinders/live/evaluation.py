@@ -1,14 +1,14 @@
 """One fit of what a session holds: from a snapshot to all that follows from it, without a clock or a side effect.
 
 >>> from flinders import simulate
->>> from flinders.live.snapshot import Snapshot
->>> found = evaluate(Snapshot(key=7, samples=simulate.tumble(seed=1).samples))
->>> found.key, found.view.verdict, found.used, [reason.code for reason in found.reasons]
+>>> from flinders.live.session import Snapshot
+>>> evaluated = evaluate(Snapshot(key=7, samples=simulate.tumble(seed=1).samples))
+>>> evaluated.key, evaluated.view.verdict, evaluated.used, [reason.code for reason in evaluated.reasons]
 (7, 'good', 3000, [])
 >>> [reason.code for reason in evaluate(Snapshot(key=8, samples=Samples.of(np.ones((50, 3))))).reasons]
 ['stuck-axis', 'stale']
 
-The same snapshot gives the same, in whichever thread, so that the server may run it beside the sensor.
+The same snapshot gives the same, in whichever thread, so that the server may run it while readings arrive.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from flinders.core.samples import Samples  # noqa: TC001 - the example above mak
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import FitError, FlindersError, counted, figures
 from flinders.findings import CATALOGUE
-from flinders.fitting.calibrate import fit
+from flinders.fitting.calibrate import fit as fit_samples
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
+from flinders.live.guidance import guided
 from flinders.live.messages import PreviousState, Reason
-from flinders.live.snapshot import Evaluated
-from flinders.live.way import led
+from flinders.live.session import Evaluated
 from flinders.report.view import view
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
-    from flinders.live.snapshot import Snapshot
+    from flinders.live.session import Snapshot
     from flinders.report.view import View
 
 STALE_S: Final = 2.0
@@ -49,17 +49,17 @@ LIVELY: Final = 0.9
 """Of its steps before, so many have to be changes: a coarse axis is equal for a while by itself."""
 MOVING: Final = 0.1
 """Of their range so far, that the other axes move by meanwhile."""
-SETTLED: Final = 5.0
-"""A fit is settled, and its findings are told, once its error is below so many targets, …"""
-SETTLED_FRACTION: Final = 0.7
+CONVERGED: Final = 5.0
+"""A fit has converged, and its findings are shown, once its error is below so many targets, …"""
+CONVERGED_FRACTION: Final = 0.7
 """… or so much of the sphere has been seen, …"""
-SETTLED_S: Final = 30.0
+CONVERGED_S: Final = 30.0
 """… or so many seconds of readings are there: more of the same would not help."""
 STILL_S: Final = 6.0
 """Seconds without a turn after which somebody is reminded."""
 STILL_DEG: Final = 5.0
 LEAST_DEG: Final = 0.001
-"""A smaller difference is not told in figures."""
+"""A smaller difference is not shown as a number."""
 OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
 
@@ -67,40 +67,40 @@ OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 def evaluate(snapshot: Snapshot) -> Evaluated:
     """Fit a snapshot and look at what came out."""
     samples = snapshot.samples
-    found, refusal, code = _fitted(snapshot)
-    drawn = None
-    if found is not None:
-        drawn = view(found, samples, numbers=snapshot.numbers, goal=snapshot.goal, frame=snapshot.frame)
+    fit, refusal, code = _fitted(snapshot)
+    page_view = None
+    if fit is not None:
+        page_view = view(fit, samples, numbers=snapshot.numbers, goal=snapshot.goal, frame=snapshot.frame)
         if snapshot.is_followed:
-            drawn = led(drawn, found, samples, goal=snapshot.goal, frame=snapshot.frame)
-        drawn = _beyond_level(drawn, found)
-    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, found), *_of_fit(found, samples)]
-    used = 0 if drawn is None else sum(drawn.tiles_seen) or samples.field.shape[0]
+            page_view = guided(page_view, fit, samples, goal=snapshot.goal, frame=snapshot.frame)
+        page_view = _beyond_level(page_view, fit)
+    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, fit), *_of_fit(fit, samples)]
+    used = 0 if page_view is None else sum(page_view.tiles_seen) or samples.field.shape[0]
     return Evaluated(
         key=snapshot.key,
-        fit=found,
-        view=drawn,
+        fit=fit,
+        view=page_view,
         refusal=refusal,
         reasons=tuple(sorted(reasons, key=lambda reason: reason.severity != "warning")),
         used=used,
-        rejected=0 if drawn is None else len(samples) - used,
-        previous=_compared(found, snapshot),
+        rejected=0 if page_view is None else len(samples) - used,
+        previous=_compared(fit, snapshot),
     )
 
 
-def _beyond_level(drawn: View, found: Fit) -> View:
+def _beyond_level(page_view: View, fit: Fit) -> View:
     """Say what is missing of a calibration that is good held level: more level turns would add nothing."""
-    is_done = found.plane and found.verdict == "limited" and found.heading_error_deg.worst <= found.target_deg
-    if not is_done or drawn.guidance is None:
-        return drawn
+    is_done = fit.plane and fit.verdict == "limited" and fit.heading_error_deg.worst <= fit.target_deg
+    if not is_done or page_view.guidance is None:
+        return page_view
     words = "it is good held level; for headings that hold when it is tilted, turn it tilted and upside down too"
-    return msgspec.structs.replace(drawn, guidance=msgspec.structs.replace(drawn.guidance, words=words))
+    return msgspec.structs.replace(page_view, guidance=msgspec.structs.replace(page_view.guidance, words=words))
 
 
 def _fitted(snapshot: Snapshot) -> tuple[Fit | None, str, str]:
     """The fit, or why there is none and the code of that."""
     try:
-        return fit(snapshot.samples, target_deg=snapshot.target_deg, dip_deg=snapshot.dip_deg), "", ""
+        return fit_samples(snapshot.samples, target_deg=snapshot.target_deg, dip_deg=snapshot.dip_deg), "", ""
     except Refused as refused:
         return refused.fit, "", ""
     except FitError as error:
@@ -115,22 +115,22 @@ def _of_refusal(code: str, words: str) -> Iterator[Reason]:
         yield Reason("no-rotation" if code == "unmoved" else code, words, "info")
 
 
-def _of_fit(found: Fit | None, samples: Samples) -> Iterator[Reason]:
+def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
     """What the findings of a fit say is wrong; of one that is only beginning, nothing yet."""
-    if found is None:
+    if fit is None:
         return
-    settled = (
-        found.heading_error_deg.worst < SETTLED * found.target_deg
-        or found.coverage.fraction >= SETTLED_FRACTION
-        or _seconds(samples) >= SETTLED_S
+    converged = (
+        fit.heading_error_deg.worst < CONVERGED * fit.target_deg
+        or fit.coverage.fraction >= CONVERGED_FRACTION
+        or _seconds(samples) >= CONVERGED_S
     )
-    for finding in found.findings:
-        if CATALOGUE[finding.code].alarm and finding.severity != "note" and (settled or finding.code == "saturated"):
+    for finding in fit.findings:
+        if CATALOGUE[finding.code].alarm and finding.severity != "note" and (converged or finding.code == "saturated"):
             yield Reason(finding.code, finding.advice)
         elif finding.code in ("stale-repeats", "mirrored-axes"):
             yield Reason(finding.code, finding.advice, "info")
-    if settled and not found.is_flat:
-        yield from _of_unit(found)
+    if converged and not fit.is_flat:
+        yield from _of_unit(fit)
 
 
 def _seconds(samples: Samples) -> float:
@@ -138,9 +138,9 @@ def _seconds(samples: Samples) -> float:
     return 0.0 if samples.time is None or not len(samples) else float(samples.time[-1] - samples.time[0])
 
 
-def _of_unit(found: Fit) -> Iterator[Reason]:
+def _of_unit(fit: Fit) -> Iterator[Reason]:
     """Whether the field is none of the earth's, and which other unit would explain it."""
-    calibration, radius = found.calibration, found.ellipsoid.radius
+    calibration, radius = fit.calibration, fit.ellipsoid.radius
     low, high = EARTH_UT
     if calibration.unit != MICROTESLA or low <= radius <= high:
         return
@@ -153,7 +153,7 @@ def _of_unit(found: Fit) -> Iterator[Reason]:
     )
 
 
-def _of_motion(samples: Samples, found: Fit | None) -> Iterator[Reason]:
+def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
     """Whether the newest readings still change, and turn."""
     time = samples.time
     count = len(samples)
@@ -173,9 +173,9 @@ def _of_motion(samples: Samples, found: Fit | None) -> Iterator[Reason]:
             f"axis {axis} has been the same for {seconds:.1f} s while the others change: turn the sensor another "
             "way, and where that does not wake it, the sensor or its wiring is at fault; then begin anew",
         )
-    elif found is not None and not found.is_flat and time[-1] - time[0] > STILL_S:
+    elif fit is not None and not fit.is_flat and time[-1] - time[0] > STILL_S:
         newest = samples.field[time >= time[-1] - STILL_S]
-        if len(newest) > 3 and _widest_deg(found.calibration.apply(newest)) < STILL_DEG:
+        if len(newest) > 3 and _widest_deg(fit.calibration.apply(newest)) < STILL_DEG:
             yield Reason("no-rotation", f"it has not been turned for {STILL_S:.0f} s", "info")
 
 
@@ -224,16 +224,16 @@ def _widest_deg(corrected: Floats) -> float:
     return float(np.rad2deg(np.arccos(np.clip(directions @ mean, -1.0, 1.0))).max())
 
 
-def _compared(found: Fit | None, snapshot: Snapshot) -> PreviousState | None:
+def _compared(fit: Fit | None, snapshot: Snapshot) -> PreviousState | None:
     """How far the calibration from before is off the present one."""
     previous = snapshot.previous
     if previous is None:
         return None
-    if found is None or found.verdict == "refused":
+    if fit is None or fit.verdict == "refused":
         return PreviousState(previous.name, None, "nothing to compare with yet")
     try:
         apart = compare(
-            previous, Judged.from_fit(found, name="this one"), dip_deg=snapshot.dip_deg, target_deg=snapshot.target_deg
+            previous, Judged.from_fit(fit, name="this one"), dip_deg=snapshot.dip_deg, target_deg=snapshot.target_deg
         )
     except FlindersError as error:
         return PreviousState(previous.name, None, str(error))
@@ -243,5 +243,5 @@ def _compared(found: Fit | None, snapshot: Snapshot) -> PreviousState | None:
         "differ": "it differs from this one by more than chance, but by less than the target",
         "contradict": "it contradicts this one: something near the sensor has changed",
     }[apart.verdict]
-    told = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
-    return PreviousState(previous.name, worst, f"{said} ({told} of heading at the worst)")
+    difference = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
+    return PreviousState(previous.name, worst, f"{said} ({difference} of heading at the worst)")

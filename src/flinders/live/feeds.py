@@ -8,7 +8,7 @@
 ([500, 500, 500, 500, 500, 500], 'ended')
 
 A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Recorder` is
-one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `Kept` records those that are no lines.
+one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `RecordedFeed` records those that are no lines.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from flinders.core.units import MICROTESLA
 from flinders.errors import OutputError, UsageError
-from flinders.live.readings import Event, Reading, readings_of
+from flinders.live.readings import FeedEvent, Reading, readings_of
 from flinders.live.sinks import title
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class Feed(Protocol):
     def name(self) -> str:
         """For messages."""
 
-    def next(self, timeout: float) -> list[Reading] | Event:
+    def next(self, timeout: float) -> list[Reading] | FeedEvent:
         """Return what has come: readings, in order, or one event; nothing where nothing came in `timeout` seconds.
 
         After an event ``ended`` nothing comes, and each question is answered with nothing.
@@ -108,7 +108,7 @@ class Replay:
         self._start = clock()
         self._is_told = self._is_over = False
 
-    def next(self, timeout: float) -> list[Reading] | Event:
+    def next(self, timeout: float) -> list[Reading] | FeedEvent:
         """As `Feed.next`.
 
         Raises
@@ -119,7 +119,7 @@ class Replay:
         if not self._is_told:
             self._is_told, self._start = True, self._clock()
             how = "as fast as possible" if self._speed is None else f"at {self._speed:g} times its speed"
-            return Event("connected", 0.0, f"{self.name}, played back {how}")
+            return FeedEvent("connected", 0.0, f"{self.name}, played back {how}")
         if not self._readings and not self._is_over:
             self._load()
         if self._is_over:
@@ -157,10 +157,10 @@ class Replay:
         ready = int(np.searchsorted(self._due, self._clock() - self._start, side="right"))
         return min(ready, AT_ONCE)
 
-    def _ended(self, timeout: float) -> list[Reading] | Event:
+    def _ended(self, timeout: float) -> list[Reading] | FeedEvent:
         if self._blocks is not _NOTHING:
             self._blocks = _NOTHING
-            return Event("ended", self._clock() - self._start, f"{self.name} has been played to its end")
+            return FeedEvent("ended", self._clock() - self._start, f"{self.name} has been played to its end")
         self._sleep(timeout)
         return []
 
@@ -168,8 +168,8 @@ class Replay:
 _NOTHING: Final[Iterator[Samples]] = iter(())
 
 
-class Kept:
-    """A feed that is recorded on its way, as a table that `flinders.read` reads; events become comments.
+class RecordedFeed:
+    """Records a feed as a table that `flinders.read` reads; events become comments.
 
     Parameters
     ----------
@@ -187,8 +187,8 @@ class Kept:
     >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
     >>> tumble = simulate.tumble(seed=1, n=400).samples
     >>> with ToFile(file) as sink:
-    ...     feed = Kept(Replay(tumble, speed=None), sink)
-    ...     while not (isinstance(got := feed.next(0.1), Event) and got.kind == "ended"):
+    ...     feed = RecordedFeed(Replay(tumble, speed=None), sink)
+    ...     while not (isinstance(got := feed.next(0.1), FeedEvent) and got.kind == "ended"):
     ...         pass
     >>> np.abs(read(file).field - tumble.field).max() < 1e-6
     np.True_
@@ -206,7 +206,7 @@ class Kept:
         """That of the feed."""
         return self._feed.name
 
-    def next(self, timeout: float) -> list[Reading] | Event:
+    def next(self, timeout: float) -> list[Reading] | FeedEvent:
         """As `Feed.next`.
 
         Raises
@@ -214,11 +214,11 @@ class Kept:
         OutputError
             Where it cannot be written, or has other columns than the recording that is continued.
         """
-        found = self._feed.next(timeout)
+        received = self._feed.next(timeout)
         text = (
-            "".join(f"# {line}\n" for line in str(found).splitlines())
-            if isinstance(found, Event)
-            else self._rows(found)
+            "".join(f"# {line}\n" for line in str(received).splitlines())
+            if isinstance(received, FeedEvent)
+            else self._rows(received)
         )
         if text:
             self._sink.write(self._title + text)
@@ -226,7 +226,7 @@ class Kept:
         if time.monotonic() - self._synced >= SYNC_S:
             self._synced = time.monotonic()
             self._sink.sync()
-        return found
+        return received
 
     def close(self) -> None:
         """As `Feed.close`."""
@@ -253,15 +253,15 @@ COLUMNS: Final = {
     "rate": "gyro_x_radps,gyro_y_radps,gyro_z_radps",
     "temperature": "temp_C",
 }
-"""Names of what stands beside the field, in the order of the columns."""
+"""Column names of the auxiliary sensors, in order."""
 
 
 def _header(reading: Reading) -> str:
     """Names of the columns that a reading has."""
     unit = "uT" if reading.unit == MICROTESLA else "counts"
     field = [f"mag_{axis}_{unit}" for axis in "xyz"]
-    beside = [names for what, names in COLUMNS.items() if getattr(reading, what) is not None]
-    return ",".join(["t_s", *field, *beside])
+    auxiliary = [names for what, names in COLUMNS.items() if getattr(reading, what) is not None]
+    return ",".join(["t_s", *field, *auxiliary])
 
 
 def _row(reading: Reading, header: str) -> str:
@@ -269,7 +269,7 @@ def _row(reading: Reading, header: str) -> str:
     cells = [f"{reading.time:.6f}", *(f"{value:.9g}" for value in reading.field)]
     for what, names in COLUMNS.items():
         if names in header:
-            found = getattr(reading, what)
-            values = (found,) if isinstance(found, float) else found or (np.nan,) * (1 + names.count(","))
-            cells += [f"{value:.9g}" for value in values]
+            value = getattr(reading, what)
+            values = (value,) if isinstance(value, float) else value or (np.nan,) * (1 + names.count(","))
+            cells += [f"{number:.9g}" for number in values]
     return ",".join(cells)

@@ -22,18 +22,19 @@ from flinders.core.units import Unit
 from flinders.errors import FlindersError, UnreadableInput, counted, figures
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
-from flinders.live.session import rows_of, snapshot
-from flinders.live.store import Edits, Without
-from flinders.live.track import Clock, Track
+from flinders.live.buffer import ReadingBuffer, rows_of
+from flinders.live.session import Series, snapshot
+from flinders.live.session_file import Edits, TrimmedRecording
 from flinders.readers import open_recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
     from flinders.fitting.result import Fit
+    from flinders.live.buffer import Timeline
+    from flinders.live.exclusions import Span
     from flinders.live.session import Session
 
 CHUNK: Final = 1 << 20
@@ -91,7 +92,7 @@ class Finished:
 
 
 @dataclass(slots=True, eq=False)
-class _Counted(Wrapped):
+class _CountedRecording(Wrapped):
     """A recording that knows how many readings its last pass gave."""
 
     recording: Recording
@@ -124,7 +125,7 @@ def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Fi
         file = open_recording(path, **reading)
     except FlindersError as error:
         return Finished(key, path.name, snapshot(session, None).samples, _nothing_yet(error))
-    counting = _Counted(Without(file, Edits.of(session).left_out))
+    counting = _CountedRecording(TrimmedRecording(file, Edits.of(session).left_out))
     outcome = _outcome(session, counting)
     return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows),))
 
@@ -155,28 +156,8 @@ def _source_file(path: Path, rows: int) -> SourceFile:
     return SourceFile(name=path.name, sha256=digest.hexdigest(), bytes=size, rows=rows)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Log:
-    """A recording in memory, as a session shows it.
-
-    Attributes
-    ----------
-    track : Track
-    unit, axes, frame
-        Of its readings.
-    words : str
-        How it was read.
-    """
-
-    track: Track
-    unit: Unit
-    axes: Axes
-    frame: str
-    words: str
-
-
-def load(path: Path, name: str, spans: tuple[tuple[float, float], ...] = (), **reading: Any) -> tuple[Log, Clock]:
-    """Read a recording into a track, so many readings as one holds.
+def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Series, str, Timeline]:
+    """Read a recording as a series of readings, as many as a buffer holds, how it was read, and where its time ends.
 
     Parameters
     ----------
@@ -184,7 +165,7 @@ def load(path: Path, name: str, spans: tuple[tuple[float, float], ...] = (), **r
     name : str
         For messages, in place of its own.
     spans : tuple of (start, end), s
-        Stretches to leave behind.
+        Stretches of time to leave out.
     **reading
         As `flinders.open_recording` takes it.
 
@@ -194,17 +175,11 @@ def load(path: Path, name: str, spans: tuple[tuple[float, float], ...] = (), **r
         For what cannot be read.
     """
     recording = open_recording(path, **reading)
-    track, clock = Track.empty(), Clock()
-    for block in recording.blocks():
-        rows = rows_of(block)
-        if block.time is None:
-            rows[:, 0] += track.total
-        rows[:, 0], clock = clock(rows[:, 0])
-        for start, end in spans:
-            rows = rows[(rows[:, 0] < start) | (rows[:, 0] > end)]
-        track = track.extended(rows)
-    unit = getattr(recording, "unit", Unit.of())
+    trimmed = TrimmedRecording(recording, spans)
+    buffer = ReadingBuffer.empty()
+    for block in trimmed.blocks():
+        buffer = buffer.extended(rows_of(block))
     words = str(recording).replace(str(path), name).replace(path.name, name)
-    told = words if words.startswith(name) else f"{name}: {words}"
-    told = f"{told}; {counted(track.total, 'reading')}"
-    return Log(track, unit, recording.axes, frame_of(recording), told), clock
+    words = words if words.startswith(name) else f"{name}: {words}"
+    series = Series(buffer, getattr(recording, "unit", Unit.of()), recording.axes, frame_of(recording))
+    return series, f"{words}; {counted(buffer.total, 'reading')}", trimmed.timeline

@@ -4,7 +4,7 @@
 
     vehicle = Vehicle.find(source)
     vehicle.get("COMPASS_OFS_X")
-    vehicle.set(Held("COMPASS_OFS_X", -125.0))
+    vehicle.set(Parameter("COMPASS_OFS_X", -125.0))
 
 The vehicle's own answer is the proof that a parameter is set.
 
@@ -29,7 +29,7 @@ from flinders.readers._extras import needs
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 ARDUPILOT, PX4 = 3, 12
 """MAV_AUTOPILOT in a vehicle's HEARTBEAT."""
@@ -69,7 +69,7 @@ REAL32: Final = 9
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class Parameter:
     """A parameter as a vehicle holds it.
 
     Attributes
@@ -86,7 +86,7 @@ class Held:
 
 
 @dataclass(frozen=True, slots=True)
-class Beat:
+class Heartbeat:
     """What a HEARTBEAT says: which component sent it, what autopilot it is, and whether it is armed."""
 
     component: int
@@ -149,21 +149,21 @@ class Vehicle:
         NotSent
             Where its autopilot is neither ArduPilot nor PX4.
         """
-        found = cls(source, answer=answer, silent=silent)
-        heard: dict[int, Beat] = {}
+        vehicle = cls(source, answer=answer, silent=silent)
+        heard: dict[int, Heartbeat] = {}
         until, first = time.monotonic() + wait, None
         while time.monotonic() < (until if first is None else first + listen):
-            for message in found._arrived():
+            for message in vehicle._arrived():
                 if message.get_type() == "HEARTBEAT":
                     _note(heard, message)
             if first is None and heard and (system is None or system in heard):
                 first = time.monotonic()
             if system in heard and heard[system].component == AUTOPILOT:
                 break
-        found._choose(heard, system)
-        return found
+        vehicle._choose(heard, system)
+        return vehicle
 
-    def _choose(self, heard: dict[int, Beat], system: int | None) -> None:
+    def _choose(self, heard: dict[int, Heartbeat], system: int | None) -> None:
         """Settle on one of the vehicles that were heard."""
         there = ", ".join(map(str, sorted(heard)))
         if not heard or (system is not None and system not in heard):
@@ -189,7 +189,7 @@ class Vehicle:
         """What messages call it."""
         return f"{AUTOPILOTS.get(self.autopilot, 'vehicle')}, system {self.system}"
 
-    def get(self, *names: str, tries: int = TRIES) -> Held | None:
+    def get(self, *names: str, tries: int = TRIES) -> Parameter | None:
         """Ask for a parameter; None where the vehicle has none of this name, or does not answer.
 
         Parameters
@@ -213,14 +213,14 @@ class Vehicle:
             for message in self.messages(self._patience(attempt)):
                 name = self._told_of(message, names)
                 if name and message.get_type() == "PARAM_VALUE":
-                    return Held(name, self._decoded(message), message.param_type)
+                    return Parameter(name, self._decoded(message), message.param_type)
                 if name:
                     unknown.add(name)
                 if unknown == set(names):
                     return None
         return None
 
-    def set(self, held: Held) -> float | None:
+    def set(self, parameter: Parameter) -> float | None:
         """Set a parameter, and return the value that the vehicle answers with; None where it does not.
 
         It is asked again while it answers with another value, since that may be late and to an earlier question.
@@ -232,19 +232,19 @@ class Vehicle:
         """
         answered, others = None, 0
         for attempt in range(TRIES):
-            encoded = self._encoded(held)
+            encoded = self._encoded(parameter)
             self._send(
                 self._dialect.MAVLink_param_set_message(
-                    self.system, self.component, held.name.encode(), encoded, held.kind
+                    self.system, self.component, parameter.name.encode(), encoded, parameter.kind
                 )
             )
             for message in self.messages(self._patience(attempt)):
-                if not self._told_of(message, (held.name,)):
+                if not self._told_of(message, (parameter.name,)):
                     continue
                 if message.get_type() == "PARAM_ERROR":
                     return answered
                 answered, others = self._decoded(message), others + 1
-                if same(answered, held.value) or others == MOST_OTHERS:
+                if same(answered, parameter.value) or others == MOST_OTHERS:
                     return answered
                 break
         return answered
@@ -319,11 +319,11 @@ class Vehicle:
             return float(struct.unpack_from(layout, struct.pack("<f", message.param_value))[0])
         return float(message.param_value)
 
-    def _encoded(self, held: Held) -> float:
-        if self.autopilot == PX4 and held.kind in KINDS:
-            content = struct.pack(KINDS[held.kind], int(held.value)).ljust(4, b"\0")
+    def _encoded(self, parameter: Parameter) -> float:
+        if self.autopilot == PX4 and parameter.kind in KINDS:
+            content = struct.pack(KINDS[parameter.kind], int(parameter.value)).ljust(4, b"\0")
             return float(struct.unpack("<f", content)[0])
-        return float(held.value)
+        return float(parameter.value)
 
     def _send(self, message: Any) -> None:  # noqa: ANN401
         self._link.send(message, force_mavlink1=self._is_old)
@@ -348,9 +348,9 @@ class Vehicle:
             yield message
 
 
-def _note(heard: dict[int, Beat], message: Any) -> None:  # noqa: ANN401
+def _note(heard: dict[int, Heartbeat], message: Any) -> None:  # noqa: ANN401
     """Keep the heartbeat of an autopilot, by its system; that of its own component before those of others."""
-    beat = Beat(message.get_srcComponent(), message.autopilot, bool(message.base_mode & ARMED))
+    beat = Heartbeat(message.get_srcComponent(), message.autopilot, bool(message.base_mode & ARMED))
     if beat.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
         return
     system = message.get_srcSystem()

@@ -1,7 +1,7 @@
 """The wire of the live page: every message as a dataclass, binary points, and the page's types made from them.
 
 >>> parse('{"type": "target", "deg": 0.5}')
-Target(deg=0.5)
+SetTarget(deg=0.5)
 >>> parse('{"type": "exclude", "start_s": 3, "end_s": 2}')
 Traceback (most recent call last):
 flinders.errors.UsageError: exclude: from 3 to 2 s: need a start before the end
@@ -69,8 +69,8 @@ class PreviousState(Struct, frozen=True):
     words: str
 
 
-class State(Struct, frozen=True, tag_field="type", tag="state"):
-    """All that a page shows beside the fit and the points.
+class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
+    """What a page shows, without the fit and the points.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class State(Struct, frozen=True, tag_field="type", tag="state"):
     unit : str
         ``µT`` or ``counts``.
     readings, used, rejected, excluded_readings : int
-        Received; of those fitted used and left out as outliers; taken out by hand.
+        Received; of those fitted, used and rejected as outliers; excluded by hand.
     rate_hz : float or None
         Over the last two seconds.
     seconds : float
@@ -89,7 +89,7 @@ class State(Struct, frozen=True, tag_field="type", tag="state"):
     words : str
         The phase in a sentence.
     reasons : list of Reason
-        Gravest first.
+        By severity.
     target_deg, dip_deg : float
     goal : str
     excluded : list of (start, end), s
@@ -170,17 +170,17 @@ class Hello(Struct, frozen=True, tag_field="type", tag="hello"):
     tiles: TilesView
     targets: tuple[TargetInfo, ...]
     limits: Limits
-    state: State
+    state: SessionState
     view: View | None
 
 
-class Target(Struct, frozen=True, tag_field="type", tag="target", forbid_unknown_fields=True):
+class SetTarget(Struct, frozen=True, tag_field="type", tag="target", forbid_unknown_fields=True):
     """The worst heading error that is good enough."""
 
     deg: float
 
 
-class Dip(Struct, frozen=True, tag_field="type", tag="dip", forbid_unknown_fields=True):
+class SetDip(Struct, frozen=True, tag_field="type", tag="dip", forbid_unknown_fields=True):
     """The inclination of the field at the site."""
 
     deg: float
@@ -232,14 +232,14 @@ class BackToLive(Struct, frozen=True, tag_field="type", tag="back_to_live", forb
     """Close the log that was opened."""
 
 
-Command = Target | Dip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive
+Command = SetTarget | SetDip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive
 """What a page may ask for."""
 
 _DECODER: Final = msgspec.json.Decoder(Command)
 _ENCODER: Final = msgspec.json.Encoder()
 
 
-def encode(message: State | FitMessage | Notice | Hello) -> str:
+def encode(message: SessionState | FitMessage | Notice | Hello) -> str:
     """Write a message as a text frame."""
     return _ENCODER.encode(message).decode()
 
@@ -265,9 +265,9 @@ def parse(text: str | bytes) -> Command:
 def _refuse_out_of_range(command: Command) -> None:
     """Raise `UsageError` for numbers that cannot be meant."""
     match command:
-        case Target(deg) if not 0.0 < deg <= 180.0:
+        case SetTarget(deg) if not 0.0 < deg <= 180.0:
             raise UsageError(f"target {deg:g}°: need an angle above 0°, up to 180°")
-        case Dip(deg) if not -89.0 <= deg <= 89.0:
+        case SetDip(deg) if not -89.0 <= deg <= 89.0:
             raise UsageError(f"dip {deg:g}°: need −89° to 89°")
         case Exclude(start, end) | Restore(start, end) if not -math.inf < start < end < math.inf:
             name = type(command).__name__.lower()
@@ -317,47 +317,47 @@ def points_frame(
 
 def typescript() -> str:
     """The messages as types for the page: ``static/messages.d.ts``."""
-    found: dict[str, str] = {}
-    for kind in (Hello, State, FitMessage, Notice, *typing.get_args(Command)):
-        _declare(kind, found)
-    sent = " | ".join(kind.__name__ for kind in (Hello, State, FitMessage, Notice))
+    declared: dict[str, str] = {}
+    for kind in (Hello, SessionState, FitMessage, Notice, *typing.get_args(Command)):
+        _declare(kind, declared)
+    sent = " | ".join(kind.__name__ for kind in (Hello, SessionState, FitMessage, Notice))
     asked = " | ".join(kind.__name__ for kind in typing.get_args(Command))
     head = "// Generated from flinders/live/messages.py: python -m flinders.live.messages > messages.d.ts\n"
     unions = f"export type FromServer = {sent};\n\nexport type ToServer = {asked};\n"
-    return "\n".join([head, *found.values(), unions])
+    return "\n".join([head, *declared.values(), unions])
 
 
-def _declare(kind: type[Struct], found: dict[str, str]) -> None:
+def _declare(kind: type[Struct], declared: dict[str, str]) -> None:
     """Declare a struct, after those that it holds."""
-    if kind.__name__ in found:
+    if kind.__name__ in declared:
         return
-    found[kind.__name__] = ""
+    declared[kind.__name__] = ""
     tag = kind.__struct_config__.tag
     lines = [f'  type: "{tag}";'] if tag else []
     hints = typing.get_type_hints(kind)
-    lines += [f"  {name}: {_type(hints[name], found)};" for name in kind.__struct_fields__]
+    lines += [f"  {name}: {_type(hints[name], declared)};" for name in kind.__struct_fields__]
     comment = (kind.__doc__ or "").partition("\n")[0]
-    del found[kind.__name__]
-    found[kind.__name__] = f"/** {comment} */\nexport interface {kind.__name__} {{\n" + "\n".join(lines) + "\n}\n"
+    del declared[kind.__name__]
+    declared[kind.__name__] = f"/** {comment} */\nexport interface {kind.__name__} {{\n" + "\n".join(lines) + "\n}\n"
 
 
 PLAIN: Final = {bool: "boolean", int: "number", float: "number", str: "string", type(None): "null"}
 
 
-def _type(hint: Any, found: dict[str, str]) -> str:  # noqa: ANN401 - a type, whatever its kind
+def _type(hint: Any, declared: dict[str, str]) -> str:  # noqa: ANN401 - a type, whatever its kind
     """One type as TypeScript has it; a tuple of fixed length stays one."""
     origin, inside = typing.get_origin(hint), typing.get_args(hint)
     if hint in PLAIN:
         return PLAIN[hint]
     if origin in (Union, types.UnionType):
-        return " | ".join(_type(one, found) for one in inside)
+        return " | ".join(_type(one, declared) for one in inside)
     if origin is Literal:
         return " | ".join(f'"{one}"' for one in inside)
     if origin is tuple and inside[-1] is Ellipsis:
-        return f"Array<{_type(inside[0], found)}>"
+        return f"Array<{_type(inside[0], declared)}>"
     if origin is tuple:
-        return f"[{', '.join(_type(one, found) for one in inside)}]"
-    _declare(hint, found)
+        return f"[{', '.join(_type(one, declared) for one in inside)}]"
+    _declare(hint, declared)
     return str(hint.__name__)
 
 

@@ -4,7 +4,7 @@ The board answers a packet with two lines, ten numbers and nine: offsets of acce
 with the field, and the matrix. Only when both hold what was sent is it confirmed.
 
 >>> import numpy as np
->>> from flinders.live.sources import Scripted
+>>> from flinders.live.transports import Scripted
 >>> packet = Packet(np.array([10.0, -20.0, 30.0]), 50.0, np.diag([1.25, 1.0, 0.8]))
 >>> board = Scripted([b"Raw:1,2,3,4,5,6,7,8,9\r\n",
 ...                   b"Cal1:0.000,0.000,0.000,0.000,0.000,0.000,10.000,-20.000,30.000,50.000\r\n",
@@ -32,7 +32,7 @@ from flinders.targets.motioncal import BEFORE_OFFSET, Packet
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 TRIES: Final = 3
 ANSWER_S: Final = 3.0
@@ -76,19 +76,19 @@ class Echo:
         >>> Echo.of("12.346,-0.500", 2).differs((12.3456, -0.5)), Echo.of("12.346,-0.51", 2).differs((12.3456, -0.5))
         (None, 1)
         """
-        for place, (found, digits, wanted) in enumerate(zip(self.values, self.places, expected, strict=True)):
+        for place, (number, digits, wanted) in enumerate(zip(self.values, self.places, expected, strict=True)):
             half = 0.5 * 10.0 ** -max(digits, FEWEST_PLACES)
-            if not abs(found - wanted) <= MOTIONCAL_SLACK + MOTIONCAL_SHARE * abs(wanted) + half:
+            if not abs(number - wanted) <= MOTIONCAL_SLACK + MOTIONCAL_SHARE * abs(wanted) + half:
                 return place
         return None
 
     @classmethod
     def of(cls, text: str, count: int) -> Echo | None:
         """Read what stands behind the colon; None where that is not so many numbers."""
-        found = [NUMBER.fullmatch(cell.strip()) for cell in text.split(",")]
-        if len(found) != count or None in found:
+        matches = [NUMBER.fullmatch(cell.strip()) for cell in text.split(",")]
+        if len(matches) != count or None in matches:
             return None
-        numbers = [match for match in found if match is not None]
+        numbers = [match for match in matches if match is not None]
         return cls(tuple(float(match[0]) for match in numbers), tuple(len(match[1] or "") for match in numbers))
 
 
@@ -134,7 +134,7 @@ def send(
     NotConfirmed
         Where no echo comes, or one of other values; says what the board may hold.
     """
-    heard = _Heard(source)
+    heard = _EchoListener(source)
     heard.anything(boot)
     heard.before = dict(heard.known)
     expected = echo_of(packet)
@@ -174,7 +174,7 @@ def echo_lines(packet: Packet) -> list[str]:
 
 
 @dataclass(slots=True)
-class _Heard:
+class _EchoListener:
     """What the board has said.
 
     Attributes
@@ -229,8 +229,8 @@ class _Heard:
             place = echo.differs(expected[name])
             if place is None:
                 continue
-            found, wanted = echo.values[place], expected[name][place]
-            wrong = f"{found:g} in place of {wanted:.6g} (number {place + 1} of its {name} line)"
+            number, wanted = echo.values[place], expected[name][place]
+            wrong = f"{number:g} in place of {wanted:.6g} (number {place + 1} of its {name} line)"
             if name in self.echoes:
                 return self._now(name, wrong)
             return (

@@ -5,7 +5,7 @@
 [Reading(time=0.1, field=(21.7, 0.4, -58.6), unit='uT', acceleration=(0.0, 0.0, 9.8), rate=None, temperature=None)]
 >>> samples_of(readings_of(samples)).field
 array([[ 21.7,   0.4, -58.6]])
->>> print(Event("gone", 12.5, "/dev/ttyACM0 is gone: check the cable"))
+>>> print(FeedEvent("gone", 12.5, "/dev/ttyACM0 is gone: check the cable"))
 12.5 s: /dev/ttyACM0 is gone: check the cable
 """
 
@@ -59,7 +59,7 @@ class Reading(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class FeedEvent:
     """Something that happened to a source of readings.
 
     Attributes
@@ -81,9 +81,9 @@ class Event:
 
 
 def readings_of(samples: Samples) -> list[Reading]:
-    """Take samples apart; without a time they are 0 s apart, and what stands beside and is not finite is None."""
+    """Take samples apart; without a time they are 0 s apart, and auxiliary values that are not finite become None."""
     times = np.zeros(len(samples)) if samples.time is None else samples.time
-    beside = zip(
+    auxiliary = zip(
         _vectors(samples.acceleration, len(samples)),
         _vectors(samples.rate, len(samples)),
         [None] * len(samples) if samples.temperature is None else samples.temperature.tolist(),
@@ -92,7 +92,7 @@ def readings_of(samples: Samples) -> list[Reading]:
     return [
         Reading(time, (x, y, z), samples.unit.inside, acceleration, rate, _finite(temperature))
         for time, (x, y, z), (acceleration, rate, temperature) in zip(
-            times.tolist(), samples.field.tolist(), beside, strict=True
+            times.tolist(), samples.field.tolist(), auxiliary, strict=True
         )
     ]
 

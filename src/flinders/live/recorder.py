@@ -6,7 +6,7 @@ once and forced to the disk each second, so that a crash loses at most a second,
 >>> import tempfile
 >>> from pathlib import Path
 >>> from flinders.live.sinks import ToFile
->>> from flinders.live.sources import Scripted
+>>> from flinders.live.transports import Scripted
 >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
 >>> board = Scripted([b"booting\r\nRaw:0,0,8192,0,0,0,217,4,-5", b"86\r\nRaw:0,0,8192,0,0,0,217,2,-587\r\n"])
 >>> with ToFile(file) as sink:
@@ -34,16 +34,16 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import LinkError, UnreadableInput, counted
-from flinders.live.readings import Event
+from flinders.live.readings import FeedEvent
 from flinders.live.sinks import title
-from flinders.live.transcript import Recorded, Taken, Transcript
+from flinders.live.transcript import RecordingStatistics, Taken, Transcript
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.live.readings import Reading
     from flinders.live.sinks import Resumed, Sink
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 SYNC_S: Final = 1.0
 """Seconds after which what was received is forced to the disk."""
@@ -85,7 +85,7 @@ class Recorder:
     ----------
     name : str
         Of the source.
-    told : Recorded
+    statistics : RecordingStatistics
         What has been recorded so far.
     """
 
@@ -103,7 +103,7 @@ class Recorder:
         resumed: Resumed | None = None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
-        watch: Callable[[Recorded], None] | None = None,
+        watch: Callable[[RecordingStatistics], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.name = source.name
@@ -127,17 +127,17 @@ class Recorder:
         self._retry: tuple[float, float] | None = None
         self._lost = 0
         self._is_closed = False
-        self._waiting: deque[list[Reading] | Event] = deque([Event("connected", 0.0, f"{source.name} is open")])
+        self._waiting: deque[list[Reading] | FeedEvent] = deque([FeedEvent("connected", 0.0, f"{source.name} is open")])
 
     @property
-    def told(self) -> Recorded:
+    def statistics(self) -> RecordingStatistics:
         """What has been recorded so far."""
-        return self._transcript.told
+        return self._transcript.statistics
 
-    def next(self, timeout: float = WAIT_S) -> list[Reading] | Event:
+    def next(self, timeout: float = WAIT_S) -> list[Reading] | FeedEvent:
         """Record what has come, and return it; nothing where nothing came within `timeout` seconds.
 
-        Each event is told once, before the readings that came after it.
+        Each event is returned once, before the readings that came after it.
 
         Raises
         ------
@@ -158,14 +158,14 @@ class Recorder:
         return self._waiting.popleft() if self._waiting else []
 
     def close(self) -> None:
-        """Write what is held, see that it lasts, and let go of the source; `next` still hands on what is left."""
+        """Write what waits, see that it lasts, and let go of the source; `next` still hands on what is left."""
         if not self._is_closed:
             self._is_closed = True
             self._end()
-            self._waiting.append(Event("ended", self._now(), f"{self.name} is closed"))
+            self._waiting.append(FeedEvent("ended", self._now(), f"{self.name} is closed"))
         self._source.close()
 
-    def run(self) -> Recorded:
+    def run(self) -> RecordingStatistics:
         """Record until the end; what was received by then is written.
 
         Raises
@@ -176,18 +176,18 @@ class Recorder:
             Where no line of numbers came at all.
         """
         while not self._is_over():
-            found = self.next(self._wait())
-            if isinstance(found, Event):
-                self._announce(found)
+            received = self.next(self._wait())
+            if isinstance(received, FeedEvent):
+                self._announce(received)
             if self._watch and self._now() - self._watched >= WATCH_S:
                 self._watched = self._now()
-                self._watch(self.told)
+                self._watch(self.statistics)
         self._end()
         if self._watch:
-            self._watch(self.told)
-        if not self.told.readings:
+            self._watch(self.statistics)
+        if not self.statistics.readings:
             raise UnreadableInput(self._transcript.nothing())
-        return self.told
+        return self.statistics
 
     def _now(self) -> float:
         return self._clock() - self._start + self._earlier
@@ -200,7 +200,7 @@ class Recorder:
         left = WAIT_S if self._seconds is None else self._seconds - (self._now() - self._earlier)
         return max(min(WAIT_S, left), 0.0)
 
-    def _announce(self, event: Event) -> None:
+    def _announce(self, event: FeedEvent) -> None:
         """Say what a person at the bench should know."""
         match event.kind:
             case "connected":
@@ -222,7 +222,7 @@ class Recorder:
             self._keep(self._transcript.lost(self._now()))
             self._sink.sync()
             self._retry = (self._clock() + FIRST_RETRY_S, FIRST_RETRY_S)
-            self._waiting.append(Event("gone", self._now(), f"{error}; what was recorded is saved"))
+            self._waiting.append(FeedEvent("gone", self._now(), f"{error}; what was recorded is saved"))
             return
         if content and self._title:
             self._sink.write(self._title)
@@ -245,10 +245,12 @@ class Recorder:
         new, self._lost = lost - self._lost, lost
         if new <= 0:
             return
-        self._transcript.told.datagrams_lost += new
+        self._transcript.statistics.datagrams_lost += new
         words = f"{counted(new, 'datagram')} {'was' if new == 1 else 'were'} lost by this machine, which was too busy"
         self._sink.write(f"# {words}, before {self._now():.4f} s\n")
-        self._waiting.append(Event("lost", self._now(), f"{words}: send several readings in one, or fewer a second"))
+        self._waiting.append(
+            FeedEvent("lost", self._now(), f"{words}: send several readings in one, or fewer a second")
+        )
 
     def _keep(self, taken: Taken) -> None:
         """Write the text, and put in line what follows from it: what was recognised, the readings, what is amiss."""
@@ -265,7 +267,7 @@ class Recorder:
         left = due - self._clock()
         if left > 0:
             time.sleep(min(left, timeout))
-        self.told.seconds = self._now()
+        self.statistics.seconds = self._now()
         if left > timeout:
             return
         self._retry = (self._clock() + min(2 * pause, LAST_RETRY_S), min(2 * pause, LAST_RETRY_S))
@@ -273,7 +275,7 @@ class Recorder:
             self._source.reopen()
             self._retry = None
             self._keep(self._transcript.back(self._now()))
-            self._waiting.append(Event("back", self._now(), f"{self.name} is back"))
+            self._waiting.append(FeedEvent("back", self._now(), f"{self.name} is back"))
 
     def _end(self) -> None:
         self._keep(self._transcript.end(self._now()))

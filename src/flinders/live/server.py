@@ -42,31 +42,29 @@ from flinders.core.files import reason
 from flinders.core.units import Unit
 from flinders.errors import DocumentError, FitError, FlindersError, LinkError, NotSent, OutputError, UsageError
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_of, set_cookie, shown_name
+from flinders.live.buffer import Timeline, rows_of_readings
+from flinders.live.feed_thread import FeedThread
 from flinders.live.messages import LONGEST, FitMessage, Hello, Limits, Notice, TargetInfo, encode, parse
-from flinders.live.pump import Pump
-from flinders.live.readings import Event as FeedEvent
+from flinders.live.page_state import Cursor, points, session_state
+from flinders.live.readings import FeedEvent
 from flinders.live.session import (
+    Announced,
     Arrived,
-    Asked,
-    Cursor,
     Event,
-    Fitted,
+    FitDone,
     GotPrevious,
     Linked,
     Opened,
-    Said,
+    Requested,
     Session,
     Ticked,
     Unrecorded,
     begin_fit,
-    points,
     snapshot,
-    state,
     step,
     wants_fit,
 )
-from flinders.live.store import Edits
-from flinders.live.track import Clock
+from flinders.live.session_file import Edits
 from flinders.report.script import joined
 from flinders.report.view import tiles_view
 
@@ -77,16 +75,15 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
     from starlette.websockets import WebSocket
 
-    from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import Provenance
     from flinders.live.feeds import Feed
     from flinders.live.finish import Finished
     from flinders.live.messages import Link
     from flinders.live.readings import Reading
+    from flinders.live.session import Evaluated
     from flinders.live.sinks import Sink
-    from flinders.live.snapshot import Evaluated
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
 SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"app.js": (), "views/scene.js": ("Scene",)}
@@ -117,7 +114,7 @@ MOST_CONNECTIONS: Final = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Supply:
-    """Where readings come from and where they are kept.
+    """Source and recording of the readings.
 
     Attributes
     ----------
@@ -187,15 +184,15 @@ class Hub:
         supply: Supply,
         clock: Callable[[], float] = time.monotonic,
         *,
-        timeline: Clock | None = None,
+        timeline: Timeline | None = None,
     ) -> None:
         self.session, self.supply, self.pages = session, supply, set[Page]()
         self.failure: Exception | None = None
         self.name = secrets.token_hex(4)
         self.fit_message = FitMessage(0, None)
         self._clock, self._start = clock, clock()
-        self._timeline = timeline or Clock()
-        self._pump = Pump(supply.feed)
+        self._timeline = timeline or Timeline()
+        self._feed_thread = FeedThread(supply.feed)
         self._edits = Edits.of(session)
         self._fits: set[asyncio.Task[None]] = set()
         self._final: Finished | None = None
@@ -211,8 +208,8 @@ class Hub:
     async def run(self) -> None:
         """Take in, fit and tell, until cancelled."""
         loop = asyncio.get_running_loop()
-        self._pump.tell = lambda: loop.call_soon_threadsafe(self._came.set)
-        self._pump.start()
+        self._feed_thread.tell = lambda: loop.call_soon_threadsafe(self._came.set)
+        self._feed_thread.start()
         try:
             while True:
                 self._came.clear()
@@ -226,13 +223,13 @@ class Hub:
 
     async def stop(self) -> None:
         """Let go of the feed, once what it holds is written."""
-        await asyncio.to_thread(self._pump.stop)
+        await asyncio.to_thread(self._feed_thread.stop)
 
     def take(self, event: Event) -> None:
         """Take one event into the session, and tell all pages what follows from it."""
         before = self.session
-        self.session, told = step(self.session, event)
-        for message in told:
+        self.session, replies = step(self.session, event)
+        for message in replies:
             if isinstance(message, FitMessage):
                 self.fit_message = message
             else:
@@ -255,7 +252,7 @@ class Hub:
             tiles=tiles_view(),
             targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in registry().values()),
             limits=Limits(UPLOAD_BYTES),
-            state=state(self.session),
+            state=session_state(self.session),
             view=self.session.view,
         )
 
@@ -269,15 +266,15 @@ class Hub:
         async with self._finishing:
             session = self.session
             path = None if session.unrecorded else self.supply.path
-            kept = self._final
-            if kept is None or kept.key != session.shown.key:
-                kept = await asyncio.to_thread(finished, session, path, self.supply.reading)
-                self._final = kept
-        return kept
+            final = self._final
+            if final is None or final.key != session.shown.key:
+                final = await asyncio.to_thread(finished, session, path, self.supply.reading)
+                self._final = final
+        return final
 
     async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
         """Do something on the thread of the feed."""
-        return await asyncio.wrap_future(self._pump.do(job))
+        return await asyncio.wrap_future(self._feed_thread.do(job))
 
     async def _something(self) -> None:
         """Wait until something has come, or for so long that time itself may have something to say."""
@@ -289,18 +286,18 @@ class Hub:
     def _take(self) -> None:
         """Take what the sensor gave: readings that came together as one event."""
         rows: list[list[Reading]] = []
-        for found in self._pump.taken():
-            if isinstance(found, FeedEvent):
+        for received in self._feed_thread.taken():
+            if isinstance(received, FeedEvent):
                 self._arrive(rows)
                 rows = []
-                self._note(found)
+                self._note(received)
             else:
-                rows.append(found)
+                rows.append(received)
         self._arrive(rows)
         self.take(Ticked(self.now))
         if (why := self.supply.unrecorded()) != self.session.unrecorded:
             self.take(Unrecorded(self.now, why))
-        if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.track.total:
+        if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.buffer.total:
             self._is_asked = True
             if words := self.supply.hint():
                 self.take(Linked(self.now, "waiting", words))
@@ -317,7 +314,7 @@ class Hub:
         if link is None:
             is_settled = event.kind == "settled"
             words = f"understood as {event.words}" if is_settled else event.words
-            self.take(Said(self.now, "info" if is_settled else "warning", words))
+            self.take(Announced(self.now, "info" if is_settled else "warning", words))
         else:
             self.take(Linked(self.now, link, event.words))
 
@@ -328,7 +325,7 @@ class Hub:
             return
         self._edits = edits
         if sink is not None:
-            self._pump.do(lambda: sink.write(edits.line()))
+            self._feed_thread.do(lambda: sink.write(edits.line()))
 
     def _fit_if_due(self) -> None:
         """Begin a fit in a thread of its own, where one is due."""
@@ -340,8 +337,8 @@ class Hub:
         task.add_done_callback(self._fits.discard)
 
     async def _fit(self, session: Session) -> None:
-        found, seconds = await asyncio.to_thread(_timed, session)
-        self.take(Fitted(self.now, found, seconds))
+        evaluated, seconds = await asyncio.to_thread(_timed, session)
+        self.take(FitDone(self.now, evaluated, seconds))
 
     def _wake_pages(self) -> None:
         for page in self.pages:
@@ -354,25 +351,6 @@ def _timed(session: Session) -> tuple[Evaluated, float]:
 
     begun = time.thread_time()
     return evaluate(snapshot(session)), time.thread_time() - begun
-
-
-def rows_of_readings(readings: list[Reading], axes: Axes, clock: Clock) -> tuple[Floats, Clock]:
-    """(N, 7) readings as rows of a session's track, in its axes and on its timeline.
-
-    >>> from flinders.core.axes import Axes
-    >>> from flinders.live.readings import Reading
-    >>> rows, clock = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Clock())
-    >>> rows[0, :4]
-    array([ 0.5,  1. , -2. , -3. ])
-    """
-    import numpy as np
-
-    nothing = (np.nan, np.nan, np.nan)
-    rows = np.array([(one.time, *one.field, *(one.acceleration or nothing)) for one in readings], float)
-    rows[:, 0], clock = clock(rows[:, 0])
-    if not axes.is_identity:
-        rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
-    return rows, clock
 
 
 class Guard:
@@ -393,7 +371,7 @@ class Guard:
             origin=headers.get("origin"),
             needs_origin=is_socket or scope.get("method") not in ("GET", "HEAD"),
         )
-        answer = None if refusal is None else _told(refusal, 403)
+        answer = None if refusal is None else _answer(refusal, 403)
         if answer is None and self._tokens is not None:
             answer = self._without_cookie(scope, headers)
         if answer is None and is_socket:
@@ -413,7 +391,7 @@ class Guard:
             return
         except asyncio.CancelledError:
             with contextlib.suppress(Exception):
-                await _told("flinders live has been stopped", 503)(scope, receive, send)
+                await _answer("flinders live has been stopped", 503)(scope, receive, send)
 
     def _without_cookie(self, scope: Scope, headers: Headers) -> Response | None:
         """What a browser without a cookie gets: one for a token, or a refusal."""
@@ -422,7 +400,7 @@ class Guard:
         shown = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
         cookie = self._tokens.redeem(shown) if shown and scope["type"] == "http" and scope["path"] == "/" else None
         if cookie is None:
-            return _told("open the address that flinders live prints, with its token; each works once", 401)
+            return _answer("open the address that flinders live prints, with its token; each works once", 401)
         self._say(f"for another browser: http://HOST:{self._gate.port}/?token={self._tokens.current}")
         return Response(status_code=303, headers={"Location": "/", "Set-Cookie": set_cookie(self._gate.port, cookie)})
 
@@ -446,7 +424,7 @@ async def _refuse_socket(receive: Receive, send: Send) -> None:
     await send({"type": "websocket.close", "code": 1008})
 
 
-def _told(words: str, status: int) -> Response:
+def _answer(words: str, status: int) -> Response:
     return JSONResponse({"words": words}, status_code=status)
 
 
@@ -497,7 +475,7 @@ def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callabl
 
 
 async def _on_error(_: Request, error: Exception) -> Response:
-    return _refused(error) if isinstance(error, FlindersError) else _told(str(error), 500)
+    return _refused(error) if isinstance(error, FlindersError) else _answer(str(error), 500)
 
 
 async def _index(_: Request) -> Response:
@@ -513,7 +491,7 @@ def _script(request: Request) -> Response:
     try:
         return Response(_joined(entry), media_type="text/javascript; charset=utf-8")
     except FileNotFoundError:
-        return _told(f"{entry} is missing from this installation", 404)
+        return _answer(f"{entry} is missing from this installation", 404)
 
 
 @functools.cache
@@ -526,17 +504,18 @@ async def _calibration(request: Request) -> Response:
     from flinders.core.calibration_file import dumps
 
     hub: Hub = request.app.state.hub
-    found = await hub.final()
-    return _download(dumps(found.fit.to_document(_provenance(found))).encode(), "calibration.json", "application/json")
+    finished = await hub.final()
+    content = dumps(finished.fit.to_document(_provenance(finished)))
+    return _download(content.encode(), "calibration.json", "application/json")
 
 
 async def _recording(request: Request) -> Response:
     """The file of the session, as it is."""
     hub: Hub = request.app.state.hub
     if hub.session.opened is not None:
-        return _told("a log is shown, which you have already: go back to live to save the session", 409)
+        return _answer("a log is shown, which you have already: go back to live to save the session", 409)
     if hub.supply.path is None or not hub.supply.path.exists():
-        return _told("nothing has been recorded yet", 404)
+        return _answer("nothing has been recorded yet", 404)
     return FileResponse(hub.supply.path, media_type="text/csv", filename=hub.supply.path.name)
 
 
@@ -545,18 +524,18 @@ async def _report(request: Request) -> Response:
     from flinders.report.html import page
 
     hub: Hub = request.app.state.hub
-    found = await hub.final()
-    if isinstance(found.outcome, FlindersError) and not isinstance(found.outcome, FitError):
-        raise found.outcome
-    text = await asyncio.to_thread(page, found.outcome, found.recording, provenance=_provenance(found))
+    finished = await hub.final()
+    if isinstance(finished.outcome, FlindersError) and not isinstance(finished.outcome, FitError):
+        raise finished.outcome
+    text = await asyncio.to_thread(page, finished.outcome, finished.recording, provenance=_provenance(finished))
     return _download(text.encode(), "report.html", "text/html; charset=utf-8")
 
 
-def _provenance(found: Finished) -> Provenance:
+def _provenance(finished: Finished) -> Provenance:
     """Which release made a calibration, when, of which file."""
     from flinders.core.calibration_file import Provenance
 
-    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=found.files)
+    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=finished.files)
 
 
 async def _export(request: Request) -> Response:
@@ -567,10 +546,10 @@ async def _export(request: Request) -> Response:
     try:
         row = find(request.path_params["target"])
     except UsageError as error:
-        return _told(str(error), 404)
+        return _answer(str(error), 404)
     is_preview = "application/json" in request.headers.get("accept", "")
-    found = await hub.final()
-    calibration, about = found.fit.calibration, found.about
+    finished = await hub.final()
+    calibration, about = finished.fit.calibration, finished.about
     try:
         export = await asyncio.to_thread(row.render, calibration, about=about)
     except FlindersError as error:
@@ -581,7 +560,7 @@ async def _export(request: Request) -> Response:
     content = export.text.encode() if export.data is None else export.data
     if is_preview:
         binary = None if export.data is None else base64.b64encode(export.data).decode()
-        fields = {"text": export.text, "filename": filename, "warnings": [*export.warnings, *found.limits]}
+        fields = {"text": export.text, "filename": filename, "warnings": [*export.warnings, *finished.limits]}
         return JSONResponse({**fields, "checked": export.checked, "binary_base64": binary})
     kind = "text/plain; charset=utf-8" if export.data is None else "application/octet-stream"
     return _download(content, filename, kind)
@@ -601,14 +580,14 @@ async def _open(request: Request) -> Response:
         path = Path(folder) / f"dropped-{secrets.token_hex(4)}"
         received = await _saved(request, path)
         if received is None:
-            return _told(f"{name} is larger than {UPLOAD_BYTES >> 20} MB: calibrate it with flinders calibrate", 413)
+            return _answer(f"{name} is larger than {UPLOAD_BYTES >> 20} MB: calibrate it with flinders calibrate", 413)
         try:
-            log, _ = await asyncio.to_thread(load, path, name)
+            series, words, _ = await asyncio.to_thread(load, path, name)
         except FlindersError as error:
             words = str(error).replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
-    hub.take(Opened(hub.now, name, log.track, log.unit, log.axes, log.frame, log.words))
-    return JSONResponse({"words": log.words})
+    hub.take(Opened(hub.now, name, series, words))
+    return JSONResponse({"words": words})
 
 
 async def _saved(request: Request, path: Path) -> int | None:
@@ -643,7 +622,7 @@ async def _previous(request: Request) -> Response:
     async for chunk in request.stream():
         content += chunk
         if len(content) > CALIBRATION_BYTES:
-            return _told(f"{name} is larger than {CALIBRATION_BYTES >> 20} MB: that is no calibration file", 413)
+            return _answer(f"{name} is larger than {CALIBRATION_BYTES >> 20} MB: that is no calibration file", 413)
     try:
         judged = Judged.from_document(loads(content, source=name), name=name)
     except DocumentError as error:
@@ -664,11 +643,11 @@ async def _send(request: Request) -> Response:
             "this source takes no calibration: save it and use flinders send, or paste what the export shows"
         )
     _refuse_a_log(hub.session)
-    found = await hub.final()
+    finished = await hub.final()
     _refuse_a_log(hub.session)
-    if found.key < hub.session.live.since:
-        return _told("the session was begun anew meanwhile: look at the new calibration, and send that", 409)
-    packet = Packet.of(found.fit.calibration)
+    if finished.key < hub.session.live.since:
+        return _answer("the session was begun anew meanwhile: look at the new calibration, and send that", 409)
+    packet = Packet.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
 
@@ -718,7 +697,7 @@ async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
         try:
             if text is None:
                 raise UsageError("a page sends text, and this is not")  # noqa: TRY301 - answered like any other
-            hub.take(Asked(hub.now, parse(text)))
+            hub.take(Requested(hub.now, parse(text)))
         except UsageError as error:
             page.notices.append(Notice("error", str(error)))
         page.wake.set()
@@ -737,7 +716,7 @@ async def _tell(socket: WebSocket, hub: Hub, page: Page) -> None:
             await socket.send_text(encode(hub.fit_message))
         if _is_state_due(hub, page):
             page.is_urgent, page.stated_at = False, hub.now
-            newest = state(hub.session)
+            newest = session_state(hub.session)
             page.state_revision = newest.revision
             await socket.send_text(encode(newest))
         frame, cursor = points(hub.session, page.cursor)
@@ -765,15 +744,15 @@ def listening(host: str, port: int) -> socket.socket:
         Where it is taken, or the address is not one of this machine.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    found = socket.socket(family, socket.SOCK_STREAM)
+    listener = socket.socket(family, socket.SOCK_STREAM)
     try:
-        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        found.bind((host.strip("[]"), port))
-        found.listen()
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host.strip("[]"), port))
+        listener.listen()
     except (OSError, OverflowError) as error:
-        found.close()
+        listener.close()
         raise LinkError(_why_not(host, port, error)) from None
-    return found
+    return listener
 
 
 def _why_not(host: str, port: int, error: Exception) -> str:

@@ -1,28 +1,29 @@
-"""A live session: readings and wishes in, what a page shows out; a pure reducer.
+"""A live session: a pure reducer of readings and of a person's commands.
 
-`step` takes a session and an event to the next session and what is to be told. It knows no clock, no socket and no
-thread: each event says when it was, and a recorded list of events is a test and a demo.
+`step` makes of a session and an event the next session and the messages for its pages. It knows no clock, socket or
+thread: each event carries its time, so that a recorded list of events is a test and a demo.
 
 >>> from flinders import simulate
+>>> from flinders.live.buffer import rows_of
 >>> from flinders.live.evaluation import evaluate
+>>> from flinders.live.page_state import session_state
 >>> rows = rows_of(simulate.tumble(seed=1).samples)
->>> session, told = step(Session(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
+>>> session, replies = step(Session(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
 >>> wants_fit(session, at=60.0)
 True
 >>> session = begin_fit(session)
->>> session, told = step(session, Fitted(at=60.1, found=evaluate(snapshot(session)), seconds=0.01))
->>> state(session).phase, state(session).words
+>>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(snapshot(session)), seconds=0.01))
+>>> session_state(session).phase, session_state(session).words
 ('collecting', 'Almost: the worst heading error to expect is 0.066° (1 σ), the target 1°; hold on a little.')
->>> session, told = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
->>> state(session).phase, state(session).words
+>>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
+>>> session_state(session).phase, session_state(session).words
 ('good', 'Good: the worst heading error to expect is 0.066° (1 σ), the target 1°.')
->>> session, told = step(session, Asked(at=61.0, command=Exclude(start_s=0.0, end_s=30.0)))
->>> state(session).excluded_readings, state(session).can_undo
+>>> session, replies = step(session, Requested(at=61.0, command=Exclude(start_s=0.0, end_s=30.0)))
+>>> session_state(session).excluded_readings, session_state(session).can_undo
 (1501, True)
 
-How much it holds: `Track.most` readings, 59 MB; of the steps that can be undone 200; of all else, the newest. So it is
-as large after hours at 1 kHz as after a quarter of one. When a fit is due is a matter of how long fits take: `SHARE` of
-a core at the most.
+Memory is bounded: a buffer of `ReadingBuffer.most` readings (59 MB), 200 steps that can be undone, and of all else the
+newest. Fits take at most `SHARE` of a core: the longer one takes, the later the next is due.
 """
 
 from __future__ import annotations
@@ -34,39 +35,37 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
-from flinders.core.units import Unit, label
-from flinders.errors import figures
+from flinders.core.units import Unit
+from flinders.live.buffer import ReadingBuffer
+from flinders.live.exclusions import Exclusions, Span, merged
 from flinders.live.messages import (
     BackToLive,
     Clear,
     Command,
-    Dip,
     Exclude,
     FitMessage,
     Notice,
     Pause,
     PreviousClear,
-    Reason,
     Redo,
     Restore,
+    SetDip,
     SetGoal,
+    SetTarget,
     SourceState,
-    State,
-    Target,
     Undo,
-    points_frame,
 )
-from flinders.live.snapshot import Evaluated, Snapshot
-from flinders.live.spans import History, Span, merged
-from flinders.live.track import COLUMNS, Track
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
-    from flinders.live.messages import Link, Phase
+    from flinders.live.messages import Link, PreviousState, Reason
     from flinders.report.view import View
 
 FITTED: Final = 20_000
@@ -75,24 +74,73 @@ SHARE: Final = 0.03
 """Of a core, that fits take."""
 FASTEST_S: Final = 0.25
 """From one fit to the next, at the least."""
-SILENT_S: Final = 3.0
-"""Seconds without a reading after which that is said; or so many usual steps of a slow sensor."""
-SILENT_STEPS: Final = 5.0
 RATE_S: Final = 2.0
 ENOUGH_FITS: Final = 3
 """Fits in a row that have to be within the target before that is said: the first may be so by chance."""
 SURE_S: Final = 1.0
 """Or two of them, so many seconds apart; or one, after which nothing has come for as long."""
-FRAME_POINTS: Final = 20_000
-"""Points in one frame, at most: a page that comes late gets them in two."""
-
-LEVEL_DEG: Final = 89.0
-"""A calibration that holds up to so much tilt leaves nothing to be said about it."""
-
 NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
 
-Told = FitMessage | Notice
-"""What a step tells all pages, beside the state."""
+Reply = FitMessage | Notice
+"""Messages of a step to all pages; the state is sent apart from them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """Input of a fit.
+
+    Attributes
+    ----------
+    key : int
+        Comes back with the result.
+    samples : Samples
+    numbers : (N,) int, optional
+        Which reading of the session each is.
+    target_deg, dip_deg : float
+    goal, frame : str
+        As in `flinders.heading.guidance`.
+    previous : Judged, optional
+    is_followed : bool
+        Somebody turns the sensor just now, and may be led.
+    """
+
+    key: int
+    samples: Samples
+    numbers: NDArray[np.intp] | None = None
+    target_deg: float = 1.0
+    dip_deg: float = 60.0
+    goal: Goal = "heading"
+    frame: Frame = "sensor"
+    previous: Judged | None = None
+    is_followed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluated:
+    """Result of a fit, and what a page shows of it.
+
+    Attributes
+    ----------
+    key : int
+    fit : Fit, optional
+        Good, limited or refused; None where there is none.
+    view : View, optional
+    refusal : str
+        Why there is no fit.
+    reasons : tuple of Reason
+    used, rejected : int
+        Readings.
+    previous : PreviousState, optional
+    """
+
+    key: int
+    fit: Fit | None = None
+    view: View | None = None
+    refusal: str = ""
+    reasons: tuple[Reason, ...] = ()
+    used: int = 0
+    rejected: int = 0
+    previous: PreviousState | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,8 +162,8 @@ class Linked:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """Something that all pages are told once."""
+class Announced:
+    """A notice for all pages."""
 
     at: float
     severity: Literal["info", "warning", "error"]
@@ -131,7 +179,7 @@ class Unrecorded:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class Requested:
     """A page has asked for something."""
 
     at: float
@@ -139,11 +187,11 @@ class Asked:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fitted:
+class FitDone:
     """A fit is done, and took so many seconds."""
 
     at: float
-    found: Evaluated
+    evaluated: Evaluated
     seconds: float
 
 
@@ -153,10 +201,7 @@ class Opened:
 
     at: float
     name: str
-    track: Track
-    unit: Unit
-    axes: Axes
-    frame: str
+    series: Series
     words: str
 
 
@@ -175,19 +220,19 @@ class Ticked:
     at: float
 
 
-Event = Arrived | Linked | Said | Unrecorded | Asked | Fitted | Opened | GotPrevious | Ticked
+Event = Arrived | Linked | Announced | Unrecorded | Requested | FitDone | Opened | GotPrevious | Ticked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stretch:
-    """Readings that are looked at as one: what the sensor gives, or a log.
+class Series:
+    """Readings that are fitted together: those of the sensor, or of a log.
 
     Attributes
     ----------
-    track : Track
+    buffer : ReadingBuffer
     unit, axes, frame
         Of its readings.
-    history : History
+    exclusions : Exclusions
         What was taken out by hand.
     paused_at : float, s, optional
         Since when what arrives is left out.
@@ -199,46 +244,46 @@ class Stretch:
         Changes with all that a fit depends on.
     since : int
         No fit with a smaller key is of these readings.
-    found : Evaluated, optional
+    evaluated : Evaluated, optional
         The newest fit.
     within : tuple of float, s
         When the fits in a row were done that are within the target: the first three of them.
     """
 
-    track: Track = field(default_factory=Track.empty)
+    buffer: ReadingBuffer = field(default_factory=ReadingBuffer.empty)
     unit: Unit = field(default_factory=Unit.of)
     axes: Axes = field(default_factory=Axes)
     frame: str = "sensor"
-    history: History = field(default_factory=History)
+    exclusions: Exclusions = field(default_factory=Exclusions)
     paused_at: float | None = None
     begun_s: float | None = None
     generation: int = 1
     key: int = 0
     since: int = 0
-    found: Evaluated | None = None
+    evaluated: Evaluated | None = None
     within: tuple[float, ...] = ()
 
     @property
     def excluded(self) -> tuple[Span, ...]:
-        """What is taken out, the pause that is going on included."""
-        spans = self.history.spans
-        if self.paused_at is None or self.track.seconds < self.paused_at:
+        """Excluded intervals, with the present pause."""
+        spans = self.exclusions.spans
+        if self.paused_at is None or self.buffer.seconds < self.paused_at:
             return spans
-        return merged([*spans, (self.paused_at, self.track.seconds)])
+        return merged([*spans, (self.paused_at, self.buffer.seconds)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Session:
-    """All that the server knows, but for its sockets.
+    """State of the server, without its sockets.
 
     Attributes
     ----------
     source : SourceState
-    live : Stretch
-    opened : Stretch, optional
+    live : Series
+    opened : Series, optional
         Shown in its place, and by what name.
     target_deg, dip_deg, goal
-        What the calibration is held against.
+        What the calibration is compared with.
     previous : Judged, optional
     recording : str
     unrecorded : str
@@ -259,8 +304,8 @@ class Session:
     """
 
     source: SourceState = NO_SOURCE
-    live: Stretch = field(default_factory=Stretch)
-    opened: Stretch | None = None
+    live: Series = field(default_factory=Series)
+    opened: Series | None = None
     opened_name: str = ""
     target_deg: float = 1.0
     dip_deg: float = 60.0
@@ -279,30 +324,20 @@ class Session:
     arrivals: tuple[tuple[float, float, int], ...] = ()
 
     @property
-    def shown(self) -> Stretch:
-        """What pages see, and commands act on."""
+    def shown(self) -> Series:
+        """The series that pages show and commands act on."""
         return self.live if self.opened is None else self.opened
 
     @property
     def view(self) -> View | None:
-        """The newest fit of that."""
-        return None if self.shown.found is None else self.shown.found.view
+        """Its newest fit."""
+        return None if self.shown.evaluated is None else self.shown.evaluated.view
 
 
-Stepped = tuple[Session, list[Told]]
+Stepped = tuple[Session, list[Reply]]
 
 
-def rows_of(samples: Samples) -> Floats:
-    """(N, 7) samples as rows of a track; without times a reading counts a second, for want of better."""
-    rows = np.full((len(samples), COLUMNS), np.nan)
-    rows[:, 0] = np.arange(len(samples)) if samples.time is None else samples.time
-    rows[:, 1:4] = samples.field
-    if samples.acceleration is not None:
-        rows[:, 4:] = samples.acceleration
-    return rows
-
-
-def step(session: Session, event: Event) -> tuple[Session, list[Told]]:
+def step(session: Session, event: Event) -> tuple[Session, list[Reply]]:
     """Take one event in."""
     return _STEPS[type(event)](replace(session, at=event.at), event)
 
@@ -311,31 +346,31 @@ def _changed(session: Session, **changes: object) -> Session:
     return replace(session, revision=session.revision + 1, **changes)  # type: ignore[arg-type]
 
 
-def _with_shown(session: Session, stretch: Stretch) -> Session:
-    """Put what is shown anew in its place."""
-    return _changed(session, **{"live" if session.opened is None else "opened": stretch})
+def _with_shown(session: Session, series: Series) -> Session:
+    """Replace the series that is shown."""
+    return _changed(session, **{"live" if session.opened is None else "opened": series})
 
 
 def _refit(session: Session, *, soon: bool = True) -> Session:
-    """Mark what is shown as changed, so that it is fitted again; what a person asked for, soon."""
+    """Mark the shown series as changed, so that it is fitted again; soon where a person asked for it."""
     keys = session.keys + 1
     session = replace(session, keys=keys, due_at=min(session.due_at, session.at) if soon else session.due_at)
     return _with_shown(session, replace(session.shown, key=keys))
 
 
 def _alone(session: Session) -> Session:
-    """Fit what is shown anew, and take no fit for it that was begun before."""
+    """Fit the shown series anew, and accept no fit that was begun before."""
     session = _refit(session)
     return _with_shown(session, replace(session.shown, since=session.keys))
 
 
 def _arrived(session: Session, event: Arrived) -> Stepped:
-    """Add readings to what the sensor gives; also while a log is shown."""
+    """Add readings to those of the sensor; also while a log is shown."""
     if not len(event.rows):
         return session, []
     live = session.live
     keys = session.keys + (live.paused_at is None)
-    live = replace(live, track=live.track.extended(event.rows), unit=event.unit)
+    live = replace(live, buffer=live.buffer.extended(event.rows), unit=event.unit)
     if live.paused_at is None:
         live = replace(live, key=keys)
     source = session.source
@@ -355,14 +390,14 @@ def _linked(session: Session, event: Linked) -> Stepped:
     return _changed(session, source=source), [Notice(severity, event.words)] if event.words else []
 
 
-def _said(session: Session, event: Said) -> Stepped:
+def _said(session: Session, event: Announced) -> Stepped:
     return session, [Notice(event.severity, event.words)]
 
 
 def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
     """Say that the recording has a hole, or goes on."""
-    told = Notice("error", event.words) if event.words else Notice("info", "what arrives is recorded again")
-    return _changed(session, unrecorded=event.words), [told]
+    notice = Notice("error", event.words) if event.words else Notice("info", "what arrives is recorded again")
+    return _changed(session, unrecorded=event.words), [notice]
 
 
 def _got_previous(session: Session, event: GotPrevious) -> Stepped:
@@ -373,13 +408,13 @@ def _ticked(session: Session, _: Ticked) -> Stepped:
     return session, []
 
 
-def _asked(session: Session, event: Asked) -> Stepped:
-    """Do what a page asks for; what changes nothing is no step."""
+def _asked(session: Session, event: Requested) -> Stepped:
+    """Carry out a command of a page; one that changes nothing is no step."""
     return _ANSWERS[type(event.command)](session, event.command)
 
 
-def _held_against(session: Session, **wish: object) -> Stepped:
-    """Hold the calibration against something else: a target, a dip, a goal, another calibration."""
+def _with_goal(session: Session, **wish: object) -> Stepped:
+    """Change what the calibration is compared with: target, dip, goal or another calibration."""
     ((name, value),) = wish.items()
     if getattr(session, name) == value:
         return session, []
@@ -387,50 +422,50 @@ def _held_against(session: Session, **wish: object) -> Stepped:
     return _with_shown(session, replace(session.shown, within=())), []
 
 
-def _edited(session: Session, edit: Callable[[History], History]) -> Stepped:
-    """Take out or put back; nothing happens where that is as it was."""
-    history = edit(session.shown.history)
-    if history == session.shown.history:
+def _edited(session: Session, edit: Callable[[Exclusions], Exclusions]) -> Stepped:
+    """Change the exclusions; without a difference it is no step."""
+    exclusions = edit(session.shown.exclusions)
+    if exclusions == session.shown.exclusions:
         return session, []
-    return _refit(_with_shown(session, replace(session.shown, history=history))), []
+    return _refit(_with_shown(session, replace(session.shown, exclusions=exclusions))), []
 
 
 def _excluded(session: Session, start: float, end: float) -> Stepped:
-    """Take a stretch out, as far as there is one: what is still to come is never taken out."""
-    track = session.shown.track
-    if not track.total:
+    """Exclude an interval, as far as readings have come: later ones are never excluded."""
+    buffer = session.shown.buffer
+    if not buffer.total:
         return session, []
-    span = (max(start, min(float(track.time[0]), 0.0)), min(end, track.seconds))
+    span = (max(start, min(float(buffer.time[0]), 0.0)), min(end, buffer.seconds))
     if span[0] > span[1]:
         return session, []
-    return _edited(session, lambda history: history.excluding(span))
+    return _edited(session, lambda exclusions: exclusions.excluding(span))
 
 
 def _paused(session: Session, *, paused: bool) -> Stepped:
-    """Leave out what arrives from now on, or no longer: a pause is an exclusion that can be undone."""
+    """Exclude new readings from now on, or no longer: a pause is an exclusion that can be undone."""
     live = session.live
     if session.opened is not None:
         return session, [Notice("warning", "a log is shown, and nothing arrives in it: go back to live first")]
     if paused == (live.paused_at is not None):
         return session, []
     if paused:
-        after = float(np.nextafter(live.track.seconds, np.inf)) if live.track.total else 0.0
+        after = float(np.nextafter(live.buffer.seconds, np.inf)) if live.buffer.total else 0.0
         return _changed(session, live=replace(live, paused_at=after)), []
-    history = live.history
-    if live.paused_at is not None and live.track.seconds > live.paused_at:
-        history = history.excluding((live.paused_at, live.track.seconds))
-    return _refit(_changed(session, live=replace(live, paused_at=None, history=history))), []
+    exclusions = live.exclusions
+    if live.paused_at is not None and live.buffer.seconds > live.paused_at:
+        exclusions = exclusions.excluding((live.paused_at, live.buffer.seconds))
+    return _refit(_changed(session, live=replace(live, paused_at=None, exclusions=exclusions))), []
 
 
 def _cleared(session: Session) -> Stepped:
-    """Begin anew with nothing."""
+    """Begin anew without readings."""
     if session.opened is not None:
         return session, [Notice("warning", "a log is shown, which cannot be begun anew: go back to live first")]
     old = session.live
     number, keys = session.generations + 1, session.keys + 1
-    live = Stretch(
-        Track.empty(old.track.most),
-        begun_s=old.track.seconds if old.track.total else old.begun_s,
+    live = Series(
+        ReadingBuffer.empty(old.buffer.most),
+        begun_s=old.buffer.seconds if old.buffer.total else old.begun_s,
         unit=old.unit,
         axes=old.axes,
         frame=old.frame,
@@ -455,44 +490,46 @@ def _back_to_live(session: Session) -> Stepped:
 def _opened(session: Session, event: Opened) -> Stepped:
     """Show a log."""
     number = session.generations + 1
-    stretch = Stretch(event.track, unit=event.unit, axes=event.axes, frame=event.frame, generation=number)
-    session = _alone(_changed(session, opened=stretch, opened_name=event.name, generations=number))
+    series = replace(event.series, generation=number)
+    session = _alone(_changed(session, opened=series, opened_name=event.name, generations=number))
     return session, [FitMessage(session.revision, None), Notice("info", event.words)]
 
 
-def _fitted(session: Session, event: Fitted) -> Stepped:
-    """Keep a fit, unless what is shown is no longer what it was made of."""
+def _fitted(session: Session, event: FitDone) -> Stepped:
+    """Take a fit over, unless it is of another series than the shown one."""
     session = replace(session, is_fitting=False, due_at=event.at + max(event.seconds / SHARE, FASTEST_S))
-    shown, key = session.shown, event.found.key
-    newest = -1 if shown.found is None else shown.found.key
+    shown, key = session.shown, event.evaluated.key
+    newest = -1 if shown.evaluated is None else shown.evaluated.key
     if not max(shown.since, newest + 1) <= key <= shown.key:
         return session, []
-    shown = replace(shown, found=event.found)
-    within = (*shown.within, event.at)[:ENOUGH_FITS] if _is_within(session, event.found) else ()
+    shown = replace(shown, evaluated=event.evaluated)
+    within = (*shown.within, event.at)[:ENOUGH_FITS] if _is_within(session, event.evaluated) else ()
     session = _with_shown(session, replace(shown, within=within))
-    return session, [FitMessage(session.revision, event.found.view)]
+    return session, [FitMessage(session.revision, event.evaluated.view)]
 
 
 _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Arrived: _arrived,
     Linked: _linked,
-    Said: _said,
+    Announced: _said,
     Unrecorded: _unrecorded,
-    Asked: _asked,
-    Fitted: _fitted,
+    Requested: _asked,
+    FitDone: _fitted,
     Opened: _opened,
     GotPrevious: _got_previous,
     Ticked: _ticked,
 }
 _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
-    Target: lambda session, asked: _held_against(session, target_deg=asked.deg),
-    Dip: lambda session, asked: _held_against(session, dip_deg=asked.deg),
-    SetGoal: lambda session, asked: _held_against(session, goal=asked.goal),
-    PreviousClear: lambda session, _: _held_against(session, previous=None),
+    SetTarget: lambda session, asked: _with_goal(session, target_deg=asked.deg),
+    SetDip: lambda session, asked: _with_goal(session, dip_deg=asked.deg),
+    SetGoal: lambda session, asked: _with_goal(session, goal=asked.goal),
+    PreviousClear: lambda session, _: _with_goal(session, previous=None),
     Exclude: lambda session, asked: _excluded(session, asked.start_s, asked.end_s),
-    Restore: lambda session, asked: _edited(session, lambda history: history.restoring((asked.start_s, asked.end_s))),
-    Undo: lambda session, _: _edited(session, History.undone),
-    Redo: lambda session, _: _edited(session, History.redone),
+    Restore: lambda session, asked: _edited(
+        session, lambda exclusions: exclusions.restoring((asked.start_s, asked.end_s))
+    ),
+    Undo: lambda session, _: _edited(session, Exclusions.undone),
+    Redo: lambda session, _: _edited(session, Exclusions.redone),
     Pause: lambda session, asked: _paused(session, paused=asked.paused),
     Clear: lambda session, _: _cleared(session),
     BackToLive: lambda session, _: _back_to_live(session),
@@ -502,7 +539,7 @@ _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
 def wants_fit(session: Session, at: float) -> bool:
     """Whether something changed since the last fit, none is running, and one is due, or the source has ended."""
     shown = session.shown
-    is_new = bool(shown.track.total) and (shown.found is None or shown.found.key != shown.key)
+    is_new = bool(shown.buffer.total) and (shown.evaluated is None or shown.evaluated.key != shown.key)
     is_due = at >= session.due_at or session.source.link == "ended"
     return is_new and not session.is_fitting and is_due
 
@@ -519,262 +556,54 @@ def snapshot(session: Session, most: int | None = FITTED) -> Snapshot:
     ----------
     session : Session
     most : int, optional
-        Readings, at most; None for all that are held.
+        Readings, at most; None for all in memory.
     """
     shown = session.shown
-    used = np.flatnonzero(~shown.track.within(shown.excluded))
+    used = np.flatnonzero(~shown.buffer.within(shown.excluded))
     if most is not None and len(used) > most:
         used = used[:: -(-len(used) // most)]
     samples = Samples(
-        field=shown.track.field[used],
+        field=shown.buffer.field[used],
         unit=shown.unit,
         axes=shown.axes,
-        time=shown.track.time[used],
-        acceleration=shown.track.acceleration[used] if shown.track.has_acceleration else None,
+        time=shown.buffer.time[used],
+        acceleration=shown.buffer.acceleration[used] if shown.buffer.has_acceleration else None,
         source=session.opened_name or session.source.name,
         frame=shown.frame,
     )
     return Snapshot(
         key=shown.key,
         samples=samples,
-        numbers=used * shown.track.stride,
+        numbers=used * shown.buffer.stride,
         target_deg=session.target_deg,
         dip_deg=session.dip_deg,
         goal=session.goal,
-        frame=_spoken(shown),
+        frame=_frame(shown),
         previous=session.previous,
         is_followed=session.opened is None and session.live.paused_at is None and session.source.link == "connected",
     )
 
 
-def _spoken(stretch: Stretch) -> Frame:
+def _frame(series: Series) -> Frame:
     """Which words advice is given in: those of a vehicle where somebody said how the sensor sits in it."""
-    return "vehicle" if stretch.frame == "vehicle" or not stretch.axes.is_identity else "sensor"
+    return "vehicle" if series.frame == "vehicle" or not series.axes.is_identity else "sensor"
 
 
-def state(session: Session) -> State:
-    """All that a page shows beside the fit and the points."""
-    shown, found = session.shown, session.shown.found
-    phase, words, reasons = _phase(session)
-    rejected = 0 if found is None else found.rejected
-    return State(
-        revision=session.revision,
-        source=session.source,
-        unit=label(shown.unit.inside),
-        readings=shown.track.total,
-        used=0 if found is None else found.used,
-        rejected=rejected,
-        excluded_readings=shown.track.count_within(shown.excluded),
-        rate_hz=_rate_hz(session),
-        seconds=shown.track.seconds,
-        phase=phase,
-        words=words,
-        reasons=reasons,
-        target_deg=session.target_deg,
-        dip_deg=session.dip_deg,
-        goal=session.goal,
-        excluded=shown.excluded,
-        can_undo=bool(shown.history.past),
-        can_redo=bool(shown.history.future),
-        stride=shown.track.shown_stride,
-        has_acceleration=shown.track.has_acceleration,
-        paused=session.live.paused_at is not None,
-        recording=session.recording or None,
-        previous=None if found is None or session.previous is None else found.previous,
-        opened=session.opened_name or None,
-        can_send=session.has_board and session.opened is None and _is_usable(found),
-    )
-
-
-def _is_usable(found: Evaluated | None) -> bool:
+def is_usable(evaluated: Evaluated | None) -> bool:
     """Whether a fit gives a calibration."""
-    return found is not None and found.fit is not None and found.fit.verdict != "refused"
+    return evaluated is not None and evaluated.fit is not None and evaluated.fit.verdict != "refused"
 
 
-def _rate_hz(session: Session) -> float | None:
-    """Readings a second by their own times, over the last two seconds; None where none came.
-
-    From the last reading of the first arrival to the last of all, so that it does not matter how many came together.
-    """
-    arrivals = session.arrivals
-    if len(arrivals) < 2:
-        return None
-    first, last = arrivals[0], arrivals[-1]
-    is_silent = session.at - last[0] >= max(RATE_S, 2.0 * (last[0] - arrivals[-2][0]))
-    if is_silent or last[1] <= first[1]:
-        return None
-    return sum(count for _, _, count in arrivals[1:]) / (last[1] - first[1])
-
-
-def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
-    """How far it has come, in a sentence, and what is in the way."""
-    found = session.shown.found
-    link = [] if session.opened is not None else _of_link(session)
-    unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
-    reasons = (*link, *(() if found is None else found.reasons), *unrecorded)
-    wrong = next((reason for reason in reasons if reason.severity == "warning"), None)
-    if wrong is not None:
-        return "wrong", _sentence(wrong.advice), reasons
-    phase, words = _of_view(session)
-    return phase, words, reasons
-
-
-def _of_view(session: Session) -> tuple[Phase, str]:
-    """How far the newest fit has come."""
-    view = session.view
-    if view is None:
-        return "collecting", _before_a_fit(session)
-    target, worst = f"the target {session.target_deg:g}°", _worst_deg(session, view)
-    if worst is None:
-        return "collecting", view.sentence
-    if worst > session.target_deg:
-        told = f"{figures(worst)}° (1 σ)" if worst < 90.0 else "any angle"
-        return "collecting", f"Keep turning: the worst error to expect is {told}, {target}."
-    what = "heading error" if session.goal == "heading" else "error at any attitude"
-    done = f"the worst {what} to expect is {figures(worst)}° (1 σ), {target}"
-    if view.verdict != "refused" and not _is_sure(session):
-        return "collecting", f"Almost: {done}; hold on a little."
-    by_verdict: dict[str, tuple[Phase, str]] = {
-        "good": ("good", f"Good: {done}."),
-        "limited": ("limited", f"Good enough, with limits: {done}{_as_far_as(view)}."),
-        "refused": ("wrong", view.sentence),
-    }
-    return by_verdict[view.verdict]
-
-
-def _worst_deg(session: Session, view: View) -> float | None:
-    """The error that is held against the target; None where it is not known."""
+def worst_deg(session: Session, view: View) -> float | None:
+    """The error that is compared with the target; None where it is not known."""
     error = view.heading_error_deg
     if error is None or view.guidance is None:
         return None
     return error.worst if session.goal == "heading" else max(error.worst, view.guidance.worst_deg)
 
 
-def _as_far_as(view: View) -> str:
-    """Up to which tilt that holds, and what is missing beyond."""
-    limit = view.attitude_limit_deg
-    if limit is None or limit >= LEVEL_DEG:
-        return ""
-    held = "held level" if limit < 1.0 else f"up to {limit:.0f}° of tilt"
-    return f", {held}; for more tilt than that, turn it tilted and upside down too"
-
-
-def _is_within(session: Session, found: Evaluated) -> bool:
+def _is_within(session: Session, evaluated: Evaluated) -> bool:
     """Whether a fit says that the target is reached, and nothing that speaks against it."""
-    worst = None if found.view is None else _worst_deg(session, found.view)
-    is_clean = all(reason.severity != "warning" for reason in found.reasons)
-    return worst is not None and worst <= session.target_deg and is_clean and _is_usable(found)
-
-
-def _is_sure(session: Session) -> bool:
-    """Whether it takes no further fit to say that the target is reached: several did, or there will be no other.
-
-    What grows gets further fits. A log, a pause and a sensor that is silent do not.
-    """
-    shown, within = session.shown, session.shown.within
-    if len(within) >= ENOUGH_FITS or (within and within[-1] - within[0] >= SURE_S):
-        return True
-    is_of_all = shown.found is not None and shown.found.key == shown.key
-    is_over = shown.paused_at is not None or session.source.link in ("ended", "gone")
-    is_still = is_over or session.at - session.arrived_at >= SURE_S
-    return is_of_all and (session.opened is not None or is_still)
-
-
-def _before_a_fit(session: Session) -> str:
-    """What to say while there are no numbers."""
-    found = session.shown.found
-    if not session.shown.track.total:
-        return "Waiting for the first reading."
-    if found is None or not found.refusal:
-        return "Looking at the first readings. Turn the sensor slowly through all directions."
-    return _sentence(found.refusal)
-
-
-def _sentence(words: str) -> str:
-    """Begin with a capital, unless it begins with a name: that of a file or port is written as it is.
-
-    >>> _sentence("no reading has come"), _sentence("full.csv: cannot be written"), _sentence("")
-    ('No reading has come.', 'full.csv: cannot be written.', '.')
-    """
-    first = words.partition(" ")[0].rstrip(",")
-    begin = words[:1].upper() if first.isalpha() else words[:1]
-    return f"{begin}{words[1:].rstrip('.')}."
-
-
-def _of_link(session: Session) -> list[Reason]:
-    """What is wrong on the way from the sensor."""
-    source, since = session.source, session.at - session.arrived_at
-    if source.link == "gone":
-        return [Reason("gone", source.words or f"{source.name} is gone: check the cable")]
-    total, seconds = session.live.track.total, session.live.track.seconds
-    patience = max(SILENT_S, SILENT_STEPS * seconds / total if total else 0.0)
-    if source.link in ("connected", "waiting") and since > patience:
-        told = source.words if total == 0 and source.link == "waiting" else ""
-        return [Reason("nothing-arrives", told or _nothing_arrives(session, since))]
-    if source.link == "ended":
-        return [Reason("ended", source.words or f"{source.name} has ended", "info")]
-    return []
-
-
-def _nothing_arrives(session: Session, since: float) -> str:
-    begun = "has come for" if session.live.track.total else "has come yet, for"
-    return (
-        f"no reading {begun} {since:.0f} s from {session.source.name}: see that the sensor is on and prints its "
-        "readings, and that port, cable and baud rate are right"
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Cursor:
-    """How far a page has got with the points.
-
-    Attributes
-    ----------
-    generation, stride : int
-        Of those it has.
-    count : int
-        How many it has.
-    total : int
-        Readings there were when the newest reading was sent.
-    """
-
-    generation: int = 0
-    stride: int = 1
-    count: int = 0
-    total: int = -1
-
-
-def points(session: Session, cursor: Cursor) -> tuple[bytes | None, Cursor]:
-    """The points that a page does not have yet, and the newest reading; None where there is nothing new.
-
-    A page with every second point too many keeps every second one, as the frame's stride says.
-    """
-    shown = session.shown
-    track, stride = shown.track, shown.track.shown_stride
-    if cursor.generation != shown.generation:
-        count = 0
-    elif cursor.total == track.total and cursor.stride == stride:
-        return None, cursor
-    else:
-        count = -(-cursor.count // (stride // cursor.stride))
-    time, raw, acceleration = track.shown(count, FRAME_POINTS)
-    frame = points_frame(
-        generation=shown.generation,
-        first=count,
-        stride=stride,
-        now=track.latest[1:],
-        time=time,
-        field=raw,
-        acceleration=acceleration if track.has_acceleration else None,
-    )
-    is_all = len(time) < FRAME_POINTS
-    return frame, Cursor(shown.generation, stride, count + len(time), track.total if is_all else -1)
-
-
-def replayed(events: Sequence[Event], session: Session) -> tuple[Session, list[Told]]:
-    """Take a list of events in, one after the other."""
-    told: list[Told] = []
-    for event in events:
-        session, more = step(session, event)
-        told += more
-    return session, told
+    worst = None if evaluated.view is None else worst_deg(session, evaluated.view)
+    is_clean = all(reason.severity != "warning" for reason in evaluated.reasons)
+    return worst is not None and worst <= session.target_deg and is_clean and is_usable(evaluated)

@@ -1,4 +1,4 @@
-"""A simulated sensor: it tumbles by itself, or turns to where it is told.
+"""A simulated sensor: it tumbles by itself, or turns to a given attitude.
 
 >>> feed = SimulatedFeed(seed=1, speed=None)
 >>> feed.next(0.1).kind, len(feed.next(0.1))
@@ -24,7 +24,7 @@ from flinders.arrays import floats
 from flinders.arrays import matrix as square
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.live.readings import Event, Reading, readings_of
+from flinders.live.readings import FeedEvent, Reading, readings_of
 from flinders.simulate import (
     Imu,
     Sensor,
@@ -77,12 +77,12 @@ class SimulatedFeed:
     sensor : Sensor, optional
         By default one as on small boards, with 0.5 µT of noise.
     imu : Imu, optional
-        The gyro and accelerometer beside it.
+        Its gyro and accelerometer.
     field_strength, dip_deg : float, µT and degrees
     rate_hz : float
         Readings a second.
     turn_deg_s : float
-        How fast it turns to an attitude that it is told.
+        How fast it turns to a given attitude.
     speed : float, optional
         So many times as fast as by the clock; None for as fast as it is asked.
     clock, sleep : callable
@@ -164,11 +164,11 @@ class SimulatedFeed:
         with self._lock:
             self._wanted = wanted
 
-    def next(self, timeout: float) -> list[Reading] | Event:
+    def next(self, timeout: float) -> list[Reading] | FeedEvent:
         """As `Feed.next`."""
         if not self._is_told:
             self._is_told, self._start = True, self._clock()
-            return Event("connected", 0.0, f"a simulated sensor, {1 / self._step:g} readings a second")
+            return FeedEvent("connected", 0.0, f"a simulated sensor, {1 / self._step:g} readings a second")
         if self._is_over:
             self._sleep(timeout)
             return []
@@ -211,7 +211,7 @@ class SimulatedFeed:
         return readings_of(samples)
 
     def _stepped(self) -> tuple[Floats, Floats]:
-        """The present attitude and the rate with which it is left: as told, or as the tumble goes on."""
+        """Present attitude and rate: towards the given attitude, or as the tumble goes on."""
         with self._lock:
             wanted = self._wanted
         if wanted is None:

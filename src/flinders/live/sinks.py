@@ -54,8 +54,8 @@ TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')
 """What a row begins with whose time was put in front."""
 AGAIN_S: Final = 3.0
 """Seconds after which what could not be written is tried again."""
-HELD: Final = 64 << 20
-"""Letters that are held meanwhile, at most."""
+MOST_WAITING: Final = 64 << 20
+"""Characters that wait meanwhile, at most."""
 TAIL: Final = 1 << 16
 """Bytes that are looked at for the end of the last whole line."""
 BEGUN: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
@@ -268,7 +268,7 @@ class ToFile:
 
 
 class Patient:
-    r"""A sink for which a full disk is no end: what cannot be written is held, and tried again every few seconds.
+    r"""A sink that survives a full disk: text that cannot be written waits, and is tried again every few seconds.
 
     Parameters
     ----------
@@ -302,18 +302,18 @@ class Patient:
     def __init__(self, sink: ToFile, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
         self.name, self.why, self.missing = sink.name, "", ""
         self._sink, self._say, self._clock = sink, say, clock
-        self._held: list[str] = []
+        self._waiting: list[str] = []
         self._size, self._tried = 0, -math.inf
 
     def write(self, text: str) -> None:
         """As `Sink.write`; nothing is raised."""
-        self._held.append(text)
+        self._waiting.append(text)
         self._size += len(text)
         if not self.why or self._clock() - self._tried >= AGAIN_S:
             self._try()
-        if self._size > HELD:
-            self._held, self._size = [], 0
-            self.missing = f"{self.why}; {HELD >> 20} MB that came since are lost"
+        if self._size > MOST_WAITING:
+            self._waiting, self._size = [], 0
+            self.missing = f"{self.why}; {MOST_WAITING >> 20} MB that came since are lost"
             self._say(f"! {self.missing}")
 
     def sync(self) -> None:
@@ -334,20 +334,20 @@ class Patient:
         OutputError
             Where not all that came is in the file.
         """
-        if self._held:
+        if self._waiting:
             self._try()
         self._sink.close()
-        if self._held or self.missing:
+        if self._waiting or self.missing:
             raise OutputError(f"{self.missing or self.why}; the recording is not whole")
 
     def _try(self) -> None:
         self._tried = self._clock()
         try:
-            self._sink.write("".join(self._held))
+            self._sink.write("".join(self._waiting))
         except OutputError as error:
             self._fail(error)
             return
-        self._held, self._size = [], 0
+        self._waiting, self._size = [], 0
         if self.why:
             self.why = ""
             self._say(f"{self.name}: is written again{'' if self.missing else ', and nothing is missing'}")
@@ -368,9 +368,9 @@ def title(name: str, *, is_new: bool) -> str:
 def _last_time(tail: str) -> float:
     """The time of the last whole row; 0 where there is none."""
     for line in reversed(tail.rpartition("\n")[0].splitlines()):
-        found = TIME.match(line)
-        if found:
-            return float(found[1].replace(",", "."))
+        match = TIME.match(line)
+        if match:
+            return float(match[1].replace(",", "."))
     return 0.0
 
 

@@ -21,13 +21,13 @@ import numpy as np
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, LinkError, UsageError
 from flinders.live.mavlink import ARDUPILOT, Vehicle
-from flinders.live.readings import Event, Reading, readings_of
+from flinders.live.readings import FeedEvent, Reading, readings_of
 from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
 from flinders.targets.ardupilot import COMPASSES, Parameters, names
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.live.sources import ByteSource
+    from flinders.live.transports import ByteSource
 
 RATE_HZ: Final = 20.0
 """Readings a second that the vehicle is asked for."""
@@ -37,7 +37,7 @@ TOGETHER_S: Final = 0.03
 """Seconds of readings that are handed on together."""
 TRIES: Final = 4
 """Questions for each parameter."""
-TOLD: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
+REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
 """Of the calibration in force; SCALE came later."""
 LOOK_S: Final = 1.0
 """Seconds that a better message is waited for."""
@@ -61,7 +61,7 @@ class Telemetry:
     rate_hz : float
         Readings a second to ask for.
     vehicle : Vehicle, optional
-        One that was found already.
+        A vehicle that has answered.
 
     Attributes
     ----------
@@ -95,10 +95,10 @@ class Telemetry:
         self._kind: int | None = None
         self._last: tuple[float, ...] = ()
         self._is_gone = self._is_over = self._is_advised = False
-        self._waiting: deque[Event] = deque([Event("connected", 0.0, f"{self.name}: {self._fetch()}")])
+        self._waiting: deque[FeedEvent] = deque([FeedEvent("connected", 0.0, f"{self.name}: {self._fetch()}")])
         self._ask()
 
-    def next(self, timeout: float) -> list[Reading] | Event:
+    def next(self, timeout: float) -> list[Reading] | FeedEvent:
         """As `Feed.next`."""
         if self._waiting:
             return self._waiting.popleft()
@@ -113,7 +113,7 @@ class Telemetry:
                 readings += self._taken(message)
         except LinkError as error:
             self._is_gone = True
-            self._waiting.append(Event("gone", self._now(), str(error)))
+            self._waiting.append(FeedEvent("gone", self._now(), str(error)))
         else:
             self._remind(bool(readings))
         return readings
@@ -132,16 +132,16 @@ class Telemetry:
             return "readings as they are sent; whether they are raw or corrected is not known for this autopilot"
         if self._as_logged:
             return "corrected readings, as they are sent"
-        held: dict[str, float] = {}
-        for told in (*TOLD, "SCALE"):
-            group, _, axis = told.partition("_")
+        values: dict[str, float] = {}
+        for name in (*REPORTED, "SCALE"):
+            group, _, axis = name.partition("_")
             known = names(group, self._compass, f"_{axis}" if axis else "")
-            found = self._vehicle.get(*known, tries=TRIES)
-            if found is None and told in TOLD:
+            parameter = self._vehicle.get(*known, tries=TRIES)
+            if parameter is None and name in REPORTED:
                 return f"corrected readings: the vehicle does not tell its {known[0]}, by which that is taken off"
-            if found is not None:
-                held[known[0]] = found.value
-        self._parameters = Parameters.read(held, self._compass)
+            if parameter is not None:
+                values[known[0]] = parameter.value
+        self._parameters = Parameters.read(values, self._compass)
         return f"its correction is taken off: {self._parameters.words()}"
 
     def _ask(self) -> None:
@@ -161,7 +161,7 @@ class Telemetry:
                 self._is_advised = True
                 wanted = " or ".join(COMPASS_MESSAGES[number][0] for number in self._messages)
                 self._waiting.append(
-                    Event(
+                    FeedEvent(
                         "nothing",
                         self._now(),
                         f"{self.name} sends no {wanted} though it was asked: see that it has this compass, and set its "
@@ -169,12 +169,12 @@ class Telemetry:
                     )
                 )
 
-    def _come_back(self, timeout: float) -> list[Reading] | Event:
+    def _come_back(self, timeout: float) -> list[Reading] | FeedEvent:
         if not self._vehicle.come_back(min(timeout, BACK_S)):
             return []
         self._is_gone = False
         self._ask()
-        return Event("back", self._now(), f"{self.name} is back")
+        return FeedEvent("back", self._now(), f"{self.name} is back")
 
     def _taken(self, message: Any) -> list[Reading]:  # noqa: ANN401 - pymavlink has no types
         """Make a reading of a message of the kind that is taken; one that repeats, and zeros, are none."""
@@ -221,7 +221,7 @@ class Telemetry:
             return self._parameters.unapply(field, motor_offset=np.zeros(3))
         except ArrayError as error:
             self._parameters = None
-            self._waiting.append(Event("garbage", self._now(), f"{error}; readings are taken as they are sent"))
+            self._waiting.append(FeedEvent("garbage", self._now(), f"{error}; readings are taken as they are sent"))
             return field
 
 

@@ -29,7 +29,7 @@ from flinders.core.axes import Axes
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.lines import is_marked, settle
-from flinders.live.readings import Event, readings_of
+from flinders.live.readings import FeedEvent, readings_of
 from flinders.readers._lines import shown
 from flinders.readers._numbers import rows_of
 from flinders.readers._sniff import COMMENTS, Layout, sniff
@@ -41,18 +41,18 @@ if TYPE_CHECKING:
     from flinders.live.readings import Kind, Reading
 
 SETTLE_S: Final = 0.9
-"""Seconds that the first lines are held back until their layout is settled; less than a second, which a crash may
+"""Seconds that the first lines wait until their layout is recognised; less than a second, which a crash may
 cost."""
 ENOUGH: Final = 20  # Lines that settle it at once
 LONGEST: Final = 4096  # Bytes in a line; a longer one is none
 SILENT_S: Final = 3.0  # Seconds without a reading after which advice is given
 UNLIKE: Final = 50  # Lines in a row that are not like the first ones, after which advice is given
-STEP_S: Final = 1e-4  # Lines that arrive together are told apart by so much, the last digit of a time
+STEP_S: Final = 1e-4  # Lines that arrive together differ by so much, the last digit of a time
 ENDS: Final = re.compile(rb"[\r\n]+")
 
 
 @dataclass(slots=True)
-class Recorded:
+class RecordingStatistics:
     """What has been recorded so far."""
 
     form: Form | None = None  # how the lines are written; None where that is not known
@@ -112,15 +112,15 @@ class Recorded:
         }
 
     def __str__(self) -> str:
-        told = [f"{counted(self.readings, 'reading')}{f' ({self.form})' if self.form else ''} in {self.seconds:.1f} s"]
-        told += [f"{figures(self.rate_hz)} Hz"] * (self.rate_hz > 0)
+        parts = [f"{counted(self.readings, 'reading')}{f' ({self.form})' if self.form else ''} in {self.seconds:.1f} s"]
+        parts += [f"{figures(self.rate_hz)} Hz"] * (self.rate_hz > 0)
         if self.strengths:
             mean = self.strength_sum / self.strengths
             ends = f"({figures(self.weakest, 3)} to {figures(self.strongest, 3)})"
-            told.append(f"strength {figures(mean, 3)} {self.unit} {ends}")
-        told += [f"lost {self.losses} time{'s' * (self.losses != 1)}"] * (self.losses > 0)
-        told += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
-        return ", ".join(told)
+            parts.append(f"strength {figures(mean, 3)} {self.unit} {ends}")
+        parts += [f"lost {self.losses} time{'s' * (self.losses != 1)}"] * (self.losses > 0)
+        parts += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
+        return ", ".join(parts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,14 +129,14 @@ class Taken:
 
     text: str = ""  # whole lines for the recording
     readings: list[Reading] = field(default_factory=list)  # of its rows whose field is finite
-    events: list[Event] = field(default_factory=list)
+    events: list[FeedEvent] = field(default_factory=list)
 
 
-class _Held(NamedTuple):
+class _WaitingLine(NamedTuple):
     """A line that waits to be written: when it came, its bytes, and whether it is a piece of one that is too long."""
 
     at: float
-    line: bytes
+    content: bytes
     piece: int = 0
 
 
@@ -161,35 +161,35 @@ class Transcript:
         header: str | None = None,
         rows: tuple[str, ...] = (),
     ) -> None:
-        self.told = Recorded()
+        self.statistics = RecordingStatistics()
         self._name, self._is_framed, self._most = name, is_framed, most
         self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows
         self._read: tuple[Layout, Unit] | None = None
         self._rest = b""
-        self._held: list[_Held] = []
+        self._waiting: list[_WaitingLine] = []
         self._before: deque[str] = deque(maxlen=ENOUGH)
         self._pieces = 0
         self._last: float | None = None
         self._is_cut = not is_framed
         self._is_advised = False
         self._unlike = 0
-        self._events: list[Event] = []
+        self._events: list[FeedEvent] = []
 
     @property
     def is_full(self) -> bool:
         """It has as many rows as were asked for."""
-        return self._most is not None and self.told.readings >= self._most
+        return self._most is not None and self.statistics.readings >= self._most
 
     def take(self, content: bytes, at: float) -> Taken:
         """Take what came at this second; call it with nothing, too, so that waiting lines are written in time."""
-        self.told.seconds = at
-        self.told.received += len(content)
+        self.statistics.seconds = at
+        self.statistics.received += len(content)
         if content:
             self._cut(content, at)
-        is_ready = self._held and (self.told.form or self._is_enough(at))
+        is_ready = self._waiting and (self.statistics.form or self._is_enough(at))
         text, rows = self._flush() if is_ready else ("", [])
-        if not self._is_advised and not self.told.readings and at >= SILENT_S:
+        if not self._is_advised and not self.statistics.readings and at >= SILENT_S:
             self._is_advised = True
             self._tell("nothing", self.nothing())
         return self._taken(text, rows)
@@ -197,36 +197,36 @@ class Transcript:
     def lost(self, at: float) -> Taken:
         """Note that the other end went away; what came before is let go."""
         ended = self.end(at)
-        self.told.losses += 1
+        self.statistics.losses += 1
         self._is_cut = not self._is_framed
         return Taken(f"{ended.text}# lost at {at:.4f} s\n", ended.readings, ended.events)
 
     def back(self, at: float) -> Taken:
         """Note that it is there again."""
-        self.told.seconds = at
+        self.statistics.seconds = at
         return Taken(f"# back at {at:.4f} s\n")
 
     def end(self, at: float) -> Taken:
-        """Let go of what is held, and of the start of a line that will have no end."""
-        self.told.seconds = at
+        """Let go of what waits, and of the start of a line that will have no end."""
+        self.statistics.seconds = at
         text, rows = self._flush()
         if self._rest.strip() and not self.is_full:
             text += f"# cut off: {escaped(self._rest)}\n"
-            self.told.first_unknown = self.told.first_unknown or shown(_text(self._rest))
+            self.statistics.first_unknown = self.statistics.first_unknown or shown(_text(self._rest))
         self._rest, self._pieces = b"", 0
         return self._taken(text, rows)
 
     def nothing(self) -> str:
         """Say why there is no reading, and what to do."""
-        if not self.told.received:
+        if not self.statistics.received:
             return (
                 f"nothing arrives from {self._name}: see that the sensor is on and prints its readings, and "
                 "that port, cable and baud rate are right"
             )
-        arrived = f"{counted(self.told.received, 'byte')} arrived from {self._name} and no line"
-        if not self.told.lines and not self._held:
+        arrived = f"{counted(self.statistics.received, 'byte')} arrived from {self._name} and no line"
+        if not self.statistics.lines and not self._waiting:
             return f"{arrived} end: check --baud, and that the sketch prints each reading on a line (println)"
-        example = self.told.first_unknown or shown(_text(self._rest))
+        example = self.statistics.first_unknown or shown(_text(self._rest))
         if not example:
             return (
                 f"{arrived} but comments, which begin with {' or '.join(COMMENTS)}: where they are readings, say with "
@@ -240,18 +240,18 @@ class Transcript:
         for line in whole:
             if self._pieces or len(line) > LONGEST:
                 self._pieces += 1
-                self._held.append(_Held(at, line, self._pieces))
+                self._waiting.append(_WaitingLine(at, line, self._pieces))
                 self._pieces = 0
             elif line.strip():
-                self._held.append(_Held(at, line))
+                self._waiting.append(_WaitingLine(at, line))
         if len(self._rest) > LONGEST:
             self._pieces += 1
-            self._held.append(_Held(at, self._rest, self._pieces))
+            self._waiting.append(_WaitingLine(at, self._rest, self._pieces))
             self._rest = b""
 
     def _is_enough(self, at: float) -> bool:
         """Tell whether the layout can be recognised: many lines, or old ones, or all rows that are asked for."""
-        is_late = len(self._held) >= ENOUGH or at - self._held[0].at >= SETTLE_S
+        is_late = len(self._waiting) >= ENOUGH or at - self._waiting[0].at >= SETTLE_S
         if is_late or self._most is None:
             return is_late
         texts = self._texts()
@@ -259,8 +259,8 @@ class Transcript:
         return form is not None and len(_rows(form, texts)) >= self._most
 
     def _texts(self) -> list[str]:
-        """What is held, without a first line that may be cut."""
-        texts = [_text(held.line) for held in self._held if not held.piece]
+        """What is line, without a first line that may be cut."""
+        texts = [_text(line.content) for line in self._waiting if not line.piece]
         return texts[1:] if self._is_cut and texts and not is_marked(texts[0]) else texts
 
     def _settle(self) -> None:
@@ -275,14 +275,14 @@ class Transcript:
                 f"{self._name} sends {form} ({form.header or 'no header'}), and the recording that is continued has "
                 f"{self._header or 'no header'}: begin another recording"
             )
-        self.told.form = form
+        self.statistics.form = form
         self._read = self._recognised([form.header, *self._rows, *rows])
-        self.told.unit = label(self._read[1].inside) if self._read else ""
-        columns = f": {self._read[0].columns.told(self.told.unit)}" if self._read else ""
+        self.statistics.unit = label(self._read[1].inside) if self._read else ""
+        columns = f": {self._read[0].columns.told(self.statistics.unit)}" if self._read else ""
         self._tell("settled", f"{form}{columns}")
 
     def _recognised(self, lines: list[str]) -> tuple[Layout, Unit] | None:
-        """How `flinders.read` will read the text; None where it will need to be told more."""
+        """How `flinders.read` will read the text; None where it needs options."""
         try:
             layout = sniff(self._name, lines, self._named())
             return layout, unit_of(layout.columns, self._name, self._unit, self._scale)
@@ -291,52 +291,52 @@ class Transcript:
 
     def _named(self) -> str | None:
         """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
-        form, asked = self.told.form, (self._columns or "").split(",")
+        form, asked = self.statistics.form, (self._columns or "").split(",")
         if form is None or form.is_timed or not all(one.strip().isdigit() for one in asked):
             return self._columns
         names = form.header.split(form.delimiter)
         return ",".join(names[int(one)] for one in asked) if max(map(int, asked)) < len(names) else self._columns
 
     def _flush(self) -> tuple[str, list[str]]:
-        """Turn the lines that are held into text and its rows."""
+        """Turn the waiting lines into text and its rows."""
         rows: list[str] = []
         text = ""
-        if self._held and self.told.form is None and not self.is_full:
+        if self._waiting and self.statistics.form is None and not self.is_full:
             self._settle()
-        while self._held and not self.is_full:
-            text += self._written(self._held.pop(0), rows)
+        while self._waiting and not self.is_full:
+            text += self._written(self._waiting.pop(0), rows)
         return text, rows
 
-    def _written(self, held: _Held, rows: list[str]) -> str:
+    def _written(self, line: _WaitingLine, rows: list[str]) -> str:
         """One line as it goes into the recording."""
-        if held.piece:
-            return self._too_long(held)
-        form, text = self.told.form, _text(held.line)
-        self.told.lines += 1
+        if line.piece:
+            return self._too_long(line)
+        form, text = self.statistics.form, _text(line.content)
+        self.statistics.lines += 1
         cut, self._is_cut = self._is_cut and not is_marked(text), False
-        at = held.at if self._last is None else max(held.at, self._last + STEP_S)
+        at = line.at if self._last is None else max(line.at, self._last + STEP_S)
         row = None if cut or form is None else form.row(text, at)
         if form is None or not row:
             if row is None:
                 self._note(text, form, cut=cut)
-            return f"# {'cut off: ' * cut}{escaped(held.line)}\n"
+            return f"# {'cut off: ' * cut}{escaped(line.content)}\n"
         self._last, self._unlike = at, 0
-        self.told.count_row(at)
+        self.statistics.count_row(at)
         rows.append(row)
         header = f"{form.header}\n" if form.header and self._header is None else ""
         self._header = form.header
         return f"{header}{row}\n"
 
-    def _too_long(self, held: _Held) -> str:
+    def _too_long(self, line: _WaitingLine) -> str:
         """A piece of a line that is too long; the first counts for all."""
         self._is_cut = False
-        if held.piece == 1:
-            self.told.lines += 1
-            self._count_unknown(_text(held.line), self.told.form)
-        return f"# too long: {escaped(held.line)}\n"
+        if line.piece == 1:
+            self.statistics.lines += 1
+            self._count_unknown(_text(line.content), self.statistics.form)
+        return f"# too long: {escaped(line.content)}\n"
 
     def _note(self, text: str, form: Form | None, *, cut: bool) -> None:
-        """Count what is not understood, but no comment of the sensor's own, header, or line that stands beside."""
+        """Count what is not understood, but no comment of the sensor's own, header, or line without a reading."""
         if form is None and not cut:
             self._before.append(text)
         if cut or text.lstrip().startswith(COMMENTS) or (form and text.strip() in form.header):
@@ -344,8 +344,8 @@ class Transcript:
         self._count_unknown(text, form)
 
     def _count_unknown(self, text: str, form: Form | None) -> None:
-        self.told.unknown += 1
-        self.told.first_unknown = self.told.first_unknown or shown(text)
+        self.statistics.unknown += 1
+        self.statistics.first_unknown = self.statistics.first_unknown or shown(text)
         self._unlike += form is not None
         if self._unlike == UNLIKE:
             self._tell(
@@ -355,7 +355,7 @@ class Transcript:
             )
 
     def _tell(self, kind: Kind, words: str) -> None:
-        self._events.append(Event(kind, self.told.seconds, words))
+        self._events.append(FeedEvent(kind, self.statistics.seconds, words))
 
     def _taken(self, text: str, rows: list[str]) -> Taken:
         events, self._events = self._events, []
@@ -368,7 +368,7 @@ class Transcript:
         values = rows_of(rows, range(len(rows)), layout.grid).values
         readings = readings_of(layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name))
         for reading in readings:
-            self.told.measure(reading.field)
+            self.statistics.measure(reading.field)
         return readings
 
 

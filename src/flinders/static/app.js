@@ -12,19 +12,15 @@ import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
 import { legend, palette } from "./views/colours.js";
-import { deviation } from "./views/deviation.js";
-import { corrected, dial, headingOf } from "./views/dial.js";
 import { ems, gauge } from "./views/gauge.js";
 import { svg } from "./views/plot.js";
-import { projections } from "./views/projections.js";
-import { histogram } from "./views/residuals.js";
-import { select, strength } from "./views/strength.js";
-import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, significant, things } from "./views/words.js";
+import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, things } from "./views/words.js";
+import { drawChanged, lay } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
 /** @typedef {import("./messages.d.ts").View} View */
-/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./views/scene.js").Scene} Scene */
 
 /** Charts are drawn no more often than this, and take at most a sixth of the time. */
@@ -37,6 +33,7 @@ const NOTICE_MS = 9000;
 
 const store = new Store();
 const finish = new Finish(notify);
+const panels = lay(byId("strip", HTMLElement), { store, send, notify });
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
@@ -113,21 +110,17 @@ function draw(now) {
     const { state, view } = store;
     if (dirty.state && state) drawState(state, view);
     if (dirty.state || dirty.view) finish.show(view, state);
-    if (dirty.view) {
-        histogram(byId("histogram", HTMLElement), view, theme());
-        setText(byId("residuals-noise", HTMLElement), view && view.noise !== null ? `σ ${significant(view.noise, 3)} ${view.unit}` : "");
-    }
-    if (dirty.view || dirty.state) deviation(byId("deviation", HTMLElement), view, theme(), state?.target_deg ?? null);
     if (dirty.points || dirty.view || dirty.state) drawScene(view, state);
-    if (dirty.now || dirty.view) drawNow(view);
+    if (dirty.now) scene?.setNow(store.now ? { raw: store.now.raw } : null);
+    const picture = { view, state, now: store.now, points: store.points };
+    drawChanged(panels, /** @type {const} */ (["view", "state", "now"]).filter((part) => dirty[part]), picture);
     const charts = dirty.points || dirty.view || dirty.state;
     Object.assign(dirty, { state: false, view: false, now: false });
     if (!charts) return;
     if (now >= chartsNext) {
         const begun = performance.now();
         dirty.points = false;
-        projections(byId("projections", HTMLElement), store.points, view, theme(), state);
-        strength(byId("strength", HTMLElement), store.points, view, state, { onBrush: marked });
+        drawChanged(panels, ["points"], picture);
         chartsNext = now + Math.max(CHART_MS, CHART_SHARE * (performance.now() - begun));
     } else {
         dirty.points = true;
@@ -164,8 +157,7 @@ function drawState(state, view) {
     drawSource(state);
     drawAdvice(state, view);
     drawLegend();
-    byId("undo", HTMLButtonElement).disabled = !state.can_undo;
-    byId("redo", HTMLButtonElement).disabled = !state.can_redo;
+    for (const { controls } of panels) controls?.show(state);
     byId("clear", HTMLElement).hidden = state.opened !== null;
     const pause = byId("pause", HTMLButtonElement);
     pause.hidden = state.opened !== null;
@@ -185,9 +177,9 @@ function drawPhase(state) {
     setIcon(title, ICONS[state.phase]);
     const strong = title.querySelector("strong");
     const phase = PHASES[state.phase] ?? state.phase;
-    const told = state.paused ? "Paused" : phase;
-    const words = told === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
-    if (strong) setText(strong, told);
+    const phaseTitle = state.paused ? "Paused" : phase;
+    const words = phaseTitle === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
+    if (strong) setText(strong, phaseTitle);
     setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : words);
     const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
     setList(byId("reasons", HTMLElement), others, (reason) => {
@@ -195,7 +187,7 @@ function drawPhase(state) {
         row.dataset.severity = reason.severity;
         return row;
     });
-    say("phase", `${told}. ${words}`); // all of it: nothing that is wrong is said twice
+    say("phase", `${phaseTitle}. ${words}`); // all of it: nothing that is wrong is said twice
 }
 
 /**
@@ -298,21 +290,6 @@ function legendRow(colour, words) {
     label.append(more);
     row.append(patch, label);
     return row;
-}
-
-/** @param {View | null} view */
-function drawNow(view) {
-    const now = store.now;
-    const acceleration = now?.acceleration ?? null;
-    const shown = view?.offset && view.matrix ? { offset: view.offset, matrix: view.matrix } : null;
-    const raw = now ? headingOf(now.raw, acceleration) : null;
-    const mended = now && shown ? headingOf(corrected(now.raw, shown), acceleration) : null;
-    dial(byId("dial", HTMLElement), {
-        raw_deg: raw?.deg ?? null,
-        corrected_deg: mended?.deg ?? null,
-        tilt: raw?.tilt_deg ?? null,
-    });
-    scene?.setNow(now ? { raw: now.raw } : null);
 }
 
 // Scene -------------------------------------------------------------------------------------------------------------
@@ -467,9 +444,9 @@ function setField(id, value) {
  * Send a number when it has been typed; what cannot be used goes back to what holds.
  * @param {string} id
  * @param {(value: number) => ToServer} message
- * @param {() => number | undefined} held
+ * @param {() => number | undefined} current
  */
-function onNumber(id, message, held) {
+function onNumber(id, message, current) {
     const field = byId(id, HTMLInputElement);
     field.addEventListener("change", () => {
         if (field.value !== "" && field.checkValidity()) {
@@ -477,7 +454,7 @@ function onNumber(id, message, held) {
             return;
         }
         notify("warning", `${field.value || "Nothing"} cannot be used here: need a number from ${field.min} to ${field.max}.`);
-        const value = held();
+        const value = current();
         if (value !== undefined) field.value = String(value);
     });
     field.addEventListener("keydown", (event) => {
@@ -523,8 +500,6 @@ onClick("open", chooseLog);
 onClick("retry", () => connection.retry());
 onClick("back", () => send({ type: "back_to_live" }));
 onClick("reset", () => scene?.resetCamera());
-onClick("undo", () => send({ type: "undo" }));
-onClick("redo", () => send({ type: "redo" }));
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
 for (const button of document.querySelectorAll("dialog .shut")) {
@@ -536,83 +511,6 @@ for (const dialog of document.querySelectorAll("dialog")) {
         if (event.target === dialog) dialog.close();
     });
 }
-
-// Leaving out time --------------------------------------------------------------------------------------------------
-
-const from = byId("from", HTMLInputElement);
-const to = byId("to", HTMLInputElement);
-
-/**
- * A stretch of time was marked in the chart, or the mark was taken back.
- * @param {number | null} start_s
- * @param {number | null} end_s
- */
-function marked(start_s, end_s) {
-    const none = start_s === null || end_s === null;
-    byId("span", HTMLElement).hidden = none;
-    const label = byId("exclude", HTMLElement);
-    setText(label, none ? "Leave out…" : "Leave out");
-    if (none) return;
-    from.value = start_s.toFixed(2);
-    to.value = end_s.toFixed(2);
-}
-
-/** @returns {{start_s: number, end_s: number} | null} */
-function span() {
-    if (byId("span", HTMLElement).hidden) return null;
-    const [start_s, end_s] = [from.valueAsNumber, to.valueAsNumber];
-    if (Number.isFinite(start_s) && Number.isFinite(end_s) && start_s < end_s) return { start_s, end_s };
-    notify("warning", "The stretch needs a beginning and a later end, in seconds.");
-    return null;
-}
-
-function unmark() {
-    select(byId("strength", HTMLElement), null, null);
-    marked(null, null);
-}
-
-function leaveOut() {
-    if (byId("span", HTMLElement).hidden) {
-        const end = store.points.count > 0 ? store.points.time[store.points.count - 1] : 0;
-        if (!(end > 0)) {
-            notify("info", "There are no readings yet to leave out.");
-            return;
-        }
-        marked(0.45 * end, 0.55 * end);
-        select(byId("strength", HTMLElement), 0.45 * end, 0.55 * end);
-        from.select(); // and what is typed takes its place
-        return;
-    }
-    const chosen = span();
-    if (!chosen) return;
-    send({ type: "exclude", ...chosen });
-    unmark();
-}
-
-function putBack() {
-    const chosen = span();
-    if (!chosen) return;
-    send({ type: "restore", ...chosen });
-    unmark();
-}
-
-for (const field of [from, to]) {
-    field.addEventListener("input", () => {
-        if (from.valueAsNumber < to.valueAsNumber) select(byId("strength", HTMLElement), from.valueAsNumber, to.valueAsNumber);
-    });
-}
-byId("cut", HTMLFormElement).addEventListener("keydown", (event) => {
-    const act = { x: leaveOut, b: putBack }[event.key.toLowerCase()]; // which no number has in it
-    if (!act || !(event.target instanceof HTMLInputElement) || event.ctrlKey || event.metaKey || !singleKeys()) return;
-    event.preventDefault();
-    act();
-});
-byId("cut", HTMLFormElement).addEventListener("submit", (event) => {
-    event.preventDefault();
-    leaveOut();
-});
-onClick("restore", putBack);
-onClick("uncut", unmark);
 
 // Files -------------------------------------------------------------------------------------------------------------
 
@@ -727,8 +625,8 @@ for (const button of document.querySelectorAll(".enlarge")) {
 
 function escape() {
     const large = document.querySelector(".panel.enlarged");
-    if (!byId("span", HTMLElement).hidden) unmark();
-    else if (large instanceof HTMLElement) enlarge(large);
+    if (panels.some(({ controls }) => controls?.escape())) return;
+    if (large instanceof HTMLElement) enlarge(large);
 }
 
 /** Keys act on the page only where no dialog is open. */
@@ -743,10 +641,7 @@ const shortcuts = [
     { keys: ["p"], words: "pause, go on", act: onPage(togglePause) },
     { keys: ["n"], words: "start again", act: onPage(confirmClear) },
     { keys: ["t"], words: "type a target", act: onPage(() => byId("target", HTMLInputElement).select()) },
-    { keys: ["x", "delete"], words: "mark a stretch of time; again: leave it out", act: onPage(leaveOut) },
-    { keys: ["b"], words: "put the marked stretch back", act: onPage(putBack) },
-    { keys: ["z", "ctrl+z"], words: "undo", act: onPage(() => send({ type: "undo" })) },
-    { keys: ["shift+z", "ctrl+y", "ctrl+shift+z"], words: "redo", act: onPage(() => send({ type: "redo" })) },
+    ...panels.flatMap(({ controls }) => controls?.shortcuts ?? []).map(({ act, ...key }) => ({ ...key, act: onPage(act) })),
     { keys: ["1"], words: "sphere", act: onPage(() => chooseMode(0)) },
     { keys: ["2"], words: "both clouds", act: onPage(() => chooseMode(1)) },
     { keys: ["3"], words: "raw readings", act: onPage(() => chooseMode(2)) },

@@ -8,9 +8,9 @@
  * @returns {T}
  */
 export function byId(id, kind) {
-    const found = document.getElementById(id);
-    if (!(found instanceof kind)) throw new TypeError(`the page has no ${kind.name} #${id}`);
-    return found;
+    const element = document.getElementById(id);
+    if (!(element instanceof kind)) throw new TypeError(`the page has no ${kind.name} #${id}`);
+    return element;
 }
 
 /**

@@ -5,7 +5,7 @@ import { ask, byId, element, icon, Refusal, save, setIcon, setList, setText } fr
 import { table } from "./views/table.js";
 import { counted, degrees, ICONS, measured, PHASES, sentence, significant, VERDICTS } from "./views/words.js";
 
-/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").TargetInfo} TargetInfo */
 
@@ -23,7 +23,7 @@ const LAST_TARGET = "flinders-export";
 /** What can be had of any calibration, in any unit. */
 const FIRST_TARGET = "c";
 /** What may be wrong while the readings that are here are sound. */
-const BESIDE = ["gone", "nothing-arrives", "not-recorded"];
+const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
 /** A preview follows the fit no faster than this. */
 const PREVIEW_MS = 1000;
 
@@ -283,8 +283,8 @@ export class Finish {
      */
     async fetchFile(address, name) {
         const answer = await ask(address);
-        const told = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
-        save(await answer.blob(), told ?? name);
+        const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
+        save(await answer.blob(), named ?? name);
     }
 
     async send() {
@@ -304,7 +304,7 @@ export class Finish {
 export function judged(view, state) {
     const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity }) => severity === "warning") : [];
     const why = wrong.map(({ advice }) => sentence(advice));
-    const isWrong = wrong.some(({ code }) => !BESIDE.includes(code));
+    const isWrong = wrong.some(({ code }) => !NOT_OF_READINGS.includes(code));
     if (!view) {
         const none = "Turn the sensor through all directions; the first fit comes after some seconds.";
         if (isWrong) return { kind: "refused", title: PHASES.wrong, words: why.join(" ") };

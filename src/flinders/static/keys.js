@@ -36,10 +36,10 @@ export function listen(shortcuts) {
     const acts = new Map(shortcuts.flatMap(({ keys, act }) => keys.map((key) => /** @type {const} */ ([key, act]))));
     window.addEventListener("keydown", (event) => {
         if (event.defaultPrevented || event.altKey || isTyping(event)) return;
-        const held = event.ctrlKey || event.metaKey ? "ctrl+" : "";
+        const control = event.ctrlKey || event.metaKey ? "ctrl+" : "";
         const shift = event.shiftKey && event.key.length === 1 && /[a-z]/i.test(event.key) ? "shift+" : "";
-        const act = acts.get(`${held}${shift}${event.key.toLowerCase()}`);
-        if (!act || (!held && event.key !== "Escape" && !singleKeys())) return;
+        const act = acts.get(`${control}${shift}${event.key.toLowerCase()}`);
+        if (!act || (!control && event.key !== "Escape" && !singleKeys())) return;
         if (event.key !== "Escape") event.preventDefault(); // which closes dialogs by itself
         act();
     });

@@ -40,8 +40,8 @@ export interface PreviousState {
   words: string;
 }
 
-/** All that a page shows beside the fit and the points. */
-export interface State {
+/** What a page shows, without the fit and the points. */
+export interface SessionState {
   type: "state";
   revision: number;
   source: SourceState;
@@ -158,7 +158,7 @@ export interface Hello {
   tiles: TilesView;
   targets: Array<TargetInfo>;
   limits: Limits;
-  state: State;
+  state: SessionState;
   view: View | null;
 }
 
@@ -177,13 +177,13 @@ export interface Notice {
 }
 
 /** The worst heading error that is good enough. */
-export interface Target {
+export interface SetTarget {
   type: "target";
   deg: number;
 }
 
 /** The inclination of the field at the site. */
-export interface Dip {
+export interface SetDip {
   type: "dip";
   deg: number;
 }
@@ -239,6 +239,6 @@ export interface BackToLive {
   type: "back_to_live";
 }
 
-export type FromServer = Hello | State | FitMessage | Notice;
+export type FromServer = Hello | SessionState | FitMessage | Notice;
 
-export type ToServer = Target | Dip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive;
+export type ToServer = SetTarget | SetDip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive;

@@ -5,7 +5,7 @@
  */
 
 /** @typedef {import("./messages.d.ts").Hello} Hello */
-/** @typedef {import("./messages.d.ts").State} State */
+/** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
 /** @typedef {import("./views/charts.js").Points} Points */
@@ -123,15 +123,15 @@ export class Store {
         const { points } = this;
         const every = stride / points.stride;
         if (points.count > 0 && (!Number.isInteger(every) || every < 1)) points.count = 0;
-        const kept = Math.ceil(points.count / Math.max(1, every));
-        for (let j = 1; j < kept; j++) {
+        const left = Math.ceil(points.count / Math.max(1, every));
+        for (let j = 1; j < left; j++) {
             points.time[j] = points.time[j * every];
             for (let axis = 0; axis < 3; axis++) {
                 points.field[3 * j + axis] = points.field[3 * j * every + axis];
                 if (points.acceleration) points.acceleration[3 * j + axis] = points.acceleration[3 * j * every + axis];
             }
         }
-        points.count = kept;
+        points.count = left;
         points.stride = stride;
     }
 }

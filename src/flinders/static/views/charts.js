@@ -63,15 +63,6 @@ export const USED = 0;
 export const REJECTED = 1;
 export const EXCLUDED = 2;
 
-/** What there is before the first reading. */
-export const NO_POINTS = Object.freeze({
-    count: 0,
-    time: new Float32Array(0),
-    field: new Float32Array(0),
-    acceleration: null,
-    stride: 1,
-});
-
 /**
  * What each shown reading is to the fit: USED, REJECTED or EXCLUDED.
  * @param {Points} points
@@ -80,17 +71,17 @@ export const NO_POINTS = Object.freeze({
  * @returns {Uint8Array}
  */
 export function marks(points, rejected, excluded) {
-    const found = new Uint8Array(points.count);
+    const kinds = new Uint8Array(points.count);
     for (const [first, last] of rejected) {
         const end = Math.min(Math.floor(last / points.stride), points.count - 1);
-        for (let j = Math.ceil(first / points.stride); j <= end; j++) found[j] = REJECTED;
+        for (let j = Math.ceil(first / points.stride); j <= end; j++) kinds[j] = REJECTED;
     }
     for (const [start, end] of excluded) {
         for (let j = 0; j < points.count; j++) {
-            if (points.time[j] >= start && points.time[j] <= end) found[j] = EXCLUDED;
+            if (points.time[j] >= start && points.time[j] <= end) kinds[j] = EXCLUDED;
         }
     }
-    return found;
+    return kinds;
 }
 
 /** A chart in its host: keeps its panel, and draws again when the size changes. */
@@ -119,6 +110,17 @@ export function chartOf(host) {
     const chart = new Chart(host);
     charts.set(host, chart);
     return chart;
+}
+
+/**
+ * Draw a chart, now and whenever its host changes its size.
+ * @param {HTMLElement} host
+ * @param {(chart: Chart) => void} draw
+ */
+export function drawChart(host, draw) {
+    const chart = chartOf(host);
+    chart.draw = () => draw(chart);
+    chart.draw();
 }
 
 /**

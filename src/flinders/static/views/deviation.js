@@ -1,6 +1,6 @@
 /** By how much a level compass is off at each heading, before and after correction. */
 
-import { chartOf, nothing, tick } from "./charts.js";
+import { drawChart, nothing, tick } from "./charts.js";
 import { freest, path, roundUp } from "./plot.js";
 import { degrees } from "./words.js";
 
@@ -10,18 +10,6 @@ import { degrees } from "./words.js";
 /**
  * A level turn: by how much the raw compass is off at each heading, and what is left open after correction (1 σ), each
  * on a scale of its own, with the target.
- * @param {HTMLElement} host
- * @param {ChartView | null} view
- * @param {string} [theme]
- * @param {number | null} [target_deg]
- */
-export function deviation(host, view, theme = "", target_deg = null) {
-    const chart = chartOf(host);
-    chart.draw = () => drawDeviation(chart.panel, view, target_deg ?? view?.heading_error_deg?.target_deg ?? null);
-    chart.draw();
-}
-
-/**
  * @param {Panel} panel
  * @param {ChartView | null} view
  * @param {number | null} target
@@ -44,7 +32,7 @@ function drawDeviation(panel, view, target) {
     if (!turn) return nothing(panel, "after the first fit");
     const closed = (/** @type {readonly (number | null)[]} */ values) => [...values, values[0]];
     const headings = [...turn.heading_deg, 360];
-    const upper = lane(panel, { top: 0.3 * panel.em, bottom: middle - 0.9 * panel.em, left, right }, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
+    const upper = degreeAxis(panel, { top: 0.3 * panel.em, bottom: middle - 0.9 * panel.em, left, right }, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
     const raw = closed(turn.before_deg).flatMap((value, i, all) => {
         const wraps = i > 0 && Math.abs((value ?? 0) - (all[i - 1] ?? 0)) > 180;
         const point = /** @type {const} */ ([toX(headings[i]), upper(value ?? NaN)]);
@@ -54,7 +42,7 @@ function drawDeviation(panel, view, target) {
     const top = Math.max(worst, target ?? 0);
     const end = roundUp(1.2 * (Number.isFinite(top) && top > 0 ? top : 1));
     const marked = target && target > 0.4 * end ? [target, end] : [end];
-    const lower = lane(panel, { top: middle, bottom, left, right }, marked, false);
+    const lower = degreeAxis(panel, { top: middle, bottom, left, right }, marked, false);
     const left_open = closed(turn.sigma_deg ?? []).map(
         (value, i) => /** @type {const} */ ([toX(headings[i]), lower(value ?? NaN)]),
     );
@@ -98,7 +86,7 @@ function places(panel, { left, right }, lines, words) {
  * @param {boolean} both
  * @returns {(deg: number) => number} Where a number of degrees lies.
  */
-function lane(panel, box, marked, both) {
+function degreeAxis(panel, box, marked, both) {
     const end = marked[marked.length - 1];
     const low = both ? -end : 0;
     const toY = (/** @type {number} */ value) => box.bottom - ((box.bottom - box.top) * (value - low)) / (end - low);
@@ -119,3 +107,26 @@ function lane(panel, box, marked, both) {
 function shortest(deg) {
     return `${String(Number(deg.toPrecision(4))).replace("-", "\u2212")}°`;
 }
+
+/** @type {import("../widgets.js").Widget} */
+export const deviation = {
+    name: "deviation",
+    title: "Deviation, level",
+    place: "side",
+    on: ["view", "state"],
+    legend: [
+        ["raw line", "raw"],
+        ["corrected line", "after, 1 σ"],
+    ],
+    enlarges: "the deviation",
+    draw({ host }, { view, state }) {
+        const target = state?.target_deg ?? view?.heading_error_deg?.target_deg ?? null;
+        drawChart(host, ({ panel }) => drawDeviation(panel, view, target));
+    },
+    css: `
+        .plot .band { fill: var(--corrected); fill-opacity: 0.22; }
+        .plot .target { stroke: var(--ink); stroke-width: 0.125em; stroke-dasharray: 0.17em 0.33em; }
+        .deviation .head, .deviation .key { gap: 0.5rem; }
+        @media (max-width: 699px) { .deviation .host { min-height: 12rem; } }
+    `,
+};

@@ -66,15 +66,15 @@ export function tileMesh(tiles) {
  * @returns {number[]}
  */
 function rimOf(corners, centre) {
-    const found = [];
+    const rim = [];
     const count = corners.length / 3;
     for (let k = 0; k < count; k += 1) {
         const here = corners.slice(3 * k, 3 * k + 3);
         const next = corners.slice((3 * (k + 1)) % corners.length).slice(0, 3);
-        found.push(unit(here), unit([here[0] + next[0], here[1] + next[1], here[2] + next[2]]));
+        rim.push(unit(here), unit([here[0] + next[0], here[1] + next[1], here[2] + next[2]]));
     }
-    if (dot(cross(minus(found[0], centre), minus(found[2], centre)), centre) < 0) found.reverse();
-    return found.flat();
+    if (dot(cross(minus(rim[0], centre), minus(rim[2], centre)), centre) < 0) rim.reverse();
+    return rim.flat();
 }
 
 /** @param {number[]} rim @param {number[]} centre @returns {number} */

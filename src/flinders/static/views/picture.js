@@ -7,7 +7,7 @@
  * corrected ones under the matrix W (x − b) / F, which moves from the old fit to the new one before the eye.
  *
  * It draws when something has changed, and a picture makes no garbage worth collecting. Tiles, grids and readings are
- * the ground; where the processor draws, the ground is kept, and only readings that are new are drawn onto it.
+ * the ground; where the processor draws, the ground is saved, and only readings that are new are drawn onto it.
  *
  * @typedef {import("./colours.js").Theme} Theme
  * @typedef {import("./geometry.js").Tiles} Tiles
@@ -61,7 +61,7 @@ import {
     strokes,
     tileAt,
 } from "./geometry.js";
-import { Kept } from "./kept.js";
+import { SavedFrame } from "./saved_frame.js";
 import { Labels } from "./labels.js";
 import { Ball, cloud, drawFirst, lines, marker, rewrite } from "./parts.js";
 
@@ -110,9 +110,9 @@ export class Picture {
 
     /** Readings from here on have not been sent to the graphics card. */
     unsent = Infinity;
-    /** How many there are in the arrays that are held: `points` may have grown into others since. */
+    /** How many there are in the arrays on the graphics card: `points` may have grown into others since. */
     count = 0;
-    /** Whether the ground has to be drawn anew, and how many readings are in the one that is kept. */
+    /** Whether the ground has to be drawn anew, and how many readings are in the one that is saved. */
     stale = true;
     laid = 0;
     /** From where the ground was seen: the numbers of two matrices. */
@@ -154,13 +154,13 @@ export class Picture {
         this.target_deg = target_deg;
         this.software = isSoftware(context);
         this.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-        this.kept = this.software ? new Kept(context) : null;
+        this.saved = this.software ? new SavedFrame(context) : null;
         this.renderer = new WebGLRenderer({ canvas, context });
         this.renderer.setClearColor(0, 0);
         this.renderer.autoClear = false;
         placeCanvas(host, canvas, interactive);
         canvas.addEventListener("webglcontextrestored", () => {
-            this.kept?.drop();
+            this.saved?.drop();
             this.#anew();
         });
         this.eye = new Eye(canvas, { interactive, wheel, still: this.calm, changed: () => this.redraw() });
@@ -326,7 +326,7 @@ export class Picture {
             part.material.dispose();
         }
         this.renderer.dispose();
-        this.kept?.drop();
+        this.saved?.drop();
         this.labels.remove();
         this.canvas.remove();
     }
@@ -352,17 +352,17 @@ export class Picture {
         else this.#pulseOn();
     };
 
-    /** Tiles, grids and readings: as they are kept with the new readings on them, or all anew. */
+    /** Tiles, grids and readings: as they were saved with the new readings on them, or all anew. */
     #drawGround() {
-        const { renderer, kept, readings, count } = this;
+        const { renderer, saved, readings, count } = this;
         const { camera } = this.eye;
-        renderer.clear(); // also where a kept picture covers all: a browser clears late, and would clear that
-        const stays = !this.#hasMoved() && !this.stale && this.laid <= count && kept?.bring();
+        renderer.clear(); // also where a saved frame covers all: a browser clears late, and would clear that
+        const stays = !this.#hasMoved() && !this.stale && this.laid <= count && saved?.restore();
         if (!stays || this.laid < count) {
             readings.setDrawRange(stays ? this.laid : 0, stays ? count - this.laid : count);
             for (const part of this.still) part.material.visible = !stays;
             renderer.render(this.ground, camera);
-            kept?.keep();
+            saved?.save();
         }
         [this.stale, this.laid] = [false, count];
     }
@@ -422,7 +422,7 @@ export class Picture {
     /** @param {number} time  milliseconds */
     #pulse(time) {
         const phase = this.calm ? 0.35 : (time % PULSE_PERIOD) / PULSE_PERIOD;
-        this.ball.uniforms.pulse.value = this.kept ? 0.5 : 0.5 + 0.5 * Math.cos(2 * Math.PI * phase);
+        this.ball.uniforms.pulse.value = this.saved ? 0.5 : 0.5 + 0.5 * Math.cos(2 * Math.PI * phase);
         const wide = 0.55 + 0.75 * phase;
         this.ripple.scale.set(wide, wide, 1);
         this.ripple.material.uniforms.opacity.value = 0.9 * (1 - phase);

@@ -20,9 +20,9 @@ export function ticks({ low, high }, most) {
     const rough = width / Math.max(1, most);
     const decade = 10 ** Math.floor(Math.log10(rough));
     const step = decade * ([1, 2, 5, 10].find((factor) => factor * decade >= rough * (1 - 1e-9)) ?? 10);
-    const found = [];
-    for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i++) found.push(i * step);
-    return found.length > 0 ? found : [(low + high) / 2];
+    const values = [];
+    for (let i = Math.ceil(low / step - 1e-9); i * step <= high + step * 1e-9; i++) values.push(i * step);
+    return values.length > 0 ? values : [(low + high) / 2];
 }
 
 /**

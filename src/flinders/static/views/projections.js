@@ -1,6 +1,6 @@
 /** Readings seen along each axis, before and after correction: XY, XZ and YZ. */
 
-import { chartOf, crosses, EXCLUDED, marks, NO_POINTS, REJECTED, tick, USED } from "./charts.js";
+import { crosses, drawChart, EXCLUDED, marks, REJECTED, tick, USED } from "./charts.js";
 import { path, quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
 import { fixed } from "./words.js";
 
@@ -23,19 +23,6 @@ const LOOKED_AT = 1500;
 /**
  * XY, XZ and YZ: raw readings with the outline of their ellipsoid, corrected ones with the circle that they should lie
  * in. A host that is tall enough gets a row before and a row after; a flat one gets both in each square.
- * @param {HTMLElement} host
- * @param {Points | null} points
- * @param {ChartView | null} view
- * @param {string} [theme] Colours come from the host; named so that a change of theme redraws.
- * @param {ChartState | null} [state]
- */
-export function projections(host, points, view, theme = "", state = null) {
-    const chart = chartOf(host);
-    chart.draw = () => drawProjections(chart, points ?? NO_POINTS, view, state);
-    chart.draw();
-}
-
-/**
  * @param {Chart} chart
  * @param {Points} points
  * @param {ChartView | null} view
@@ -256,3 +243,26 @@ export function inverse(m) {
     if (!(Math.abs(determinant) > 1e-300)) return null;
     return [0, 1, 2].map((i) => [0, 1, 2].map((j) => minor(j, i) / determinant));
 }
+
+/** @type {import("../widgets.js").Widget} */
+export const projections = {
+    name: "projections",
+    title: "Projections",
+    place: "strip",
+    on: ["points", "view", "state"],
+    legend: [
+        ["raw", "before"],
+        ["corrected", "after"],
+    ],
+    enlarges: "the projections",
+    draw({ host }, { points, view, state }) {
+        drawChart(host, (chart) => drawProjections(chart, points, view, state));
+    },
+    css: `
+        .plot .circle { stroke: var(--corrected); stroke-width: 0.125em; }
+        .plot .outline { stroke: var(--raw); stroke-width: 0.125em; stroke-dasharray: 0.4em 0.33em; }
+        .plot .iron { stroke: var(--ink); stroke-width: 0.125em; }
+        .plot .iron-end { fill: var(--ink); }
+        @media (max-width: 699px) { .projections .host { min-height: 50rem; } }
+    `,
+};

@@ -1,25 +1,15 @@
 /** How far readings lie off the sphere, as a histogram. */
 
-import { chartOf, nothing, tick } from "./charts.js";
+import { element, setText } from "../dom.js";
+import { drawChart, nothing, tick } from "./charts.js";
 import { path, tickDecimals, ticks } from "./plot.js";
-import { fixed } from "./words.js";
+import { fixed, significant } from "./words.js";
 
 /** @typedef {import("./charts.js").ChartView} ChartView */
 /** @typedef {import("./plot.js").Panel} Panel */
 
 /**
  * Distances of the readings from the sphere, with the bell curve that independent noise would give.
- * @param {HTMLElement} host
- * @param {ChartView | null} view
- * @param {string} [theme]
- */
-export function histogram(host, view, theme = "") {
-    const chart = chartOf(host);
-    chart.draw = () => drawHistogram(chart.panel, view);
-    chart.draw();
-}
-
-/**
  * @param {Panel} panel
  * @param {ChartView | null} view
  */
@@ -55,3 +45,28 @@ function drawHistogram(panel, view) {
         panel.draw("path", { class: "tick", d: `M${toX(value)} ${bottom}v${0.25 * panel.em}` });
     }
 }
+
+/** @type {import("../widgets.js").Widget} */
+export const residuals = {
+    name: "residuals",
+    title: "Residuals ",
+    place: "side",
+    on: ["view"],
+    enlarges: "the residuals",
+    begin({ title }) {
+        const noise = element("span");
+        noise.id = "residuals-noise";
+        noise.className = "faint";
+        title.append(noise);
+    },
+    draw({ title, host }, { view }) {
+        const noise = view?.noise ?? null;
+        if (title.lastElementChild) setText(title.lastElementChild, noise === null ? "" : `σ ${significant(noise, 3)} ${view?.unit}`);
+        drawChart(host, ({ panel }) => drawHistogram(panel, view));
+    },
+    css: `
+        .plot .bar { fill: var(--corrected); fill-opacity: 0.75; }
+        .plot .bell { stroke: var(--ink); stroke-width: 0.125em; }
+        @media (min-width: 700px) and (max-width: 1099px), (min-width: 1100px) and (max-height: 639px) { .residuals { grid-column: 1 / -1; } }
+    `,
+};

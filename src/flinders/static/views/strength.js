@@ -1,7 +1,8 @@
 /** The length of each reading over time: flat after a good correction. Spans of time can be marked in it. */
 
 import { Brush, xOf } from "./brush.js";
-import { chartOf, crosses, EXCLUDED, marks, NO_POINTS, nothing, REJECTED, tick, USED } from "./charts.js";
+import { chartOf, crosses, drawChart, EXCLUDED, marks, nothing, REJECTED, tick, USED } from "./charts.js";
+import { Exclusion } from "./exclusion.js";
 import { quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
 import { fixed } from "./words.js";
 
@@ -14,43 +15,8 @@ import { fixed } from "./words.js";
 /** @typedef {import("./plot.js").Panel} Panel */
 /** @typedef {import("./plot.js").Span} Span */
 
-/** @type {WeakMap<HTMLElement, Brush>} */
-const brushes = new WeakMap();
-
 /**
  * The length of each reading over time, raw and corrected; rejected ones are crossed, excluded spans are hatched.
- *
- * With `onBrush` a span of time can be marked: by mouse, by finger (sideways), or with the arrow keys (with Shift the
- * span grows). `onBrush` gets its start and end in seconds, or null and null where it was taken back.
- * @param {HTMLElement} host
- * @param {Points | null} points
- * @param {ChartView | null} view
- * @param {ChartState | null} state
- * @param {{onBrush?: (start_s: number | null, end_s: number | null) => void}} [options]
- */
-export function strength(host, points, view, state, options = {}) {
-    const chart = chartOf(host);
-    const known = points ?? NO_POINTS;
-    if (options.onBrush && !brushes.has(host)) brushes.set(host, new Brush(chart, options.onBrush));
-    const brush = brushes.get(host);
-    chart.draw = () => {
-        const place = drawStrength(chart, known, view, state);
-        if (place) brush?.draw(place);
-    };
-    chart.draw();
-}
-
-/**
- * Mark a span of time in a chart of field strength that can be brushed, or take the mark back with null.
- * @param {HTMLElement} host
- * @param {number | null} start_s
- * @param {number | null} end_s
- */
-export function select(host, start_s, end_s) {
-    brushes.get(host)?.set(start_s, end_s);
-}
-
-/**
  * @param {Chart} chart
  * @param {Points} points
  * @param {ChartView | null} view
@@ -143,11 +109,11 @@ function hatch(x, width, top, bottom, step) {
  * @returns {Float32Array}
  */
 function lengths(points, shown) {
-    const found = new Float32Array(points.count);
+    const norms = new Float32Array(points.count);
     const { field } = points;
     for (let j = 0, i = 0; j < points.count; j++, i += 3) {
         if (!shown) {
-            found[j] = Math.sqrt(field[i] ** 2 + field[i + 1] ** 2 + field[i + 2] ** 2);
+            norms[j] = Math.sqrt(field[i] ** 2 + field[i + 1] ** 2 + field[i + 2] ** 2);
             continue;
         }
         const [x, y, z] = [field[i] - shown.offset[0], field[i + 1] - shown.offset[1], field[i + 2] - shown.offset[2]];
@@ -155,9 +121,9 @@ function lengths(points, shown) {
         const a = r[0] * x + r[1] * y + r[2] * z;
         const b = s[0] * x + s[1] * y + s[2] * z;
         const c = t[0] * x + t[1] * y + t[2] * z;
-        found[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is many times slower
+        norms[j] = Math.sqrt(a * a + b * b + c * c); // Math.hypot is many times slower
     }
-    return found;
+    return norms;
 }
 
 /**
@@ -220,9 +186,9 @@ function minuteTicks({ low, high }, most) {
     const steps = [1, 2, 5, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
     const width = high - low;
     const step = steps.find((seconds) => width / seconds <= most) ?? 86400 * Math.ceil(width / 86400 / most);
-    const found = [];
-    for (let t = Math.ceil(low / step) * step; t <= high; t += step) found.push(t);
-    return found;
+    const times = [];
+    for (let t = Math.ceil(low / step) * step; t <= high; t += step) times.push(t);
+    return times;
 }
 
 /**
@@ -235,3 +201,50 @@ function clock(seconds) {
     if (minutes < 60) return `${minutes}:${two(rest)}`;
     return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(rest)}`;
 }
+
+/** @type {WeakMap<HTMLElement, Brush>} */
+const brushes = new WeakMap();
+
+/** @type {import("../widgets.js").Widget} */
+export const strength = {
+    name: "strength",
+    title: "Field strength",
+    place: "strip",
+    on: ["points", "view", "state"],
+    legend: [
+        ["raw", "raw"],
+        ["corrected", "corrected"],
+        ["reject", "left out"],
+    ],
+    enlarges: "the field strength",
+    begin({ head, host }, page) {
+        const exclusion = new Exclusion(head, page, (start_s, end_s) => brush.set(start_s, end_s));
+        const brush = new Brush(chartOf(host), (start_s, end_s) => exclusion.marked(start_s, end_s));
+        brushes.set(host, brush);
+        return exclusion;
+    },
+    draw({ host }, { points, view, state }) {
+        drawChart(host, (chart) => {
+            const place = drawStrength(chart, points, view, state);
+            if (place) brushes.get(host)?.draw(place);
+        });
+    },
+    css: `
+        .plot .excluded { fill: var(--faint); fill-opacity: 0.12; }
+        .plot .excluded-edge { stroke: var(--faint); stroke-opacity: 0.6; }
+        .plot .brush { fill: var(--accent); fill-opacity: 0.2; }
+        .plot .brush-edge { stroke: var(--accent); stroke-width: 0.17em; }
+        .brushable { cursor: crosshair; touch-action: pan-y; border-radius: 0.25rem; }
+        .head:has(.span:not([hidden])) .key { display: none; }
+        .cut { display: flex; align-items: center; gap: 0.25rem; }
+        .span { display: inline-flex; align-items: center; gap: 0.25rem; font-size: 0.8125rem; }
+        .cut input[type="number"] { width: 4.25rem; min-height: 1.75rem; }
+        @media (max-width: 699px) {
+            .strength .head { flex-wrap: wrap; gap: 0.25rem 0.75rem; }
+            .strength .cut { flex: 1 0 100%; flex-wrap: wrap; }
+            .cut #exclude { margin-right: auto; }
+            .strength .host { min-height: 12rem; }
+        }
+        @media (pointer: coarse) { .cut input[type="number"] { min-height: 2.75rem; } }
+    `,
+};

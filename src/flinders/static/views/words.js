@@ -72,7 +72,7 @@ export function degrees(deg) {
  * @param {number | null} deg
  * @returns {string}
  */
-export function heading(deg) {
+export function compass(deg) {
     if (deg === null || !Number.isFinite(deg)) return NONE;
     const whole = ((Math.round(deg) % 360) + 360) % 360;
     return `${String(whole).padStart(3, "0")}°`;

@@ -6,7 +6,7 @@
  */
 
 import { svg } from "./plot.js";
-import { heading as inWords } from "./words.js";
+import { compass } from "./words.js";
 
 /** @typedef {readonly [number, number, number]} Vector */
 
@@ -25,7 +25,7 @@ import { heading as inWords } from "./words.js";
  * @param {Vector | null} acceleration
  * @returns {Heading}
  */
-export function headingOf(field, acceleration) {
+function headingOf(field, acceleration) {
     const force = acceleration ? Math.hypot(...acceleration) : 0;
     if (!acceleration || !(force > 0) || !Number.isFinite(force)) {
         const flat = Math.hypot(field[0], field[1]);
@@ -46,7 +46,7 @@ export function headingOf(field, acceleration) {
  * @param {{offset: readonly number[], matrix: readonly (readonly number[])[]}} calibration
  * @returns {Vector}
  */
-export function corrected(raw, { offset, matrix }) {
+function corrected(raw, { offset, matrix }) {
     const [x, y, z] = [raw[0] - offset[0], raw[1] - offset[1], raw[2] - offset[2]];
     const row = (/** @type {readonly number[]} */ r) => r[0] * x + r[1] * y + r[2] * z;
     return [row(matrix[0]), row(matrix[1]), row(matrix[2])];
@@ -58,7 +58,7 @@ export function corrected(raw, { offset, matrix }) {
  * @param {number} to
  * @returns {number}
  */
-export function difference(from, to) {
+function difference(from, to) {
     return ((to - from + 540) % 360) - 180;
 }
 
@@ -84,7 +84,7 @@ function turned(angle) {
  * @param {HTMLElement} host
  * @param {{raw_deg: number | null, corrected_deg: number | null, tilt: number | null}} headings
  */
-export function dial(host, { raw_deg, corrected_deg, tilt }) {
+function dial(host, { raw_deg, corrected_deg, tilt }) {
     if (!host.querySelector(".rose")) host.replaceChildren(rose("raw", "Raw"), rose("corrected", "Corrected"), note());
     point(host, "raw", raw_deg);
     point(host, "corrected", corrected_deg);
@@ -148,6 +148,46 @@ function point(host, kind, deg) {
     const number = figure?.querySelector(".number");
     figure?.classList.toggle("unknown", deg === null);
     needle?.setAttribute("transform", `rotate(${(deg ?? 0).toFixed(1)})`);
-    const said = inWords(deg);
+    const said = compass(deg);
     if (number && number.textContent !== said) number.textContent = said;
 }
+
+/** @type {import("../widgets.js").Widget} */
+export const heading = {
+    name: "heading",
+    title: "Heading now",
+    place: "side",
+    host: "dial",
+    on: ["now", "view"],
+    draw({ host }, { now, view }) {
+        const acceleration = now?.acceleration ?? null;
+        const calibration = view?.offset && view.matrix ? { offset: view.offset, matrix: view.matrix } : null;
+        const before = now ? headingOf(now.raw, acceleration) : null;
+        const after = now && calibration ? headingOf(corrected(now.raw, calibration), acceleration) : null;
+        dial(host, { raw_deg: before?.deg ?? null, corrected_deg: after?.deg ?? null, tilt: before?.tilt_deg ?? null });
+    },
+    css: `
+        .dial { display: grid; grid-template-columns: 1fr 1fr; gap: 0 0.75rem; grid-template-rows: minmax(0, 1fr) auto; justify-items: center; flex: 1; min-height: 0; }
+        .rose { display: grid; grid-template: minmax(6.25rem, 1fr) auto / 1fr auto auto 1fr; gap: 0 0.5rem; align-items: baseline; width: 100%; min-height: 0; }
+        .rose svg { grid-area: 1 / 1 / 2 / 5; width: 100%; height: 100%; max-height: 14rem; align-self: center; }
+        .rose .number { grid-column: 2; }
+        .rose .edge { fill: none; stroke: var(--line); stroke-width: 2; }
+        .rose .short { stroke: var(--strong-line); stroke-width: 1.5; }
+        .rose .long { stroke: var(--faint); stroke-width: 3; }
+        .rose .point { font-size: 20px; font-weight: 600; fill: var(--faint); }
+        .rose .number { font-size: 1.5rem; font-weight: 650; line-height: 1.1; }
+        .rose figcaption { font-size: 0.8125rem; color: var(--faint); }
+        .rose .hub { fill: var(--panel); stroke-width: 3; }
+        .rose .behind { fill: var(--line); }
+        .rose.raw .ahead { fill: none; stroke: var(--raw); stroke-width: 4; }
+        .rose.raw .hub { stroke: var(--raw); }
+        .rose.corrected .ahead { fill: var(--corrected); }
+        .rose.corrected .hub { stroke: var(--corrected); }
+        .rose.raw .number { color: var(--raw); }
+        .rose.corrected .number { color: var(--corrected); }
+        .rose.unknown .needle { opacity: 0; }
+        .rose.unknown .number { color: var(--faint); }
+        .dial .tilt { grid-column: 1 / -1; min-height: 1.25em; margin-top: 0.25rem; font-size: 0.8125rem; color: var(--faint); text-align: center; }
+        @media (min-width: 1100px) and (min-height: 640px) { .panel.heading { grid-area: 1 / 3 / 2 / 4; } }
+    `,
+};

@@ -1,9 +1,9 @@
 """Sets the compass parameters of a vehicle, and leaves it with all of them or with none.
 
-`Plan` is what would change::
+`ParameterPlan` is what would change::
 
     vehicle = Vehicle.find(source)
-    plan = Plan.of(vehicle, calibration, compass=1)
+    plan = ParameterPlan.of(vehicle, calibration, compass=1)
     backup.write_text(plan.backup())
     plan.carry_out(vehicle)
 
@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
-from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Held, Vehicle, same
+from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Parameter, Vehicle, same
 from flinders.targets import ardupilot, px4
 from flinders.targets._affine import refuse_mounted
 
@@ -45,11 +45,11 @@ AXES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ParameterChange:
     """One parameter, before and after."""
 
-    old: Held
-    new: Held
+    old: Parameter
+    new: Parameter
 
     @property
     def is_none(self) -> bool:
@@ -58,7 +58,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ParameterPlan:
     """What would change in a vehicle.
 
     Attributes
@@ -81,7 +81,7 @@ class Plan:
     autopilot: int
     compass: int
     device_id: int
-    changes: tuple[Change, ...]
+    changes: tuple[ParameterChange, ...]
     system: int = 1
     component: int = 1
     notes: tuple[str, ...] = ()
@@ -114,12 +114,12 @@ class Plan:
         """
         refuse_armed(vehicle)
         meant = device_of(calibration) if device_id is None else device_id
-        found = _find_compass(vehicle, meant) if compass is None and meant is not None else _numbered(vehicle, compass)
-        scheme, there = _device_id(vehicle, found)
+        number = _find_compass(vehicle, meant) if compass is None and meant is not None else _numbered(vehicle, compass)
+        scheme, there = _device_id(vehicle, number)
         known = vehicle.autopilot == ARDUPILOT and calibration.frame == "vehicle"
-        notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, found, there, meant))
+        notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, number, there, meant))
         changes = []
-        for names, value in _wanted(vehicle.autopilot, calibration, found):
+        for names, value in _wanted(vehicle.autopilot, calibration, number):
             old = vehicle.get(names[scheme])
             if old is None:
                 raise NotSent(
@@ -133,13 +133,13 @@ class Plan:
                     f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the "
                     "values by hand (flinders export)"
                 )
-            changes.append(Change(old, replace(old, value=value)))
+            changes.append(ParameterChange(old, replace(old, value=value)))
         return cls(
-            vehicle.name, vehicle.autopilot, found, there, tuple(changes), vehicle.system, vehicle.component, notes
+            vehicle.name, vehicle.autopilot, number, there, tuple(changes), vehicle.system, vehicle.component, notes
         )
 
     @property
-    def pending(self) -> tuple[Change, ...]:
+    def pending(self) -> tuple[ParameterChange, ...]:
         """What is not so already."""
         return tuple(change for change in self.changes if not change.is_none)
 
@@ -162,7 +162,7 @@ class Plan:
         self,
         vehicle: Vehicle,
         *,
-        done: Callable[[Change], None] = lambda _: None,
+        done: Callable[[ParameterChange], None] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
         back: float = BACK_S,
@@ -186,7 +186,7 @@ class Plan:
         NotConfirmed
             Where it failed; says why, and what the vehicle holds.
         """
-        touched: list[Change] = []
+        touched: list[ParameterChange] = []
         try:
             for change in self.pending:
                 vehicle.listen()
@@ -211,14 +211,14 @@ class Plan:
         NotConfirmed
         """
         for change in self.changes:
-            held = None
+            parameter = None
             for _ in range(READS):  # a late answer may be to an earlier question
-                held = vehicle.get(change.new.name)
-                if held is None or same(held.value, change.new.value):
+                parameter = vehicle.get(change.new.name)
+                if parameter is None or same(parameter.value, change.new.value):
                     break
-            if held is None or not same(held.value, change.new.value):
-                found = "is not answered" if held is None else f"is {_spelled(held.value)}"
-                raise NotConfirmed(f"{change.new.name} {found} in place of {_spelled(change.new.value)}")
+            if parameter is None or not same(parameter.value, change.new.value):
+                answer = "is not answered" if parameter is None else f"is {_spelled(parameter.value)}"
+                raise NotConfirmed(f"{change.new.name} {answer} in place of {_spelled(change.new.value)}")
 
 
 def refuse_armed(vehicle: Vehicle) -> None:
@@ -239,8 +239,8 @@ def device_of(calibration: Calibration) -> int | None:
     >>> device_of(Calibration.identity(sensor="sensor_mag 1 (device 396809)")), device_of(Calibration.identity())
     (396809, None)
     """
-    found = re.search(r"\bdevice (\d+)\b", calibration.sensor or "")
-    return int(found[1]) if found else None
+    match = re.search(r"\bdevice (\d+)\b", calibration.sensor or "")
+    return int(match[1]) if match else None
 
 
 def _wanted(autopilot: int, calibration: Calibration, compass: int) -> list[tuple[Sequence[str], float]]:
@@ -282,9 +282,9 @@ def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
         Where the vehicle does not tell.
     """
     names = _identity(vehicle.autopilot, compass)
-    held = vehicle.get(*names)
-    if held is not None and math.isfinite(held.value):
-        return names.index(held.name), int(held.value) % 2**32  # PX4 keeps it as a number with a sign
+    parameter = vehicle.get(*names)
+    if parameter is not None and math.isfinite(parameter.value):
+        return names.index(parameter.name), int(parameter.value) % 2**32  # PX4 keeps it as a number with a sign
     raise NotSent(
         f"{vehicle.name} does not answer what compass {compass} is ({names[0]}), nothing was changed: check --compass "
         "and the link"
@@ -305,7 +305,7 @@ def _find_compass(vehicle: Vehicle, meant: int) -> int:
             there[compass] = _device_id(vehicle, compass)[1]
             if there[compass] == meant:
                 return compass
-    listed = ", ".join(f"{compass}: {found or 'none'}" for compass, found in there.items())
+    listed = ", ".join(f"{compass}: {device or 'none'}" for compass, device in there.items())
     raise NotSent(
         f"{vehicle.name} has no compass with device id {meant} ({listed}), nothing was changed: the calibration is for "
         "another vehicle or compass; say --device-id, or calibrate this one"
@@ -334,7 +334,7 @@ def _refuse_another(vehicle: Vehicle, compass: int, there: int, meant: int | Non
     return ()
 
 
-def _set(vehicle: Vehicle, new: Held) -> None:
+def _set(vehicle: Vehicle, new: Parameter) -> None:
     """Set a parameter.
 
     Raises
@@ -361,12 +361,12 @@ def _refuse_stopped(stopped: Callable[[], bool]) -> None:
         raise NotConfirmed("stopped before all was sent")
 
 
-def _put_back(vehicle: Vehicle, touched: list[Change], *, say: Callable[[str], None], back: float) -> str:
+def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable[[str], None], back: float) -> str:
     """Set the old values again, and say what the vehicle holds; a link that is lost is waited for."""
     if not touched:
         return "nothing was changed"
     left, until = list(reversed(touched)), time.monotonic() + back
-    refused: list[Change] = []
+    refused: list[ParameterChange] = []
     while left:
         try:
             answered = vehicle.set(left[0].old)

@@ -1,14 +1,14 @@
 """Readings that grow: columns in one array, each state of them a value, memory bounded.
 
->>> track = Track.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
->>> later = track.extended(np.array([[0.2, 7, 8, 9, *GAP]]))
->>> len(track), len(later), later.field[-1]                                  # the earlier one is as it was
+>>> buffer = ReadingBuffer.empty().extended(np.array([[0.0, 1, 2, 3, *GAP], [0.1, 4, 5, 6, *GAP]]))
+>>> later = buffer.extended(np.array([[0.2, 7, 8, 9, *GAP]]))
+>>> len(buffer), len(later), later.field[-1]                                  # the earlier one is as it was
 (2, 3, array([7., 8., 9.]))
 
-Appending costs the same however many there are: rows go into room that is left in the array behind the last one, and
-only who appends to the newest state gets that room. Up to `HELD` readings are held, 56 bytes each. Beyond, every second
-one is let go, and of those that follow every second is taken, so that an hour at 1 kHz takes as much memory as a
-quarter of it; what is on the disk is complete. Which are held depends on how many there were, not on how they came.
+Appending costs the same at any length: rows go into spare room at the end of the array, which only the newest state may
+use. Up to `CAPACITY` readings stay in memory, 56 bytes each. Beyond that every second one is dropped, and of those that
+follow every second one is taken: an hour at 1 kHz takes as much memory as a quarter of it. The file is complete.
+Which readings stay depends on their count only, not on how they arrived.
 """
 
 from __future__ import annotations
@@ -22,8 +22,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.axes import Axes
+    from flinders.core.samples import Samples
+    from flinders.live.readings import Reading
 
-HELD: Final = 1 << 20
+CAPACITY: Final = 1 << 20
 """Readings in memory, at most: 59 MB, and as much again for a moment while they are moved."""
 SHOWN: Final = 40_000
 """Readings shown, at most; when there are more, every second one, which leaves half as many."""
@@ -47,7 +50,7 @@ def stride_for(total: int, most: int) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class Timeline:
     """Where a timeline has got to.
 
     Attributes
@@ -64,16 +67,16 @@ class Clock:
     shift: float = 0.0
     at: float = -np.inf
 
-    def __call__(self, times: Floats) -> tuple[Floats, Clock]:
+    def __call__(self, times: Floats) -> tuple[Floats, Timeline]:
         """Put (N,) times of a source onto the session's timeline, which never goes back.
 
         A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
 
         Examples
         --------
-        >>> times, clock = Clock()(np.array([1.0, 1.5, 0.0, 0.5]))
+        >>> times, clock = Timeline()(np.array([1.0, 1.5, 0.0, 0.5]))
         >>> times.tolist(), clock
-        ([1.0, 1.5, 1.5, 2.0], Clock(last=0.5, shift=1.5, at=2.0))
+        ([1.0, 1.5, 1.5, 2.0], Timeline(last=0.5, shift=1.5, at=2.0))
         """
         if not len(times):
             return times, self
@@ -83,8 +86,8 @@ class Clock:
         known = known[whole]
         steps = np.diff(known)
         shifts = np.cumsum([self.shift, *np.where(steps < 0.0, -steps, 0.0)])[1:]
-        moved = np.maximum.accumulate(np.concatenate([[self.at], known[1:] + shifts]))[1:]  # rounding goes no way back
-        return moved, Clock(float(known[-1]), float(shifts[-1]), float(moved[-1]))
+        moved = np.maximum.accumulate(np.concatenate([[self.at], known[1:] + shifts]))[1:]  # despite rounding
+        return moved, Timeline(float(known[-1]), float(shifts[-1]), float(moved[-1]))
 
 
 @dataclass(slots=True)
@@ -96,7 +99,7 @@ class _Room:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class ReadingBuffer:
     """Readings in the order in which they came.
 
     Attributes
@@ -104,7 +107,7 @@ class Track:
     total : int
         Received.
     stride : int
-        Every so many of them one is held; held reading j is reading number j · `stride`.
+        One of so many readings is in memory; reading j in memory is reading number j · `stride`.
     has_acceleration : bool
     most : int
         Held, at most.
@@ -113,36 +116,36 @@ class Track:
     total: int = 0
     stride: int = 1
     has_acceleration: bool = False
-    most: int = HELD
+    most: int = CAPACITY
     _count: int = 0
     _room: _Room = field(default_factory=lambda: _Room(np.empty((FIRST_ROOM, COLUMNS))))
     _latest: Floats = field(default_factory=lambda: np.full(COLUMNS, np.nan))
 
     @classmethod
-    def empty(cls, most: int = HELD) -> Self:
+    def empty(cls, most: int = CAPACITY) -> Self:
         """No readings."""
         return cls(most=most)
 
-    def extended(self, rows: Floats) -> Track:
+    def extended(self, rows: Floats) -> ReadingBuffer:
         """With (N, 7) rows more: time, field, acceleration."""
         if not len(rows):
             return self
         total = self.total + len(rows)
         stride = stride_for(total, self.most)
-        held = self._rows[:: stride // self.stride] if stride > self.stride else None
+        thinned = self._rows[:: stride // self.stride] if stride > self.stride else None
         new = rows[-self.total % stride :: stride]
         has_acceleration = self.has_acceleration or bool(np.isfinite(rows[:, 4]).any())
-        count = (self._count if held is None else len(held)) + len(new)
-        room = self._room_for(held, len(new))
+        count = (self._count if thinned is None else len(thinned)) + len(new)
+        room = self._room_for(thinned, len(new))
         room.rows[count - len(new) : count] = new
         room.taken = count
-        return Track(total, stride, has_acceleration, self.most, count, room, rows[-1].copy())
+        return ReadingBuffer(total, stride, has_acceleration, self.most, count, room, rows[-1].copy())
 
-    def _room_for(self, held: Floats | None, more: int) -> _Room:
+    def _room_for(self, thinned: Floats | None, more: int) -> _Room:
         """The array to write into: the same where it has room and nobody else has gone on from here."""
-        rows = self._rows if held is None else held
+        rows = self._rows if thinned is None else thinned
         needed = len(rows) + more
-        if held is None and self._room.taken == self._count and needed <= len(self._room.rows):
+        if thinned is None and self._room.taken == self._count and needed <= len(self._room.rows):
             return self._room
         room = _Room(np.empty((min(max(2 * needed, FIRST_ROOM), max(self.most, needed)), COLUMNS)))
         room.rows[: len(rows)] = rows
@@ -157,7 +160,7 @@ class Track:
 
     @property
     def time(self) -> Floats:
-        """(N,) seconds, ascending, of those held."""
+        """(N,) seconds, ascending."""
         return self._rows[:, 0]
 
     @property
@@ -172,7 +175,7 @@ class Track:
 
     @property
     def latest(self) -> Floats:
-        """(7,) the newest reading, also where it is not held; NaN before the first."""
+        """(7,) the newest reading, also where it is not in memory; NaN before the first."""
         return self._latest
 
     @property
@@ -192,7 +195,7 @@ class Track:
         return rows[:, 0], rows[:, 1:4], rows[:, 4:]
 
     def within(self, spans: tuple[tuple[float, float], ...]) -> NDArray[np.bool_]:
-        """(N,) which of those held lie within spans of time, ends included."""
+        """(N,) which of them lie within spans of time, ends included."""
         inside = np.zeros(len(self), bool)
         for first, last in self._places(spans):
             inside[first:last] = True
@@ -200,11 +203,37 @@ class Track:
 
     def count_within(self, spans: tuple[tuple[float, float], ...]) -> int:
         """Readings within spans that lie apart; of a long session to within a stride."""
-        found = sum(last - first for first, last in self._places(spans)) * self.stride
-        return min(found, self.total)
+        count = sum(last - first for first, last in self._places(spans)) * self.stride
+        return min(count, self.total)
 
     def _places(self, spans: tuple[tuple[float, float], ...]) -> list[tuple[int, int]]:
         return [
             (int(np.searchsorted(self.time, start, "left")), int(np.searchsorted(self.time, end, "right")))
             for start, end in spans
         ]
+
+
+def rows_of(samples: Samples) -> Floats:
+    """(N, 7) samples as rows of a buffer; without times, a reading counts a second."""
+    rows = np.full((len(samples), COLUMNS), np.nan)
+    rows[:, 0] = np.arange(len(samples)) if samples.time is None else samples.time
+    rows[:, 1:4] = samples.field
+    if samples.acceleration is not None:
+        rows[:, 4:] = samples.acceleration
+    return rows
+
+
+def rows_of_readings(readings: list[Reading], axes: Axes, timeline: Timeline) -> tuple[Floats, Timeline]:
+    """(N, 7) readings as rows of a session's buffer, in its axes and on its timeline.
+
+    >>> from flinders.core.axes import Axes
+    >>> from flinders.live.readings import Reading
+    >>> rows, timeline = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Timeline())
+    >>> rows[0, :4]
+    array([ 0.5,  1. , -2. , -3. ])
+    """
+    rows = np.array([(one.time, *one.field, *(one.acceleration or GAP)) for one in readings], float)
+    rows[:, 0], timeline = timeline(rows[:, 0])
+    if not axes.is_identity:
+        rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
+    return rows, timeline

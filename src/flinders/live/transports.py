@@ -259,8 +259,8 @@ class Udp:
         if not self._is_counting:
             content, peer = self._socket.recvfrom(CHUNK, AT_ONCE)
             return content, peer
-        content, beside, _, peer = self._socket.recvmsg(CHUNK, socket.CMSG_SPACE(COUNT.size), AT_ONCE)
-        for level, kind, data in beside:
+        content, ancillary, _, peer = self._socket.recvmsg(CHUNK, socket.CMSG_SPACE(COUNT.size), AT_ONCE)
+        for level, kind, data in ancillary:
             if (level, kind) == (socket.SOL_SOCKET, SO_RXQ_OVFL) and len(data) >= COUNT.size:
                 self.lost = int(COUNT.unpack_from(data)[0])
         return content, peer
@@ -399,21 +399,21 @@ def ports() -> list[str]:
     """
     serialx = needs("serialx", "serial", "a serial port")
     try:
-        found = serialx.list_serial_ports()
+        listed = serialx.list_serial_ports()
     except (OSError, ValueError, serialx.SerialException):
         return []
-    found = sorted(found, key=lambda port: (port.vid is None, port.device))
-    return [f"{port.device} ({port.product})" if port.product else str(port.device) for port in found]
+    listed = sorted(listed, key=lambda port: (port.vid is None, port.device))
+    return [f"{port.device} ({port.product})" if port.product else str(port.device) for port in listed]
 
 
 def ports_in_words() -> str:
     """Say which serial ports there are, or what to check where there are none."""
     try:
-        found = ports()
+        names = ports()
     except MissingExtra as missing:
         return str(missing)
-    if found:
-        return f"there {'are' if len(found) > 1 else 'is'} {', '.join(found)}"
+    if names:
+        return f"there {'are' if len(names) > 1 else 'is'} {', '.join(names)}"
     return "this machine has no serial port now: plug the board in, with a cable that carries data"
 
 

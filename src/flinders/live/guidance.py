@@ -1,4 +1,4 @@
-"""The way to turn from where the sensor is now, put into what the page draws.
+"""Guidance from the present attitude of the sensor: the path to turn along, for the page to draw.
 
 `flinders.report.view` knows a fit and nothing of where the field points now, so it names the best single direction. A
 page that follows the sensor can lead it: this puts the first waypoint of `flinders.heading.path_planning` in place of
@@ -10,7 +10,7 @@ lead on.
 >>> from flinders.report.view import view
 >>> samples = simulate.tumble(seed=1, motion="tilted").samples
 >>> fit = calibrate.fit(samples, target_deg=0.1)
->>> drawn = led(view(fit, samples), fit, samples)
+>>> drawn = guided(view(fit, samples), fit, samples)
 >>> drawn.guidance.words
 'follow the arrow: turn it about x (y towards z), then about z (x towards y)'
 """
@@ -40,8 +40,8 @@ SPEED_DEG: Final = 90.0
 """Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""
 
 
-def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
-    """Put the way from the newest reading into a view; leave the view as it is where no way is worth it.
+def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
+    """Put the path from the newest reading into a view; no path is shown where it would gain nothing.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame
     if not here.any():
         return view
     is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
-    way = path_planning.plan(
+    path = path_planning.plan(
         belief,
         here,
         target_deg=fit.target_deg,
@@ -72,10 +72,10 @@ def led(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame
         down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
         readings_per_deg=_readings_per_deg(samples),
     )
-    if way.worst_deg <= fit.target_deg and not belief.is_rough:
+    if path.worst_deg <= fit.target_deg and not belief.is_rough:
         return view
-    words = f"follow the arrow: {way.words(frame)}"
-    leads = GuidanceView(_triple(way.waypoints[0]), words, way.worst_deg, way.after_deg, goal)
+    words = f"follow the arrow: {path.words(frame)}"
+    leads = GuidanceView(_triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal)
     return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
 
 

@@ -15,7 +15,7 @@ the unit they were written in, so that ``flinders calibrate SESSION`` finds the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -25,7 +25,7 @@ import numpy as np
 from flinders.core.files import reason
 from flinders.core.samples import Wrapped
 from flinders.errors import OutputError
-from flinders.live.track import Clock
+from flinders.live.buffer import Timeline
 
 if TYPE_CHECKING:
     import os
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from flinders.core.samples import Recording, Samples
+    from flinders.live.exclusions import Span
     from flinders.live.session import Session
-    from flinders.live.spans import Span
 
 FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "
@@ -77,14 +77,14 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True):
     @classmethod
     def within(cls, lines: Iterable[str]) -> Edits:
         """What the last such comment says; one that a crash has cut is passed over."""
-        found = cls()
+        edits = cls()
         for line in lines:
             if line.startswith(SIGN):
                 try:
-                    found = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
+                    edits = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
                 except msgspec.DecodeError:
                     continue
-        return found
+        return edits
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Edits:
@@ -123,15 +123,15 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
             f"{folder}: cannot be made: {reason(error)}; give the recording another place with --output"
         ) from None
     name = now.astimezone().strftime("%Y-%m-%d %H-%M-%S").replace(" ", "_")
-    found = path / f"{name}.csv"
+    file = path / f"{name}.csv"
     again = 2
-    while found.exists():
-        found, again = path / f"{name}_{again}.csv", again + 1
-    return found
+    while file.exists():
+        file, again = path / f"{name}_{again}.csv", again + 1
+    return file
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Without(Wrapped):
+@dataclass(slots=True, eq=False)
+class TrimmedRecording(Wrapped):
     """A recording on the timeline of its session, without some stretches of it.
 
     Attributes
@@ -139,25 +139,28 @@ class Without(Wrapped):
     recording : Recording
     spans : tuple of (start, end), s
         Ends included.
+    timeline : Timeline
+        Where the last pass ended.
 
     Examples
     --------
     >>> from flinders.core.samples import Samples
     >>> samples = Samples.of(np.ones((5, 3)), time=[0, 1, 2, 3, 4])
-    >>> [block.time.tolist() for block in Without(samples, ((1.0, 2.0),)).blocks()]
+    >>> [block.time.tolist() for block in TrimmedRecording(samples, ((1.0, 2.0),)).blocks()]
     [[0.0, 3.0, 4.0]]
     """
 
     recording: Recording
     spans: tuple[Span, ...]
+    timeline: Timeline = field(default_factory=Timeline)
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording."""
-        clock, seen = Clock(), 0
+        self.timeline, count = Timeline(), 0
         for block in self.recording.blocks():
-            times = np.arange(seen, seen + len(block), dtype=float) if block.time is None else block.time
-            seen += len(block)
-            times, clock = clock(times)
+            times = np.arange(count, count + len(block), dtype=float) if block.time is None else block.time
+            count += len(block)
+            times, self.timeline = self.timeline(times)
             used = np.ones(len(block), bool)
             for start, end in self.spans:
                 used &= (times < start) | (times > end)

@@ -1,15 +1,15 @@
-"""A thread that asks a feed and puts what it says into a box, whatever the server is doing meanwhile.
+"""The acquisition thread: asks a feed and queues its answers, whatever the server is doing meanwhile.
 
 >>> from flinders import simulate
 >>> from flinders.live.feeds import Replay
->>> pump = Pump(Replay(simulate.tumble(seed=1, n=100).samples, speed=None))
->>> pump.start()
->>> pump.join()
->>> [type(found).__name__ for found in pump.taken()]
-['Event', 'list', 'Event']
+>>> thread = FeedThread(Replay(simulate.tumble(seed=1, n=100).samples, speed=None))
+>>> thread.start()
+>>> thread.join()
+>>> [type(received).__name__ for received in thread.taken()]
+['FeedEvent', 'list', 'FeedEvent']
 
-What is to be done on the feed's thread, such as a line in its recording or a packet to its board, is handed over as a
-job, and done between two questions.
+Work for the feed's thread, such as a line in its recording or a packet to its board, is handed over as a job and done
+between two questions.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from flinders.errors import FlindersError
-from flinders.live.readings import Event
+from flinders.live.readings import FeedEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,7 +45,7 @@ STOPPING_S: Final = 10.0
 """Seconds that a feed has to let go: longer than any of them waits for a host."""
 
 
-class Pump(threading.Thread):
+class FeedThread(threading.Thread):
     """Asks a feed until it has ended, or is told to stop.
 
     Parameters
@@ -55,14 +55,14 @@ class Pump(threading.Thread):
     Attributes
     ----------
     tell : callable
-        Called on the feed's thread when something is in the box.
+        Called on the feed's thread when something is in the queue.
     """
 
     def __init__(self, feed: Feed) -> None:
         super().__init__(name="feed", daemon=True)
         self.tell: Callable[[], object] = lambda: None
         self._feed = feed
-        self._box: deque[list[Reading] | Event] = deque()
+        self._queue: deque[list[Reading] | FeedEvent] = deque()
         self._jobs: deque[Callable[[], None]] = deque()
         self._stopping = threading.Event()
         self._is_over = False
@@ -78,22 +78,24 @@ class Pump(threading.Thread):
                 else:
                     self._ask()
         except FlindersError as error:
-            self._box.append(Event("gone", 0.0, str(error)))
+            self._queue.append(FeedEvent("gone", 0.0, str(error)))
         except Exception as error:  # noqa: BLE001 - a thread that ends without a word would look like a silent sensor
-            self._box.append(Event("gone", 0.0, f"internal error: {type(error).__name__}: {error}; please report it"))
+            self._queue.append(
+                FeedEvent("gone", 0.0, f"internal error: {type(error).__name__}: {error}; please report it")
+            )
         finally:
             self._is_over = True
             self._do_jobs()
             with contextlib.suppress(FlindersError):
                 self._feed.close()
 
-    def taken(self) -> list[list[Reading] | Event]:
+    def taken(self) -> list[list[Reading] | FeedEvent]:
         """All that has come since this was last called, in order."""
-        found = []
-        while self._box:
-            found.append(self._box.popleft())
-            self._got += _size(found[-1])
-        return found
+        received = []
+        while self._queue:
+            received.append(self._queue.popleft())
+            self._got += _size(received[-1])
+        return received
 
     def do(self, job: Callable[[], Result]) -> Future[Result]:
         """Do something on the feed's thread, soon; where that has ended, at once."""
@@ -117,14 +119,14 @@ class Pump(threading.Thread):
             self.join(STOPPING_S)
 
     def _ask(self) -> None:
-        found = self._feed.next(ASK_S)
-        if found:
-            self._put += _size(found)
-            self._box.append(found)
+        received = self._feed.next(ASK_S)
+        if received:
+            self._put += _size(received)
+            self._queue.append(received)
             self.tell()
-        if isinstance(found, Event):
-            self._is_over = found.kind == "ended"
-        elif 0 < len(found or ()) < LITTLE:
+        if isinstance(received, FeedEvent):
+            self._is_over = received.kind == "ended"
+        elif 0 < len(received or ()) < LITTLE:
             self._stopping.wait(REST_S)
 
     def _do_jobs(self) -> None:
@@ -136,5 +138,5 @@ class Pump(threading.Thread):
             job()
 
 
-def _size(found: list[Reading] | Event) -> int:
-    return 1 if isinstance(found, Event) else len(found)
+def _size(received: list[Reading] | FeedEvent) -> int:
+    return 1 if isinstance(received, FeedEvent) else len(received)

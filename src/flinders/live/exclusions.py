@@ -1,9 +1,9 @@
-"""Stretches of time that were taken out, with undo: values, ascending and apart from each other.
+"""Excluded intervals of time, with undo and redo: values, ascending and disjoint.
 
->>> taken_out = History().excluding((3.0, 5.0)).excluding((4.0, 8.0)).restoring((6.0, 7.0))
->>> taken_out.spans
+>>> exclusions = Exclusions().excluding((3.0, 5.0)).excluding((4.0, 8.0)).restoring((6.0, 7.0))
+>>> exclusions.spans
 ((3.0, 6.0), (7.0, 8.0))
->>> taken_out.undone().spans, taken_out.undone().redone() == taken_out
+>>> exclusions.undone().spans, exclusions.undone().redone() == exclusions
 (((3.0, 8.0),), True)
 """
 
@@ -25,13 +25,13 @@ MOST: Final = 1000
 
 def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
     """Put spans in order and those that touch together."""
-    found: list[Span] = []
+    united: list[Span] = []
     for start, end in sorted(spans):
-        if found and start <= found[-1][1]:
-            found[-1] = (found[-1][0], max(end, found[-1][1]))
+        if united and start <= united[-1][1]:
+            united[-1] = (united[-1][0], max(end, united[-1][1]))
         else:
-            found.append((start, end))
-    return tuple(found)
+            united.append((start, end))
+    return tuple(united)
 
 
 def without(spans: Iterable[Span], hole: Span) -> tuple[Span, ...]:
@@ -41,7 +41,7 @@ def without(spans: Iterable[Span], hole: Span) -> tuple[Span, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class History:
+class Exclusions:
     """What is taken out now, was before, and was before it was undone.
 
     Attributes
@@ -55,27 +55,27 @@ class History:
     past: tuple[tuple[Span, ...], ...] = ()
     future: tuple[tuple[Span, ...], ...] = ()
 
-    def excluding(self, span: Span) -> History:
+    def excluding(self, span: Span) -> Exclusions:
         """Take a span out."""
         return self._then(merged([*self.spans, span]))
 
-    def restoring(self, span: Span) -> History:
+    def restoring(self, span: Span) -> Exclusions:
         """Put a span back in."""
         return self._then(without(self.spans, span))
 
-    def undone(self) -> History:
+    def undone(self) -> Exclusions:
         """As before the last step; the same where there is none."""
         if not self.past:
             return self
-        return History(self.past[-1], self.past[:-1], (*self.future, self.spans))
+        return Exclusions(self.past[-1], self.past[:-1], (*self.future, self.spans))
 
-    def redone(self) -> History:
+    def redone(self) -> Exclusions:
         """As before the last step was undone."""
         if not self.future:
             return self
-        return History(self.future[-1], (*self.past, self.spans), self.future[:-1])
+        return Exclusions(self.future[-1], (*self.past, self.spans), self.future[:-1])
 
-    def _then(self, spans: tuple[Span, ...]) -> History:
+    def _then(self, spans: tuple[Span, ...]) -> Exclusions:
         if spans == self.spans or len(spans) > MOST:
             return self
-        return History(spans, (*self.past, self.spans)[-REMEMBERED:])
+        return Exclusions(spans, (*self.past, self.spans)[-REMEMBERED:])

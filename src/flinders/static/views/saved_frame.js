@@ -1,11 +1,11 @@
 /**
- * A picture that is kept on the graphics card, so that what has not changed need not be drawn again.
+ * A frame saved on the graphics card, so that what has not changed is not drawn again.
  *
  * Where the processor draws, twenty thousand points take it longer than the sensor takes to its next readings. So the
  * points are drawn once, and as long as nobody turns the view new ones are drawn onto the picture of those before.
  */
 
-export class Kept {
+export class SavedFrame {
     /** @param {WebGL2RenderingContext} context  without multisampling */
     constructor(context) {
         this.gl = context;
@@ -17,8 +17,8 @@ export class Kept {
         this.colours = null;
     }
 
-    /** Keep what has been drawn onto the canvas so far. */
-    keep() {
+    /** Save what has been drawn onto the canvas so far. */
+    save() {
         const { gl } = this;
         const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
         if (!this.frame || width !== this.width || height !== this.height) this.#make(width, height);
@@ -26,10 +26,10 @@ export class Kept {
     }
 
     /**
-     * Put what was kept onto the canvas.
+     * Put the saved frame onto the canvas.
      * @returns {boolean} Whether there is one of this size.
      */
-    bring() {
+    restore() {
         const { gl } = this;
         if (!this.frame || gl.drawingBufferWidth !== this.width || gl.drawingBufferHeight !== this.height) return false;
         this.#copy(this.frame, null);

@@ -1,0 +1,228 @@
+"""What a page shows of a session: its state in words and numbers, and the points that the page lacks.
+
+>>> from flinders.live.session import Session
+>>> session_state(Session()).phase, session_state(Session()).words
+('collecting', 'Waiting for the first reading.')
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from flinders.core.units import label
+from flinders.errors import figures
+from flinders.live.messages import Reason, SessionState, points_frame
+from flinders.live.session import ENOUGH_FITS, RATE_S, SURE_S, is_usable, worst_deg
+
+if TYPE_CHECKING:
+    from flinders.live.messages import Phase
+    from flinders.live.session import Session
+    from flinders.report.view import View
+
+SILENT_S: Final = 3.0
+"""Seconds without a reading after which that is said; or so many usual steps of a slow sensor."""
+SILENT_STEPS: Final = 5.0
+FRAME_POINTS: Final = 20_000
+"""Points in one frame, at most: a page that comes late gets them in two."""
+LEVEL_DEG: Final = 89.0
+"""A calibration that is good to so much tilt needs no word about tilt."""
+
+
+def session_state(session: Session) -> SessionState:
+    """The state message of a session."""
+    shown, evaluated = session.shown, session.shown.evaluated
+    phase, words, reasons = _phase(session)
+    rejected = 0 if evaluated is None else evaluated.rejected
+    return SessionState(
+        revision=session.revision,
+        source=session.source,
+        unit=label(shown.unit.inside),
+        readings=shown.buffer.total,
+        used=0 if evaluated is None else evaluated.used,
+        rejected=rejected,
+        excluded_readings=shown.buffer.count_within(shown.excluded),
+        rate_hz=_rate_hz(session),
+        seconds=shown.buffer.seconds,
+        phase=phase,
+        words=words,
+        reasons=reasons,
+        target_deg=session.target_deg,
+        dip_deg=session.dip_deg,
+        goal=session.goal,
+        excluded=shown.excluded,
+        can_undo=bool(shown.exclusions.past),
+        can_redo=bool(shown.exclusions.future),
+        stride=shown.buffer.shown_stride,
+        has_acceleration=shown.buffer.has_acceleration,
+        paused=session.live.paused_at is not None,
+        recording=session.recording or None,
+        previous=None if evaluated is None or session.previous is None else evaluated.previous,
+        opened=session.opened_name or None,
+        can_send=session.has_board and session.opened is None and is_usable(evaluated),
+    )
+
+
+def _rate_hz(session: Session) -> float | None:
+    """Readings a second by their own times, over the last two seconds; None where none came.
+
+    From the last reading of the first arrival to the last of all, so that it does not matter how many came together.
+    """
+    arrivals = session.arrivals
+    if len(arrivals) < 2:
+        return None
+    first, last = arrivals[0], arrivals[-1]
+    is_silent = session.at - last[0] >= max(RATE_S, 2.0 * (last[0] - arrivals[-2][0]))
+    if is_silent or last[1] <= first[1]:
+        return None
+    return sum(count for _, _, count in arrivals[1:]) / (last[1] - first[1])
+
+
+def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
+    """Phase of the session, a sentence about it, and the reasons against it."""
+    evaluated = session.shown.evaluated
+    link = [] if session.opened is not None else _of_link(session)
+    unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
+    reasons = (*link, *(() if evaluated is None else evaluated.reasons), *unrecorded)
+    wrong = next((reason for reason in reasons if reason.severity == "warning"), None)
+    if wrong is not None:
+        return "wrong", _sentence(wrong.advice), reasons
+    phase, words = _of_view(session)
+    return phase, words, reasons
+
+
+def _of_view(session: Session) -> tuple[Phase, str]:
+    """How far the newest fit has come."""
+    view = session.view
+    if view is None:
+        return "collecting", _before_a_fit(session)
+    target, worst = f"the target {session.target_deg:g}°", worst_deg(session, view)
+    if worst is None:
+        return "collecting", view.sentence
+    if worst > session.target_deg:
+        error = f"{figures(worst)}° (1 σ)" if worst < 90.0 else "any angle"
+        return "collecting", f"Keep turning: the worst error to expect is {error}, {target}."
+    what = "heading error" if session.goal == "heading" else "error at any attitude"
+    done = f"the worst {what} to expect is {figures(worst)}° (1 σ), {target}"
+    if view.verdict != "refused" and not _is_sure(session):
+        return "collecting", f"Almost: {done}; hold on a little."
+    by_verdict: dict[str, tuple[Phase, str]] = {
+        "good": ("good", f"Good: {done}."),
+        "limited": ("limited", f"Good enough, with limits: {done}{_as_far_as(view)}."),
+        "refused": ("wrong", view.sentence),
+    }
+    return by_verdict[view.verdict]
+
+
+def _as_far_as(view: View) -> str:
+    """Up to which tilt that holds, and what is missing beyond."""
+    limit = view.attitude_limit_deg
+    if limit is None or limit >= LEVEL_DEG:
+        return ""
+    tilt = "held level" if limit < 1.0 else f"up to {limit:.0f}° of tilt"
+    return f", {tilt}; for more tilt than that, turn it tilted and upside down too"
+
+
+def _is_sure(session: Session) -> bool:
+    """Whether it takes no further fit to say that the target is reached: several did, or there will be no other.
+
+    What grows gets further fits. A log, a pause and a sensor that is silent do not.
+    """
+    shown, within = session.shown, session.shown.within
+    if len(within) >= ENOUGH_FITS or (within and within[-1] - within[0] >= SURE_S):
+        return True
+    is_of_all = shown.evaluated is not None and shown.evaluated.key == shown.key
+    is_over = shown.paused_at is not None or session.source.link in ("ended", "gone")
+    is_still = is_over or session.at - session.arrived_at >= SURE_S
+    return is_of_all and (session.opened is not None or is_still)
+
+
+def _before_a_fit(session: Session) -> str:
+    """What to say while there are no numbers."""
+    evaluated = session.shown.evaluated
+    if not session.shown.buffer.total:
+        return "Waiting for the first reading."
+    if evaluated is None or not evaluated.refusal:
+        return "Looking at the first readings. Turn the sensor slowly through all directions."
+    return _sentence(evaluated.refusal)
+
+
+def _sentence(words: str) -> str:
+    """Begin with a capital, unless it begins with a name: that of a file or port is written as it is.
+
+    >>> _sentence("no reading has come"), _sentence("full.csv: cannot be written"), _sentence("")
+    ('No reading has come.', 'full.csv: cannot be written.', '.')
+    """
+    first = words.partition(" ")[0].rstrip(",")
+    begin = words[:1].upper() if first.isalpha() else words[:1]
+    return f"{begin}{words[1:].rstrip('.')}."
+
+
+def _of_link(session: Session) -> list[Reason]:
+    """Reasons why no readings arrive."""
+    source, since = session.source, session.at - session.arrived_at
+    if source.link == "gone":
+        return [Reason("gone", source.words or f"{source.name} is gone: check the cable")]
+    total, seconds = session.live.buffer.total, session.live.buffer.seconds
+    patience = max(SILENT_S, SILENT_STEPS * seconds / total if total else 0.0)
+    if source.link in ("connected", "waiting") and since > patience:
+        words = source.words if total == 0 and source.link == "waiting" else ""
+        return [Reason("nothing-arrives", words or _nothing_arrives(session, since))]
+    if source.link == "ended":
+        return [Reason("ended", source.words or f"{source.name} has ended", "info")]
+    return []
+
+
+def _nothing_arrives(session: Session, since: float) -> str:
+    begun = "has come for" if session.live.buffer.total else "has come yet, for"
+    return (
+        f"no reading {begun} {since:.0f} s from {session.source.name}: see that the sensor is on and prints its "
+        "readings, and that port, cable and baud rate are right"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Cursor:
+    """How far a page has got with the points.
+
+    Attributes
+    ----------
+    generation, stride : int
+        Of those it has.
+    count : int
+        How many it has.
+    total : int
+        Readings there were when the newest reading was sent.
+    """
+
+    generation: int = 0
+    stride: int = 1
+    count: int = 0
+    total: int = -1
+
+
+def points(session: Session, cursor: Cursor) -> tuple[bytes | None, Cursor]:
+    """The points that a page does not have yet, and the newest reading; None where there is nothing new.
+
+    A page with every second point too many keeps every second one, as the frame's stride says.
+    """
+    shown = session.shown
+    buffer, stride = shown.buffer, shown.buffer.shown_stride
+    if cursor.generation != shown.generation:
+        count = 0
+    elif cursor.total == buffer.total and cursor.stride == stride:
+        return None, cursor
+    else:
+        count = -(-cursor.count // (stride // cursor.stride))
+    time, raw, acceleration = buffer.shown(count, FRAME_POINTS)
+    frame = points_frame(
+        generation=shown.generation,
+        first=count,
+        stride=stride,
+        now=buffer.latest[1:],
+        time=time,
+        field=raw,
+        acceleration=acceleration if buffer.has_acceleration else None,
+    )
+    is_all = len(time) < FRAME_POINTS
+    return frame, Cursor(shown.generation, stride, count + len(time), buffer.total if is_all else -1)

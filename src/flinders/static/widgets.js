@@ -1,0 +1,167 @@
+/**
+ * The panels of the page beside the status and the sphere: one list of rows, and how a row becomes a panel.
+ *
+ * A widget is one file of `views`: its drawing, its words, its styles, and its row at the end. To add one, write that
+ * file and name its row in `WIDGETS`.
+ */
+
+import { element, icon } from "./dom.js";
+import { deviation } from "./views/deviation.js";
+import { heading } from "./views/heading.js";
+import { projections } from "./views/projections.js";
+import { residuals } from "./views/residuals.js";
+import { strength } from "./views/strength.js";
+
+/** @typedef {import("./keys.js").Shortcut} Shortcut */
+/** @typedef {import("./messages.d.ts").SessionState} State */
+/** @typedef {import("./messages.d.ts").View} View */
+/** @typedef {import("./store.js").Now} Now */
+/** @typedef {import("./store.js").Store} Store */
+/** @typedef {import("./views/charts.js").Points} Points */
+
+/**
+ * What of the session a widget shows.
+ * @typedef {"view" | "state" | "now" | "points"} Part
+ */
+
+/**
+ * What is to be drawn.
+ * @typedef {object} Picture
+ * @property {View | null} view
+ * @property {State | null} state
+ * @property {Now | null} now
+ * @property {Points} points
+ */
+
+/**
+ * What a widget may do to the page.
+ * @typedef {object} Page
+ * @property {Store} store
+ * @property {(message: import("./messages.d.ts").ToServer) => void} send
+ * @property {(severity: "info" | "warning" | "error", words: string) => void} notify
+ */
+
+/**
+ * What a widget adds to the page beside its drawing.
+ * @typedef {object} Controls
+ * @property {readonly Shortcut[]} shortcuts
+ * @property {() => boolean} escape  for the Escape key: whether there was something to take back
+ * @property {(state: State) => void} show  called with each state
+ */
+
+/**
+ * The row of a widget.
+ * @typedef {object} Widget
+ * @property {string} name  class of its panel, id of its host
+ * @property {string} title
+ * @property {"side" | "strip"} place
+ * @property {readonly Part[]} on  parts that it is drawn anew for; with "points", at most ten times a second
+ * @property {string} css
+ * @property {(panel: WidgetPanel, picture: Picture) => void} draw
+ * @property {(panel: WidgetPanel, page: Page) => Controls | void} [begin]
+ * @property {readonly (readonly [string, string])[]} [legend]  classes and words
+ * @property {string} [enlarges]  what the button that enlarges it names; without it there is none
+ * @property {string} [host]  class of the host, where it is no chart
+ */
+
+/**
+ * A widget on the page.
+ * @typedef {object} WidgetPanel
+ * @property {Widget} row
+ * @property {HTMLElement} head
+ * @property {HTMLElement} title
+ * @property {HTMLElement} host
+ * @property {Controls | null} controls
+ */
+
+/**
+ * All of them, in the order of the page.
+ * @type {readonly Widget[]}
+ */
+export const WIDGETS = [heading, deviation, residuals, strength, projections];
+
+/**
+ * Put all widgets onto the page.
+ * @param {HTMLElement} strip  the foot of the board; widgets of the side stand before it
+ * @param {Page} page
+ * @returns {WidgetPanel[]}
+ */
+export function lay(strip, page) {
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync(WIDGETS.map(({ css }) => css).join("\n"));
+    document.adoptedStyleSheets = [...document.adoptedStyleSheets, sheet];
+    return WIDGETS.map((row) => {
+        const panel = panelOf(row);
+        const section = panel.host.parentElement ?? panel.host;
+        if (row.place === "strip") strip.append(section);
+        else strip.before(section);
+        panel.controls = row.begin?.(panel, page) ?? null;
+        return panel;
+    });
+}
+
+/**
+ * Draw the widgets that show something of what has changed.
+ * @param {readonly WidgetPanel[]} panels
+ * @param {readonly Part[]} changed
+ * @param {Picture} picture
+ */
+export function drawChanged(panels, changed, picture) {
+    for (const panel of panels) {
+        const { on, draw } = panel.row;
+        const isDue = on.includes("points") ? changed.includes("points") : on.some((part) => changed.includes(part));
+        if (isDue) draw(panel, picture);
+    }
+}
+
+/**
+ * An empty panel.
+ * @param {Widget} row
+ * @returns {WidgetPanel}
+ */
+function panelOf(row) {
+    const section = element("section");
+    section.className = `panel ${row.name}`;
+    section.setAttribute("aria-labelledby", `${row.name}-title`);
+    const head = element("div");
+    head.className = "head";
+    const title = element("h2", row.title);
+    title.id = `${row.name}-title`;
+    head.append(title);
+    if (row.legend) head.append(legendOf(row.legend));
+    if (row.enlarges) head.append(enlarger(row.enlarges));
+    const host = element("div");
+    host.className = row.host ?? "host";
+    host.id = row.name;
+    section.append(head, host);
+    return { row, head, title, host, controls: null };
+}
+
+/**
+ * @param {readonly (readonly [string, string])[]} legend
+ * @returns {HTMLElement}
+ */
+function legendOf(legend) {
+    const made = element("p");
+    made.className = "key";
+    made.setAttribute("aria-hidden", "true");
+    for (const [kind, words] of legend) {
+        const part = element("span", words);
+        part.className = kind;
+        made.append(part);
+    }
+    return made;
+}
+
+/**
+ * @param {string} what
+ * @returns {HTMLElement}
+ */
+function enlarger(what) {
+    const button = element("button");
+    button.setAttribute("type", "button");
+    button.className = "square quiet enlarge";
+    button.setAttribute("aria-label", `Enlarge ${what}`);
+    button.append(icon("enlarge"));
+    return button;
+}
