@@ -37,6 +37,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="programs are fo
 
 NURSERY = """
 import os, sys
+sys.dont_write_bytecode = True  # a module that is imported while the disk is full would be cut short for all who follow
 import flinders.live.server, flinders.live.recorder, flinders.live.simulated, flinders.live.finish
 from flinders.cli import main
 for line in sys.stdin:
