@@ -262,7 +262,7 @@ def test_two_tabs_see_the_same(visitor: Visitor) -> None:
     until(other, "flinders.store.state.excluded.length === 0")
     other.evaluate("flinders.connection.send({type: 'target', deg: 1})")
     for page in (one, other):
-        until(page, f"flinders.store.state.target_deg === 1 && {SETTLED}")
+        until(page, f"flinders.store.view.heading_error_deg.target_deg === 1 && {SETTLED}")
     views = [page.evaluate("JSON.stringify(flinders.store.view)") for page in (one, other)]
     assert views[0] == views[1]
 

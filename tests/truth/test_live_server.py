@@ -27,12 +27,14 @@ from flinders.core.calibration_file import loads
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
 from flinders.fitting.judged import Judged
-from flinders.live import motioncal, server
+from flinders.live import motioncal
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name
 from flinders.live.feeds import RecordedFeed, Replay
+from flinders.live.hub import UPLOAD_BYTES, Hub, Supply
+from flinders.live.listener import listening, server_of
 from flinders.live.messages import MAGIC, SourceState, typescript
 from flinders.live.page_state import session_state
-from flinders.live.server import STATIC, UPLOAD_BYTES, Hub, Supply, application, listening
+from flinders.live.server import STATIC, application
 from flinders.live.session import Session
 from flinders.live.session_file import Edits, default_path
 from flinders.live.sinks import ToFile
@@ -436,13 +438,13 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
 @pytest.fixture
 def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A server at a real port, which waits half a second for a head and takes ten connections."""
-    monkeypatch.setattr(server, "HEAD_S", 0.5)
-    monkeypatch.setattr(server, "MOST_CONNECTIONS", 10)
+    monkeypatch.setattr("flinders.live.listener.HEAD_S", 0.5)
+    monkeypatch.setattr("flinders.live.listener.MOST_CONNECTIONS", 10)
     opened = listening("127.0.0.1", 0)
     number = int(opened.getsockname()[1])
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)
     app = application(bench.hub, Gate.of("127.0.0.1", number))
-    running = server.server_of(app)
+    running = server_of(app)
     thread = threading.Thread(target=running.run, args=([opened],))
     thread.start()
     yield number

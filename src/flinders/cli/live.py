@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from flinders.live.access import Tokens
     from flinders.live.buffer import Timeline
     from flinders.live.feeds import Feed
+    from flinders.live.hub import Supply
     from flinders.live.messages import Kind
-    from flinders.live.server import Supply
     from flinders.live.session import Session
     from flinders.live.session_file import Edits
     from flinders.live.sinks import Patient, Resumed, Sink
@@ -121,7 +121,9 @@ def command(
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
     from flinders.core.axes import Axes
     from flinders.live.access import Gate, Tokens
-    from flinders.live.server import Hub, application, listening, serve
+    from flinders.live.hub import Hub
+    from flinders.live.listener import listening, serve
+    from flinders.live.server import application
 
     turned = Axes.of(axes)
     judged = None if previous is None else _loaded(previous)
@@ -215,8 +217,8 @@ def _begun(
     stack: contextlib.ExitStack, source: dict[str, Any], axes: Axes, output: str | None, resume: str | None
 ) -> tuple[Supply, Session, Timeline]:
     """Open source and file, and take up what a session that is continued holds."""
+    from flinders.live.hub import Supply
     from flinders.live.messages import SourceState
-    from flinders.live.server import Supply
     from flinders.live.session_file import Edits, default_path
     from flinders.live.sinks import Patient, Resumed, ToFile
 

@@ -7,5 +7,6 @@ it (`lines` recognises the layout), and hands on `readings`; so do `feeds` of ot
 The page: `session` is a pure reducer of readings and commands, with a `buffer` of readings and `exclusions` of time;
 `evaluation` fits a snapshot of it, with `guidance` where to turn; `page_state` is what a page shows of it, `messages`
 the wire format. `session_file` is the recording with what a person did, `finish` the calibration of all its readings.
-`feed_thread` asks a feed, `access` says who may look, and `server` puts all together.
+`feed_thread` asks a feed, `hub` puts it into the session and wakes the pages, `access` says who may look, `server` has
+the routes, and `listener` the address.
 """

@@ -1,0 +1,310 @@
+"""The hub of the live page: the session, what goes into it, and the pages that look at it.
+
+A thread asks the sensor (`feed_thread`), and some twenty times a second the hub takes what came into the session
+(`session.step`). Fits run in another thread. Pages are woken when there is something new; each takes the newest state
+when its connection is free, so that a slow page gets fewer and larger frames, and delays nobody.
+
+What only a fit or an answer needs is imported there: meanwhile the page is on its way to the browser.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import signal
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.core.units import Unit
+from flinders.live.buffer import Timeline, rows_of_readings
+from flinders.live.feed_thread import FeedThread
+from flinders.live.messages import FitMessage, Hello, Limits, Notice, TargetInfo
+from flinders.live.page_state import Cursor, session_state
+from flinders.live.readings import FeedEvent
+from flinders.live.session import (
+    Announced,
+    Arrived,
+    Event,
+    FitDone,
+    Linked,
+    Session,
+    Ticked,
+    Unrecorded,
+    begin_fit,
+    snapshot,
+    step,
+    wants_fit,
+)
+from flinders.live.session_file import Edits
+from flinders.report.view import tiles_view
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from flinders.core.axes import Axes
+    from flinders.live.feeds import Feed
+    from flinders.live.finish import Finished
+    from flinders.live.messages import Link
+    from flinders.live.readings import Reading
+    from flinders.live.session import Evaluated
+    from flinders.live.sinks import Sink
+    from flinders.live.transports import ByteSource
+
+SOONEST_S: Final = 0.04
+LATEST_S: Final = 0.1
+"""From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
+MOST_NOTICES: Final = 50
+"""Notices that wait for a page, at most; older ones go."""
+UPLOAD_BYTES: Final = 64 << 20
+LINKS: Final[dict[str, Link]] = {
+    "connected": "connected", "back": "connected", "nothing": "waiting", "gone": "gone", "ended": "ended"
+}  # fmt: skip
+"""What an event of a feed makes of the link; others leave it as it is."""
+UNCLEAR_S: Final = 3.0
+"""Seconds without a reading after which the supply is asked why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Supply:
+    """Source and recording of the readings.
+
+    Attributes
+    ----------
+    feed : Feed
+        Records what it gives.
+    sink : Sink, optional
+        The file of the session, for what a person does.
+    path : Path, optional
+        The same file, to be read again.
+    axes : Axes
+        What becomes of the sensor's axes.
+    board : ByteSource, optional
+        The board at the other end, where a calibration can be sent to it.
+    reading : dict
+        How `path` is read again, as `flinders.open_recording` takes it.
+    hint : callable
+        Says why no reading comes of what arrives; nothing where it does not know.
+    unrecorded : callable
+        Says why what arrives cannot be written down at present; nothing where it can.
+    """
+
+    feed: Feed
+    sink: Sink | None
+    path: Path | None
+    axes: Axes
+    board: ByteSource | None = None
+    reading: dict[str, Any] = field(default_factory=dict)
+    hint: Callable[[], str] = str
+    unrecorded: Callable[[], str] = str
+
+
+@dataclass(slots=True, eq=False)
+class Page:
+    """One connection: what it has got, and what waits for it."""
+
+    wake: asyncio.Event = field(default_factory=asyncio.Event)
+    notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
+    cursor: Cursor = field(default_factory=Cursor)
+    state_revision: int = -1
+    fit_revision: int = -1
+    stated_at: float = -1.0
+    is_urgent: bool = False
+
+
+class Hub:
+    """The session, what goes into it, and the pages that look at it.
+
+    Parameters
+    ----------
+    session : Session
+        As it begins, or goes on.
+    supply : Supply
+    clock : callable
+        Seconds, ascending.
+
+    Attributes
+    ----------
+    session : Session
+    pages : set of Page
+    failure : Exception, optional
+        What has ended it.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        supply: Supply,
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        timeline: Timeline | None = None,
+    ) -> None:
+        self.session, self.supply, self.pages = session, supply, set[Page]()
+        self.failure: Exception | None = None
+        self.name = secrets.token_hex(4)
+        self.fit_message = FitMessage(0, None)
+        self._clock, self._start = clock, clock()
+        self._timeline = timeline or Timeline()
+        self._feed_thread = FeedThread(supply.feed)
+        self._edits = Edits.of(session)
+        self._fits: set[asyncio.Task[None]] = set()
+        self._final: Finished | None = None
+        self._finishing = asyncio.Lock()
+        self._is_asked = False
+        self._came = asyncio.Event()
+
+    @property
+    def now(self) -> float:
+        """Seconds since the server began."""
+        return self._clock() - self._start
+
+    async def run(self) -> None:
+        """Take in, fit and tell, until cancelled."""
+        loop = asyncio.get_running_loop()
+        self._feed_thread.tell = lambda: loop.call_soon_threadsafe(self._came.set)
+        self._feed_thread.start()
+        try:
+            while True:
+                self._came.clear()
+                self._take()
+                self._fit_if_due()
+                self._wake_pages()
+                await self._something()
+        except Exception as error:  # noqa: BLE001 - a fault of ours ends the program, which reports it
+            self.failure = error
+            signal.raise_signal(signal.SIGTERM)
+
+    async def stop(self) -> None:
+        """Let go of the feed, once what it holds is written."""
+        await asyncio.to_thread(self._feed_thread.stop)
+
+    def take(self, event: Event) -> None:
+        """Take one event into the session, and tell all pages what follows from it."""
+        before = self.session
+        self.session, replies = step(self.session, event)
+        for message in replies:
+            if isinstance(message, FitMessage):
+                self.fit_message = message
+            else:
+                for page in self.pages:
+                    page.notices.append(message)
+        if isinstance(event, Arrived | Ticked):
+            return
+        if self.session is not before:
+            for page in self.pages:
+                page.is_urgent = True
+        self._keep_edits()
+
+    def hello(self) -> Hello:
+        """The first message to a page."""
+        from flinders.targets import registry
+
+        return Hello(
+            version=version("flinders"),
+            session=self.name,
+            tiles=tiles_view(),
+            targets=tuple(TargetInfo(row.name, row.use, row.suffix) for row in registry().values()),
+            limits=Limits(UPLOAD_BYTES),
+            state=session_state(self.session),
+            view=self.session.view,
+        )
+
+    async def final(self) -> Finished:
+        """The calibration of all readings, made once for each state of the session.
+
+        From the file; where that has a hole, from what is in memory.
+        """
+        from flinders.live.finish import finished
+
+        async with self._finishing:
+            session = self.session
+            path = None if session.unrecorded else self.supply.path
+            final = self._final
+            if final is None or final.key != session.shown.key:
+                final = await asyncio.to_thread(finished, session, path, self.supply.reading)
+                self._final = final
+        return final
+
+    async def on_feed(self, job: Callable[[], Any]) -> Any:  # noqa: ANN401 - whatever the job gives
+        """Do something on the thread of the feed."""
+        return await asyncio.wrap_future(self._feed_thread.do(job))
+
+    async def _something(self) -> None:
+        """Wait until something has come, or for so long that time itself may have something to say."""
+        await asyncio.sleep(SOONEST_S)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(LATEST_S - SOONEST_S):
+                await self._came.wait()
+
+    def _take(self) -> None:
+        """Take what the sensor gave: readings that came together as one event."""
+        rows: list[list[Reading]] = []
+        for received in self._feed_thread.taken():
+            if isinstance(received, FeedEvent):
+                self._arrive(rows)
+                rows = []
+                self._note(received)
+            else:
+                rows.append(received)
+        self._arrive(rows)
+        self.take(Ticked(self.now))
+        if (why := self.supply.unrecorded()) != self.session.unrecorded:
+            self.take(Unrecorded(self.now, why))
+        if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.buffer.total:
+            self._is_asked = True
+            if words := self.supply.hint():
+                self.take(Linked(self.now, "waiting", words))
+
+    def _arrive(self, batches: list[list[Reading]]) -> None:
+        readings = [reading for batch in batches for reading in batch]
+        if readings:
+            rows, self._timeline = rows_of_readings(readings, self.supply.axes, self._timeline)
+            self.take(Arrived(self.now, rows, Unit.of(readings[-1].unit)))
+
+    def _note(self, event: FeedEvent) -> None:
+        """Say what happened to the sensor."""
+        link = LINKS.get(event.kind)
+        if link is None:
+            is_settled = event.kind == "settled"
+            words = f"understood as {event.words}" if is_settled else event.words
+            self.take(Announced(self.now, "info" if is_settled else "warning", words))
+        else:
+            self.take(Linked(self.now, link, event.words))
+
+    def _keep_edits(self) -> None:
+        """Write down what a person did, between the readings."""
+        edits, sink = Edits.of(self.session), self.supply.sink
+        if edits == self._edits:
+            return
+        self._edits = edits
+        if sink is not None:
+            self._feed_thread.do(lambda: sink.write(edits.line()))
+
+    def _fit_if_due(self) -> None:
+        """Begin a fit in a thread of its own, where one is due."""
+        if not wants_fit(self.session, self.now):
+            return
+        self.session = begin_fit(self.session)
+        task = asyncio.get_running_loop().create_task(self._fit(self.session))
+        self._fits.add(task)
+        task.add_done_callback(self._fits.discard)
+
+    async def _fit(self, session: Session) -> None:
+        evaluated, seconds = await asyncio.to_thread(_timed, session)
+        self.take(FitDone(self.now, evaluated, seconds))
+
+    def _wake_pages(self) -> None:
+        for page in self.pages:
+            page.wake.set()
+
+
+def _timed(session: Session) -> tuple[Evaluated, float]:
+    """Fit what a session holds, and say how long the processor took: how busy the machine is otherwise is no matter."""
+    from flinders.live.evaluation import evaluate
+
+    begun = time.thread_time()
+    return evaluate(snapshot(session)), time.thread_time() - begun
