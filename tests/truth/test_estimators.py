@@ -8,6 +8,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import heading_error_deg
+from tests.worlds import SOFT_IRON, Streamed
 
 import flinders
 from flinders import simulate
@@ -24,8 +25,6 @@ from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from tests.trials import Choose
 
     from flinders.arrays import Floats
@@ -42,7 +41,6 @@ GENERAL: Final[list[Estimator]] = [
     Li(),
     Li(k=4.0),
 ]
-SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 CROOKED: Final = np.array([[1.10, 0.12, -0.05], [-0.02, 0.90, 0.08], [0.04, -0.06, 1.20]])
 
 
@@ -162,19 +160,6 @@ def test_repeated_readings_widen_the_covariance() -> None:
     npt.assert_allclose(np.diag(fourfold.covariance), np.diag(once.covariance), rtol=0.1)
     assert fourfold.samples == 2000
     assert "stale-repeats" in {finding.code for finding in fourfold.findings}
-
-
-class Streamed:
-    """A recording that is gone through block by block, and counts how often."""
-
-    def __init__(self, samples: Samples, rows: int = 777) -> None:
-        self.whole, self.rows, self.passes = samples, rows, 0
-        self.source, self.unit, self.axes = samples.source, samples.unit, samples.axes
-
-    def blocks(self) -> Iterator[Samples]:
-        """From the first block again."""
-        self.passes += 1
-        return self.whole.blocks(self.rows)
 
 
 def test_readings_are_thinned_evenly_and_alike_however_they_come() -> None:

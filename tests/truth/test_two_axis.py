@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.worlds import judged
 
 import flinders
 from flinders import simulate
@@ -22,7 +23,6 @@ from flinders.estimators import Readings
 from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.fitting.judged import Judged
-from flinders.fitting.result import Refused
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
 from flinders.report.polar_chart import drawing
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import HeadingErrorRecord
-    from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
@@ -57,14 +56,6 @@ def read(headings_deg: Floats, seed: int = 1, noise: float = 0.25) -> Floats:
     field[:, :2] = level @ COMPASS.matrix.T + COMPASS.offset
     field[:, :2] += noise * np.random.default_rng(seed).standard_normal((len(heading), 2))
     return field
-
-
-def judged(field: Samples | Floats, **options: Any) -> flinders.Fit:
-    """A fit, also where it is refused."""
-    try:
-        return flinders.fit(field, **options)
-    except Refused as refusal:
-        return refusal.fit
 
 
 def off_deg(calibration: Calibration, compass: TwoAxis = COMPASS) -> Floats:
