@@ -1,17 +1,23 @@
-"""What all tests share: real recordings, golden files, hypothesis profiles."""
+"""What all tests share: real recordings, golden files, numbers of trials, hypothesis profiles."""
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
+import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+from tests.trials import Trials
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from tests.trials import Choose
 
 ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden" / "files"
@@ -26,9 +32,35 @@ settings.load_profile("ci" if ON_CI else "default")
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Hundreds of tests start a program: compiled once, each starts in half the time.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--regenerate", action="store_true", help="rewrite the golden files instead of comparing")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A test with a number of trials is a claim: ``pytest -m claims`` runs these, each with all its trials."""
+    for item in items:
+        if "trials" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.claims)
+
+
+def pytest_collection_finish() -> None:
+    """Spare the collector of garbage the thousands of tests, which stay until the end."""
+    gc.collect()
+    gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def trials(pytestconfig: pytest.Config) -> Choose:
+    """Number of trials of a claim: ``trials(500, 40)`` is 500 under ``pytest -m claims``, else 40 as a smoke test."""
+    chosen = str(pytestconfig.getoption("markexpr", default=""))
+    is_complete = "claims" in chosen and "not claims" not in chosen
+    return partial(Trials.choose, is_complete)
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 import numpy as np
 import pytest
 from benchmarks.stage import NAMES, chromium, chromium_path
+from tests.browser.visitor import UNTIL_MS
 from tests.npm import package
 
 from flinders import simulate
@@ -48,6 +49,9 @@ def browser() -> Iterator[Browser]:
         missing("playwright is not installed")
     if chromium_path() is None:
         missing(f"there is no browser here: install one of {', '.join(NAMES)}")
+    from playwright.sync_api import expect
+
+    expect.set_options(timeout=UNTIL_MS)  # a busy machine is slow, and what is expected is waited for
     with chromium() as found:
         yield found
 

@@ -28,7 +28,7 @@ class Visitor:
         """A browser of its own: its own storage, size, and colours."""
         options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "dark", **options}
         context = self.browser.new_context(accept_downloads=True, **options)
-        context.set_default_timeout(20_000)
+        context.set_default_timeout(UNTIL_MS)
         context.route(re.compile(f"^(?!{re.escape(self.program.address)}|blob:|data:)"), self._refuse)
         context.on("request", self._count)
         context.on("console", self._listen)
@@ -75,7 +75,7 @@ def visiting(browser: Browser, program: Program) -> Iterator[Visitor]:
         pytest.fail("\n".join(wrong) or "no page was opened", pytrace=False)
 
 
-UNTIL_MS: Final = 20_000
+UNTIL_MS: Final = 60_000
 UNTIL: Final = """words => new Promise((resolve, reject) => {
     const end = performance.now() + MS;
     const look = () => {
@@ -95,7 +95,7 @@ def until(page: Page, expression: str) -> None:
     Raises
     ------
     Error
-        Where it is still false after twenty seconds; with the state of the page.
+        Where it is still false after a minute; with the state of the page.
     """
     page.evaluate(UNTIL.replace("MS", str(UNTIL_MS)).replace("EXPRESSION", expression), expression)
 

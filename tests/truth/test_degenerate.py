@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import judged
 
 import flinders
 from flinders import simulate
@@ -196,14 +197,6 @@ def test_three_rings_are_enough(method: str) -> None:
 
 # The exact list of §15 of the literature notes, in its order. Items 5 (TWOSTEP), 8 (dip alignment), 9 (gyro), 12
 # (Tolles–Lawson, motor current) and 13 (frames of two sensors) need what this release does not have.
-
-
-def judged(field: Floats | Samples, **options: object) -> flinders.Fit:
-    """The fit, also where it is refused."""
-    try:
-        return flinders.fit(field, **options)  # type: ignore[arg-type]
-    except Refused as error:
-        return error.fit
 
 
 def severity(fit: flinders.Fit, code: str) -> str | None:

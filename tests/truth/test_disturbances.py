@@ -14,6 +14,7 @@ import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
 from scipy.signal import lfilter
+from tests.worlds import ARMS, MOTORS, PER_AMPERE
 
 import flinders
 from flinders import simulate
@@ -41,10 +42,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
 
-PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
-MOTORS: Final = simulate.MotorCurrent(per_ampere=PER_AMPERE)
 WARM: Final = simulate.ThermalDrift([0.3, -0.2, 0.1], kelvin=20.0, seconds=40.0)
 SENSOR: Final = simulate.Sensor(offset=np.array([20.0, 5.0, -30.0]), noise=0.5)
 
@@ -64,14 +65,16 @@ def given() -> Calibration:
     )
 
 
-def test_what_motors_do_is_found_within_what_is_claimed() -> None:
+def test_what_motors_do_is_found_within_what_is_claimed(trials: Choose) -> None:
     """Seeds 0 to 11: nees of the three numbers 0.97 in 40 trials, 1.0 ± 0.24 in these by chance."""
+    claim = trials(12, 4)
     nees = []
-    for seed in range(12):
+    for seed in claim.seeds:
         found = driving_of([simulate.tumble(seed=seed, n=1500, disturbances=[MOTORS]).samples], ("current",))
         error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
-    assert 0.4 < np.mean(nees) < 1.8
+    low, high = claim.ratios(0.4, 1.8)
+    assert low < np.mean(nees) < high
 
 
 def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
@@ -446,19 +449,17 @@ def test_a_current_that_moves_nothing_is_not_named() -> None:
 
 # several motors
 
-ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
-"""µT/A of four motors."""
-
 
 def flown_by_four(seed: int, apart: float, n: int = 1500) -> Samples:
     motors = simulate.Motors(ARMS, apart=apart)
     return simulate.tumble(seed=seed, n=n, sensor=SENSOR, disturbances=[motors]).samples
 
 
-def test_what_each_of_four_motors_does_is_found_within_what_is_claimed() -> None:
+def test_what_each_of_four_motors_does_is_found_within_what_is_claimed(trials: Choose) -> None:
     """Seeds 0 to 5: twelve numbers each; 60 seeds of twice the length in `benchmarks.disturbances`."""
+    claim = trials(6, 2)
     nees = []
-    for seed in range(6):
+    for seed in claim.seeds:
         found = driving_of([flown_by_four(seed, 0.1)], ("currents",))
         assert [disturbance.name for disturbance in found.disturbances] == [
             "current1",
@@ -468,7 +469,8 @@ def test_what_each_of_four_motors_does_is_found_within_what_is_claimed() -> None
         ]
         error = np.concatenate([disturbance.per_unit for disturbance in found.disturbances]) - ARMS.ravel()
         nees.append(error**2 / np.diag(found.covariance))
-    assert 0.4 < np.mean(nees) < 1.8
+    low, high = claim.ratios(0.4, 1.8)
+    assert low < np.mean(nees) < high
 
 
 def test_one_motor_of_four_is_followed_where_it_is_asked_for() -> None:

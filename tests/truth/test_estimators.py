@@ -8,6 +8,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import heading_error_deg
+from tests.worlds import SOFT_IRON, Streamed
 
 import flinders
 from flinders import simulate
@@ -24,7 +25,7 @@ from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from tests.trials import Choose
 
     from flinders.arrays import Floats
     from flinders.estimators import Estimate
@@ -40,7 +41,6 @@ GENERAL: Final[list[Estimator]] = [
     Li(),
     Li(k=4.0),
 ]
-SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 CROOKED: Final = np.array([[1.10, 0.12, -0.05], [-0.02, 0.90, 0.08], [0.04, -0.06, 1.20]])
 
 
@@ -90,31 +90,33 @@ def test_half_a_sphere_and_ten_percent_noise_leave_the_consistent_fit_unbiased()
 
 
 @pytest.mark.parametrize(
-    ("motion", "n", "noise", "trials"),
+    ("motion", "n", "noise", "complete"),
     [("uniform", 500, 0.5, 100), ("uniform", 500, 2.0, 100), ("hand", 500, 0.5, 40), ("hemisphere", 1000, 0.5, 100)],
 )
 @pytest.mark.parametrize("estimator", [Auto(), Consistent()], ids=repr)
-def test_errors_are_as_large_as_claimed(estimator: Estimator, motion: str, n: int, noise: float, trials: int) -> None:
+def test_errors_are_as_large_as_claimed(
+    estimator: Estimator, motion: str, n: int, noise: float, complete: int, trials: Choose
+) -> None:
     """Errors weighed with the claimed covariance are χ² of nine degrees: their mean is nine."""
-    weighed = []
-    for seed in range(trials):
+    weighed, claim = [], trials(complete, 12)
+    for seed in claim.seeds:
         truth = tumble(seed=1000 + seed, motion=motion, n=n, noise=noise)
         found = estimator.estimate(Readings.of(truth.samples))
         off = errors(found, truth)
         weighed.append(off @ np.linalg.solve(found.covariance, off))
-    assert float(np.mean(weighed)) == pytest.approx(9.0, abs=4.0 * np.sqrt(18.0 / trials) + 0.5)
+    assert float(np.mean(weighed)) == pytest.approx(9.0, abs=4.0 * np.sqrt(18.0 / claim.count) + 0.5)
 
 
-def test_sixty_coarse_readings_are_fitted_within_what_they_claim() -> None:
-    weighed, angles = [], []
-    for seed in range(60):
+def test_sixty_coarse_readings_are_fitted_within_what_they_claim(trials: Choose) -> None:
+    weighed, angles, claim = [], [], trials(60, 20)
+    for seed in claim.seeds:
         sensor = Sensor.random(np.random.default_rng(seed), noise=0.5, resolution=1.5)
         truth = tumble(seed=seed, motion="uniform", n=60, sensor=sensor)
         fit = flinders.fit(truth.samples)
         off = np.concatenate([fit.calibration.offset, upper(fit.calibration.shape)]) - true_parameters(truth)
         weighed.append(off @ np.linalg.solve(fit.covariance, off))
         angles.append(angle_error_deg(fit.calibration.matrix, fit.calibration.offset, truth))
-    assert float(np.mean(weighed)) == pytest.approx(9.0, abs=4.0 * np.sqrt(18.0 / 60) + 1.0)
+    assert float(np.mean(weighed)) == pytest.approx(9.0, abs=4.0 * np.sqrt(18.0 / claim.count) + 1.0)
     assert float(np.sqrt(np.mean(np.square(angles)))) < 0.6
 
 
@@ -158,19 +160,6 @@ def test_repeated_readings_widen_the_covariance() -> None:
     npt.assert_allclose(np.diag(fourfold.covariance), np.diag(once.covariance), rtol=0.1)
     assert fourfold.samples == 2000
     assert "stale-repeats" in {finding.code for finding in fourfold.findings}
-
-
-class Streamed:
-    """A recording that is gone through block by block, and counts how often."""
-
-    def __init__(self, samples: Samples, rows: int = 777) -> None:
-        self.whole, self.rows, self.passes = samples, rows, 0
-        self.source, self.unit, self.axes = samples.source, samples.unit, samples.axes
-
-    def blocks(self) -> Iterator[Samples]:
-        """From the first block again."""
-        self.passes += 1
-        return self.whole.blocks(self.rows)
 
 
 def test_readings_are_thinned_evenly_and_alike_however_they_come() -> None:

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.worlds import judged
 
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.fitting import calibrate
-from flinders.fitting.result import Fit, Refused
 from flinders.heading.error_propagation import level_error
 from flinders.summary.coverage import Coverage
-
-
-def judged(samples: Samples) -> Fit:
-    try:
-        return calibrate.fit(samples)
-    except Refused as refusal:
-        return refusal.fit
 
 
 @pytest.mark.parametrize(("seed", "readings"), [(6, 200), (17, 350)])

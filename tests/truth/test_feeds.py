@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.waiting import PATIENCE_S
 
 from flinders import fit, simulate
 from flinders.core.samples import Samples
@@ -53,7 +54,7 @@ def asked(feed: Feed, until: Callable[[list[Reading], list[FeedEvent]], bool]) -
     """Ask until there is enough."""
     readings: list[Reading] = []
     events: list[FeedEvent] = []
-    give_up = time.monotonic() + 20
+    give_up = time.monotonic() + PATIENCE_S
     while not until(readings, events) and time.monotonic() < give_up:
         found = feed.next(0.1)
         if isinstance(found, FeedEvent):

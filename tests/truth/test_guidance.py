@@ -21,6 +21,7 @@ from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     from numpy.random import Generator
+    from tests.trials import Choose
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 DIP_DEG: Final = 60.0
 BATCH: Final = 10
-SEEDS: Final = range(8)
 NOISE: Final[dict[Goal, float]] = {"heading": 1.5, "attitude": 1.0}
 """µT, so that there is something to do."""
 
@@ -98,10 +98,10 @@ def where_next(followed: str, fit: Fit, goal: Goal, rng: Generator) -> Floats:
 
 
 @cache
-def followed_to_the_end(followed: str, start: str, goal: Goal) -> list[tuple[int, Fit, Sensor]]:
-    """How many batches it takes to bring the worst error below 1°, for eight sensors, and what was found in the end."""
+def followed_to_the_end(followed: str, start: str, goal: Goal, sensors: int) -> list[tuple[int, Fit, Sensor]]:
+    """How many batches it takes to bring the worst error below 1°, for some sensors, and what was found in the end."""
     ends = []
-    for seed in SEEDS:
+    for seed in range(sensors):
         rng = np.random.default_rng([seed, 7])
         sensor, field = begun(start, seed, NOISE[goal])
         taken, fit = 0, judged(field)
@@ -113,9 +113,9 @@ def followed_to_the_end(followed: str, start: str, goal: Goal) -> list[tuple[int
     return ends
 
 
-def steps(followed: str, start: str, goal: Goal) -> Floats:
-    """(8,) batches that it takes."""
-    return np.array([taken for taken, *_ in followed_to_the_end(followed, start, goal)])
+def steps(followed: str, start: str, goal: Goal, sensors: int) -> Floats:
+    """(sensors,) batches that it takes."""
+    return np.array([taken for taken, *_ in followed_to_the_end(followed, start, goal, sensors)])
 
 
 CASES: Final[list[tuple[str, Goal]]] = [
@@ -125,37 +125,41 @@ CASES: Final[list[tuple[str, Goal]]] = [
 
 
 @pytest.mark.parametrize(("start", "goal"), CASES)
-def test_a_user_who_obeys_is_done_in_few_batches(start: str, goal: Goal) -> None:
+def test_a_user_who_obeys_is_done_in_few_batches(start: str, goal: Goal, trials: Choose) -> None:
     """Ten readings a batch, after 150 in a level turn, in a band of 35° of tilt, or within 40° of one direction."""
     for followed in ("advice", "words"):
-        assert steps(followed, start, goal).max() <= 10
+        assert steps(followed, start, goal, trials(8, 3).count).max() <= 10
 
 
 @pytest.mark.parametrize(("start", "goal"), CASES)
-def test_and_sooner_than_one_who_fills_holes_or_turns_at_random(start: str, goal: Goal) -> None:
-    advice, words, hole, chance = (steps(followed, start, goal).mean() for followed in FOLLOWED)
+def test_and_sooner_than_one_who_fills_holes_or_turns_at_random(start: str, goal: Goal, trials: Choose) -> None:
+    claim = trials(8, 3)
+    advice, words, hole, chance = (steps(followed, start, goal, claim.count).mean() for followed in FOLLOWED)
     assert advice <= hole
-    assert advice <= 0.65 * chance
+    assert advice <= 0.65 ** (1.0 / claim.widening) * chance
     assert words <= hole
-    assert words <= 0.65 * chance
+    assert words <= 0.65 ** (1.0 / claim.widening) * chance
 
 
 @pytest.mark.parametrize("start", ["tilted", "cap"])
-def test_and_what_is_claimed_in_the_end_is_so(start: str) -> None:
+def test_and_what_is_claimed_in_the_end_is_so(start: str, trials: Choose) -> None:
     """The true heading error of eight sensors, beside the expected one: stopping at a target does not flatter."""
-    true, claimed = [], []
-    for _, fit, sensor in followed_to_the_end("advice", start, "heading"):
+    true, claimed, claim = [], [], trials(8, 3)
+    for _, fit, sensor in followed_to_the_end("advice", start, "heading", claim.count):
         heading, directions = level_turn(fit.heading_error_deg.dip_deg)
         corrected = fit.calibration.apply(50.0 * directions.T @ sensor.matrix.T + sensor.offset)
         errors = np.angle(np.exp(1j * (np.arctan2(-corrected[:, 1], corrected[:, 0]) - heading)))
         true.append(np.rad2deg(np.std(errors)))
         claimed.append(fit.heading_error_deg.rms)
-    assert 0.5 < np.sqrt(np.mean(np.square(true)) / np.mean(np.square(claimed))) < 1.5
+    low, high = claim.ratios(0.5, 1.5)
+    assert low < np.sqrt(np.mean(np.square(true)) / np.mean(np.square(claimed))) < high
 
 
-def test_a_cap_needs_far_less_than_filling_its_holes() -> None:
+def test_a_cap_needs_far_less_than_filling_its_holes(trials: Choose) -> None:
     """A level heading does not need all of the sphere."""
-    assert steps("advice", "cap", "heading").mean() < 0.8 * steps("hole", "cap", "heading").mean()
+    claim = trials(8, 3)
+    advice, hole = (steps(followed, "cap", "heading", claim.count).mean() for followed in ("advice", "hole"))
+    assert advice < 0.8 ** (1.0 / claim.widening) * hole
 
 
 def test_errors_are_those_of_the_cells_and_the_worst_is_the_goals() -> None:
@@ -198,9 +202,9 @@ def test_advice_is_quick_enough_to_be_live() -> None:
     fit = judged(begun("tilted", 1, 1.0)[1])
     laps = []
     for _ in range(30):
-        began = time.perf_counter()
+        began = time.thread_time()
         advised(fit, "attitude").words()
-        laps.append(time.perf_counter() - began)
+        laps.append(time.thread_time() - began)
     assert min(laps) < 2e-3
 
 

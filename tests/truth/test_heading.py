@@ -24,6 +24,8 @@ from flinders.heading.error_propagation import (
 )
 
 if TYPE_CHECKING:
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
     from flinders.heading.error_propagation import HeadingError
 
@@ -82,8 +84,8 @@ def scattered(tilt_deg: float, dip_deg: float, trials: int) -> Floats:
 
 
 @pytest.mark.parametrize(("tilt_deg", "dip_deg"), [(0.0, 60.0), (30.0, 60.0), (75.0, 20.0), (140.0, -65.0)])
-def test_a_tilted_vehicle_errs_as_the_covariance_says(tilt_deg: float, dip_deg: float) -> None:
-    squares = scattered(tilt_deg, dip_deg, 300)
+def test_a_tilted_vehicle_errs_as_the_covariance_says(tilt_deg: float, dip_deg: float, trials: Choose) -> None:
+    squares = scattered(tilt_deg, dip_deg, trials(300, 60).count)
     claimed = tilted_error(SKEW, COVARIANCE, dip_deg=dip_deg, tilt_deg=tilt_deg)
     assert claimed.rms < 3.0, "small enough for the linear claim"
     assert abs(squares.mean() - claimed.rms**2) < 3.5 * squares.std() / np.sqrt(len(squares))

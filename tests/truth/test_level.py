@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import FIELD, FIELD_STRENGTH, dataset, heading_error_deg
+from tests.worlds import judged, level_turn, rms
 
 import flinders
 from flinders import simulate
@@ -21,14 +22,14 @@ from flinders.heading.error_propagation import level_error
 from flinders.simulate import Sensor, Simulated
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
+
+    from tests.trials import Choose
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
-
-TRIALS: Final = 25
 
 
 class Streamed(Wrapped):
@@ -43,36 +44,8 @@ class Streamed(Wrapped):
         return self.recording.blocks(177)
 
 
-def judged(field: Floats | Samples, **options: object) -> Fit:
-    """The fit, also where it is refused."""
-    try:
-        return flinders.fit(field, **options)  # type: ignore[arg-type]
-    except Refused as error:
-        return error.fit
-
-
 def codes(fit: Fit) -> list[str]:
     return [finding.code for finding in fit.findings]
-
-
-def turn(
-    seed: int,
-    headings_deg: Floats | None = None,
-    *,
-    n: int = 600,
-    noise: float = 0.5,
-    dip_deg: float = 60.0,
-    mounted: Sequence[float] = (0.0, 0.0, 0.0),
-) -> Simulated:
-    """A level turn of some sensor, in order, mounted turned by a rotation vector in degrees."""
-    rng = np.random.default_rng(seed)
-    sensor = Sensor.random(rng, noise=noise)
-    headings = np.linspace(0.0, 360.0, n, endpoint=False) if headings_deg is None else headings_deg
-    attitudes = simulate.turns(np.outer(np.radians(headings), [0.0, 0.0, 1.0]))
-    attitudes = attitudes @ simulate.turns([np.radians(mounted)])
-    directions = simulate.seen_from(attitudes, simulate.north_and_down(dip_deg))
-    raw = sensor.read(FIELD_STRENGTH * directions, rng)
-    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, np.zeros(n, dtype=np.bool_))
 
 
 def best_heading_deg(recording: Simulated) -> float:
@@ -87,10 +60,6 @@ def best_heading_deg(recording: Simulated) -> float:
     gradients = gathered(across / np.linalg.norm(across, axis=0), recording.directions.T) / sensor.noise
     covariance = np.linalg.pinv(gradients.T @ gradients, rcond=1e-9, hermitian=True)
     return level_error(truth, covariance, dip_deg=60.0).rms
-
-
-def rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def headings_off(fit: Fit, recording: Simulated, tilt_deg: float) -> Floats:
@@ -113,10 +82,10 @@ def headings_off(fit: Fit, recording: Simulated, tilt_deg: float) -> Floats:
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.5, 2.0])
-def test_headings_after_a_level_turn_are_as_good_as_can_be_and_as_claimed(sigma: float) -> None:
+def test_headings_after_a_level_turn_are_as_good_as_can_be_and_as_claimed(sigma: float, trials: Choose) -> None:
     """On the data set S7, as far as 25 recordings can tell: no unbiased estimator is better, and the claim is true."""
-    true, claimed, best = [], [], []
-    for trial in range(TRIALS):
+    true, claimed, best, claim = [], [], [], trials(25, 9)
+    for trial in claim.seeds:
         recording = dataset("S7", trial, sigma)
         fit = flinders.fit(recording.samples.field, target_deg=5.0)
         assert (fit.method, fit.verdict) == ("level", "limited")
@@ -124,14 +93,16 @@ def test_headings_after_a_level_turn_are_as_good_as_can_be_and_as_claimed(sigma:
         true.append(heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording))
         claimed.append(fit.heading_error_deg.rms)
         best.append(best_heading_deg(recording))
-    assert rms(best) / rms(true) > 0.8
-    assert 0.7 < rms(true) / rms(claimed) < 1.2
+    low, high = claim.ratios(0.7, 1.2)
+    assert rms(best) / rms(true) > 0.8**claim.widening
+    assert low < rms(true) / rms(claimed) < high
 
 
-def test_three_percent_of_strays_are_left_out() -> None:
+def test_three_percent_of_strays_are_left_out(trials: Choose) -> None:
+    claim = trials(12, 5)
     true, clean = [], []
-    for seed in range(12):
-        recording = turn(seed)
+    for seed in claim.seeds:
+        recording = level_turn(seed)
         field = recording.samples.field.copy()
         rng = np.random.default_rng([7, seed])
         struck = rng.choice(len(field), 18, replace=False)
@@ -142,31 +113,32 @@ def test_three_percent_of_strays_are_left_out() -> None:
         assert 0.01 < next(finding.number for finding in fit.findings if finding.code == "outliers") < 0.06
         true.append(heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording))
         clean.append(heading_error_deg(plain.calibration.matrix, plain.calibration.offset, recording))
-    assert rms(true) < 1.25 * rms(clean)
+    assert rms(true) < 1.25**claim.widening * rms(clean)
 
 
 @pytest.mark.parametrize(
     ("arc_deg", "verdicts"), [(300, {"limited"}), (180, {"limited"}), (60, {"limited", "refused"})]
 )
-def test_less_than_a_full_turn_claims_as_much_less(arc_deg: float, verdicts: set[str]) -> None:
+def test_less_than_a_full_turn_claims_as_much_less(arc_deg: float, verdicts: set[str], trials: Choose) -> None:
     """Of a sixth of a turn the prior speaks for the rest, and hardly a heading is within the target."""
-    weighed, claimed = [], []
-    for seed in range(25):
-        recording = turn(seed, np.linspace(20.0, 20.0 + arc_deg, 600))
+    weighed, claimed, claim = [], [], trials(25, 9)
+    for seed in claim.seeds:
+        recording = level_turn(seed, np.linspace(20.0, 20.0 + arc_deg, 600))
         fit = judged(recording.samples.field)
         assert fit.method == "level"
         assert fit.verdict in verdicts
         true = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording)
         weighed.append(true / fit.heading_error_deg.rms)
         claimed.append(fit.heading_error_deg.rms)
-    assert 0.5 < rms(weighed) < 1.5
+    low, high = claim.ratios(0.5, 1.5)
+    assert low < rms(weighed) < high
     assert max(weighed) < 4.0
     assert (min(claimed) > 2.0) == (arc_deg == 60)
 
 
 def test_a_refused_part_of_a_turn_asks_for_the_rest_of_it_and_not_to_turn_the_vehicle_over() -> None:
     with pytest.raises(Refused, match="turn it all the way round, more than once, keeping it level") as caught:
-        flinders.fit(turn(1, np.linspace(20.0, 60.0, 600)).samples.field)
+        flinders.fit(level_turn(1, np.linspace(20.0, 60.0, 600)).samples.field)
     assert "side down" not in str(caught.value)
 
 
@@ -174,25 +146,27 @@ def resting(seed: int, share: float, n: int = 300) -> Simulated:
     """A level turn of some readings, and a rest at one heading that makes up a share of all."""
     rest = round(n * share / (1.0 - share))
     headings = np.concatenate([np.linspace(0.0, 360.0, n, endpoint=False), np.full(rest, 77.0)])
-    return turn(seed, headings, n=len(headings))
+    return level_turn(seed, headings, n=len(headings))
 
 
 @pytest.mark.parametrize("share", [0.5, 0.75])
-def test_a_rest_at_one_heading_does_not_outweigh_the_turn(share: float) -> None:
+def test_a_rest_at_one_heading_does_not_outweigh_the_turn(share: float, trials: Choose) -> None:
+    claim = trials(20, 6)
     weighed = []
-    for seed in range(20):
+    for seed in claim.seeds:
         recording = resting(seed, share)
         fit = flinders.fit(recording.samples.field)
         assert (fit.method, fit.verdict) == ("level", "limited")
         true = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording)
         weighed.append(true / fit.heading_error_deg.rms)
-    assert 0.6 < rms(weighed) < 1.4
+    low, high = claim.ratios(0.6, 1.4)
+    assert low < rms(weighed) < high
     assert max(weighed) < 4.0
 
 
-def test_a_turn_that_is_lost_beside_a_rest_gives_no_wrong_heading() -> None:
+def test_a_turn_that_is_lost_beside_a_rest_gives_no_wrong_heading(trials: Choose) -> None:
     """Nineteen of twenty readings at one heading: refused, or right."""
-    for seed in range(10):
+    for seed in trials(10, 3).seeds:
         recording = resting(seed, 0.95, n=80)
         fit = judged(recording.samples.field)
         true = heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording)
@@ -201,7 +175,7 @@ def test_a_turn_that_is_lost_beside_a_rest_gives_no_wrong_heading() -> None:
 
 def test_without_a_prior_a_level_turn_is_refused() -> None:
     for seed in range(5):
-        field = turn(seed).samples.field
+        field = level_turn(seed).samples.field
         with pytest.raises(FitError) as caught:
             flinders.fit(field, prior=None)
         assert caught.value.code in {"refused", "undetermined"}
@@ -212,7 +186,7 @@ def test_without_a_prior_a_level_turn_is_refused() -> None:
 
 
 def test_the_sign_of_the_dip_moves_the_offset_along_z_alone() -> None:
-    field = turn(3).samples.field
+    field = level_turn(3).samples.field
     north, south = flinders.fit(field, dip_deg=60.0), flinders.fit(field, dip_deg=-60.0)
     npt.assert_allclose(south.calibration.offset[:2], north.calibration.offset[:2], atol=1e-9)
     npt.assert_allclose(south.calibration.matrix, north.calibration.matrix, atol=1e-12)
@@ -221,27 +195,29 @@ def test_the_sign_of_the_dip_moves_the_offset_along_z_alone() -> None:
     assert south.heading_error_deg.worst == pytest.approx(north.heading_error_deg.worst, rel=1e-9)
 
 
-def test_headings_of_a_tilted_vehicle_are_no_worse_than_claimed() -> None:
+def test_headings_of_a_tilted_vehicle_are_no_worse_than_claimed(trials: Choose) -> None:
     """With the right dip; with its sign wrong, as in the other hemisphere, they are about as bad as claimed."""
+    claim = trials(20, 6)
     tilts = (5.0, 10.0, 30.0)
     right, wrong, claimed = [], [], []
-    for seed in range(20):
-        recording = turn(seed)
+    for seed in claim.seeds:
+        recording = level_turn(seed)
         fit, other = (flinders.fit(recording.samples.field, dip_deg=dip) for dip in (60.0, -60.0))
         right.append([rms(headings_off(fit, recording, tilt).ravel().tolist()) for tilt in tilts])
         wrong.append([rms(headings_off(other, recording, tilt).ravel().tolist()) for tilt in tilts])
         claimed.append([np.radians(fit.tilted_error(tilt).rms) for tilt in tilts])
         assert fit.tilted_error(5.0).worst > 2.0
         assert fit.findings[0].number == fit.attitude_limit_deg < 5.0
-    for tilt, true, beyond, claim in zip(tilts, *map(np.transpose, (right, wrong, claimed)), strict=True):
-        assert rms(true) < 1.1 * rms(claim), tilt
-        assert 0.5 * rms(claim) < rms(beyond) < 2.5 * rms(claim), tilt
+    for tilt, true, beyond, claims in zip(tilts, *map(np.transpose, (right, wrong, claimed)), strict=True):
+        low, high = claim.ratios(0.5, 2.5)
+        assert rms(true) < 1.1**claim.widening * rms(claims), tilt
+        assert low * rms(claims) < rms(beyond) < high * rms(claims), tilt
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0), (0.0, 1.0), (0.6, 0.8)])
 def test_a_plane_not_across_z_is_refused_with_a_hint_at_the_axes(axis: tuple[float, float]) -> None:
     for mounted_deg in (45.0, 90.0):
-        field = turn(2, mounted=(mounted_deg * axis[0], mounted_deg * axis[1], 0.0)).samples.field
+        field = level_turn(2, mounted=(mounted_deg * axis[0], mounted_deg * axis[1], 0.0)).samples.field
         with pytest.raises(Refused, match="map that axis to z with --axes") as caught:
             flinders.fit(field)
         assert caught.value.fit.findings[0].code == "one-plane"
@@ -249,7 +225,7 @@ def test_a_plane_not_across_z_is_refused_with_a_hint_at_the_axes(axis: tuple[flo
 
 def test_the_hint_at_the_axes_helps() -> None:
     """A sensor with its x axis down, mapped."""
-    recording = turn(2)
+    recording = level_turn(2)
     field = np.roll(recording.samples.field, 1, axis=1)
     assert judged(Samples.of(field, unit="uT")).verdict == "refused"
     fit = flinders.fit(Samples.of(field, unit="uT", axes="y,z,x"))
@@ -262,7 +238,7 @@ def test_the_hint_at_the_axes_helps() -> None:
 def test_a_sensor_mounted_a_few_degrees_askew_still_gives_headings(mounted: tuple[float, float, float]) -> None:
     weighed = []
     for seed in range(20):
-        recording = turn(seed, mounted=mounted)
+        recording = level_turn(seed, mounted=mounted)
         fit = flinders.fit(recording.samples.field)
         assert fit.method == "level"
         headings = np.linspace(0.0, 2 * np.pi, 600, endpoint=False)
@@ -274,7 +250,7 @@ def test_a_sensor_mounted_a_few_degrees_askew_still_gives_headings(mounted: tupl
 
 
 def test_a_file_an_array_and_blocks_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    samples = turn(5, n=3000).samples
+    samples = level_turn(5, n=3000).samples
     path = tmp_path / "boat.csv"
     rows = "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in samples.field.tolist())
     path.write_text("mx_uT,my_uT,mz_uT\n" + rows, encoding="utf-8")
@@ -291,7 +267,7 @@ def test_a_file_an_array_and_blocks_give_the_same(tmp_path: Path, monkeypatch: p
 
 
 def test_two_level_turns_are_one_as_good_as_both() -> None:
-    one, other = turn(4), turn(4)
+    one, other = level_turn(4), level_turn(4)
     both = Joined((one.samples, replace_noise(other)))
     alone, together = flinders.fit(one.samples), flinders.fit(both)
     assert together.method == "level"
@@ -306,7 +282,7 @@ def replace_noise(recording: Simulated) -> Samples:
 
 def test_where_only_z_is_stuck_auto_points_to_level_and_level_fits_x_and_y() -> None:
     """A z that never changes may be broken: to do without it has to be asked for."""
-    recording = turn(6)
+    recording = level_turn(6)
     field = recording.samples.field.copy()
     field[:, 2] = 12.5
     with pytest.raises(StuckAxis, match="The method 'level' fits x and y of a level turn alone") as caught:
@@ -322,7 +298,7 @@ def test_where_only_z_is_stuck_auto_points_to_level_and_level_fits_x_and_y() -> 
 
 @pytest.mark.parametrize("stuck", ["x", "y"])
 def test_a_stuck_x_or_y_is_refused_by_level_too(stuck: str) -> None:
-    field = turn(6).samples.field.copy()
+    field = level_turn(6).samples.field.copy()
     field[:, "xyz".index(stuck)] = 12.5
     for method in ("auto", "level"):
         with pytest.raises(StuckAxis, match=f"{stuck} = 12.5") as caught:
@@ -332,7 +308,7 @@ def test_a_stuck_x_or_y_is_refused_by_level_too(stuck: str) -> None:
 
 def test_readings_without_noise_give_the_truth_to_rounding() -> None:
     for seed in range(10):
-        recording = turn(seed, noise=0.0)
+        recording = level_turn(seed, noise=0.0)
         fit = flinders.fit(recording.samples.field)
         assert fit.method == "level"
         assert heading_error_deg(fit.calibration.matrix, fit.calibration.offset, recording) < 1e-6

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 from flinders import simulate
 from flinders.cli import main
@@ -275,13 +276,12 @@ def program(*words: str) -> subprocess.Popen[str]:
     )
 
 
-def wait_for(path: str, rows: int, seconds: float = 10.0) -> None:
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        if Path(path).exists() and len(rows_of(Path(path).read_text(encoding="utf-8"))) >= rows:
-            return
-        time.sleep(0.02)
-    pytest.fail(f"{path} has no {rows} rows after {seconds} s")
+def wait_for(path: str, rows: int) -> None:
+    file = Path(path)
+    wait_until(
+        lambda: file.exists() and len(rows_of(file.read_text(encoding="utf-8"))) >= rows,
+        lambda: f"{rows} rows in {path}",
+    )
 
 
 def test_two_thousand_lines_at_five_hundred_a_second_arrive_complete() -> None:
@@ -295,14 +295,14 @@ def test_two_thousand_lines_at_five_hundred_a_second_arrive_complete() -> None:
             os.write(board.master, line)
 
     sender = threading.Thread(target=send)
-    with ToFile("out.csv") as sink:
+    with ToFile("out.csv") as sink, Heartbeat() as heartbeat:
         sender.start()
-        told = Recorder(source, sink, readings=2000, seconds=10).run()
+        told = Recorder(source, sink, readings=2000, seconds=PATIENCE_S).run()
     sender.join()
     source.close()
     board.unplug()
     assert (told.readings, told.unknown) == (2000, 0)
-    assert told.rate_hz == pytest.approx(500, rel=0.02)
+    assert told.rate_hz == pytest.approx(500, rel=0.02 + heartbeat.worst_s)
     np.testing.assert_allclose(read("out.csv").field[:, 0], np.arange(2000) / 10)
 
 
@@ -310,16 +310,17 @@ def test_a_killed_program_loses_less_than_a_second() -> None:
     board = Board()
     running = program("--serial", str(board.port), "-o", "out.csv")
     wait_for("out.csv", 0)
-    sent, until = 0, time.monotonic() + 8
-    while sent < 300 and time.monotonic() < until:  # 100 lines/s
-        os.write(board.master, raw(np.array([[sent / 10, 20.0, 30.0]])))
-        sent += 1
-        time.sleep(0.01)
+    sent = 0
+    with Heartbeat() as heartbeat:
+        while sent < 300:  # 100 lines/s
+            os.write(board.master, raw(np.array([[sent / 10, 20.0, 30.0]])))
+            sent += 1
+            time.sleep(0.01)
     running.send_signal(signal.SIGKILL)
     running.communicate()
     board.unplug()
     field = read("out.csv").field
-    assert field[-1, 0] * 10 >= sent - 100
+    assert field[-1, 0] * 10 >= sent - 100 * (1.0 + 5.0 * heartbeat.worst_s)
     np.testing.assert_allclose(np.diff(field[:, 0]), 0.1)  # and none in between
 
 
@@ -332,11 +333,11 @@ def test_an_unplugged_board_is_waited_for() -> None:
     board.unplug()
     time.sleep(0.25)
     board.plug()
-    until = time.monotonic() + 8
+    until = time.monotonic() + PATIENCE_S
     while running.poll() is None and time.monotonic() < until:
         os.write(board.master, raw(FIELD[:10]))
         time.sleep(0.1)
-    out, err = running.communicate(timeout=10)
+    out, err = running.communicate(timeout=PATIENCE_S)
     board.unplug()
     assert running.returncode == 0, err
     assert "is gone: check the cable" in err
@@ -357,7 +358,7 @@ def test_ctrl_c_ends_a_recording_well() -> None:
     os.write(board.master, raw())
     wait_for("out.csv", 40)
     running.send_signal(signal.SIGINT)
-    _, err = running.communicate(timeout=10)
+    _, err = running.communicate(timeout=PATIENCE_S)
     board.unplug()
     assert running.returncode == 0, err
     assert "40 readings (Raw: lines)" in err
@@ -399,7 +400,7 @@ def test_the_recording_streams_into_calibrate() -> None:
         running = program("--tcp", address, "--readings", "400", "-o", "-")
         peer, _ = server.accept()
         peer.sendall(raw(content))
-        out, err = running.communicate(timeout=20)
+        out, err = running.communicate(timeout=PATIENCE_S)
         peer.close()
     assert running.returncode == 0, err
     ended = CliRunner().invoke(main, ["calibrate", "-"], input=out)

@@ -5,29 +5,28 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import heading_error_deg
 from click.testing import CliRunner
+from tests.worlds import SENSOR
 
 import flinders
 from flinders.cli import main
 from flinders.core.samples import Joined, Samples
 from flinders.fitting.result import Refused
-from flinders.simulate import Sensor, Simulated, tumble
+from flinders.simulate import Simulated, tumble
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tests.trials import Choose
+
     from flinders.findings import Finding
     from flinders.fitting.result import Fit
-
-SENSOR: Final = Sensor(
-    np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5
-)
 
 
 def recording(
@@ -55,8 +54,8 @@ def differing(fit: Fit) -> Finding | None:
 
 
 @pytest.mark.parametrize(("motion", "n"), [("uniform", 1000), ("hand", 2000), ("hemisphere", 1000)])
-def test_clean_repeats_have_no_finding(motion: str, n: int) -> None:
-    for seed in range(20):
+def test_clean_repeats_have_no_finding(motion: str, n: int, trials: Choose) -> None:
+    for seed in trials(20, 5).seeds:
         parts = [recording(3 * seed + k, motion=motion, n=n).samples for k in range(2 + seed % 2)]
         fit = judged(*parts)
         assert fit.repeats is not None
@@ -64,9 +63,10 @@ def test_clean_repeats_have_no_finding(motion: str, n: int) -> None:
         assert differing(fit) is None, seed
 
 
-def test_the_difference_of_two_clean_recordings_is_that_of_their_fits_and_as_claimed() -> None:
+def test_the_difference_of_two_clean_recordings_is_that_of_their_fits_and_as_claimed(trials: Choose) -> None:
+    claim = trials(20, 6)
     weighed = []
-    for seed in range(20):
+    for seed in claim.seeds:
         parts = [recording(2 * seed + k).samples for k in (0, 1)]
         fit, one, other = judged(*parts), flinders.fit(parts[0]), flinders.fit(parts[1])
         assert fit.repeats is not None
@@ -75,11 +75,12 @@ def test_the_difference_of_two_clean_recordings_is_that_of_their_fits_and_as_cla
         assert first.offset == pytest.approx(apart, rel=1e-6)
         assert first.claimed_deg == pytest.approx(one.heading_error_deg.worst, rel=1e-6)
         weighed.append(first.off_deg / first.off_sigma_deg)
-    assert 0.4 < float(np.sqrt(np.mean(np.square(weighed)))) < 2.0
+    low, high = claim.ratios(0.4, 2.0)
+    assert low < float(np.sqrt(np.mean(np.square(weighed)))) < high
 
 
-def test_an_offset_that_moved_by_3_microtesla_is_refused_naming_both() -> None:
-    for seed in range(10):
+def test_an_offset_that_moved_by_3_microtesla_is_refused_naming_both(trials: Choose) -> None:
+    for seed in trials(10, 3).seeds:
         parts = named("monday.csv", recording(seed)), named("tuesday.csv", recording(seed + 50, (3.0, 0.0, 0.0)))
         with pytest.raises(Refused, match=r"monday\.csv and tuesday\.csv are [\d.]+° of heading apart") as caught:
             flinders.fit(Joined(parts))
@@ -102,9 +103,9 @@ def test_how_grave_it_is_follows_the_heading_that_it_costs(moved: float, severit
     assert finding.number == pytest.approx(2.1 * moved, rel=0.1, abs=0.2)
 
 
-def test_a_small_difference_is_noted_and_counted_in_the_heading_error() -> None:
+def test_a_small_difference_is_noted_and_counted_in_the_heading_error(trials: Choose) -> None:
     """0.3 µT: the claim of the joint fit covers what it errs by in the state of either recording."""
-    for seed in range(10):
+    for seed in trials(10, 3).seeds:
         still, moved = recording(seed, n=3000), recording(seed + 50, (0.3, 0.0, 0.0), n=3000)
         fit = judged(still.samples, moved.samples)
         finding = differing(fit)
@@ -118,8 +119,8 @@ def test_a_small_difference_is_noted_and_counted_in_the_heading_error() -> None:
 
 
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_of_three_recordings_the_one_that_moved_is_named(which: int) -> None:
-    for seed in range(8):
+def test_of_three_recordings_the_one_that_moved_is_named(which: int, trials: Choose) -> None:
+    for seed in trials(8, 2).seeds:
         parts = [
             named(f"{k}.csv", recording(100 * seed + k, (0.0, 1.5, 0.0) if k == which else (0.0, 0.0, 0.0)))
             for k in range(3)

@@ -7,42 +7,26 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import SENSOR, Streamed, moved_alike, passed_by_a_magnet
 
 import flinders
 from flinders import simulate
-from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Readings, cache, likelihood
 from flinders.estimators.auto import Auto
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust, asks_for_it
 from flinders.geometry.ellipsoid import upper
-from flinders.simulate import Sensor, Simulated, angle_error_deg, tumble
+from flinders.simulate import Simulated, angle_error_deg, tumble
 from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from tests.trials import Choose
 
-    from flinders.arrays import Floats
     from flinders.estimators import Estimate
 
-SENSOR: Final = Sensor(
-    np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5
-)
 PASSED: Final = slice(1200, 1320)
 """Rows, from 0, that a magnet spoils: 24.0 to 26.4 s."""
-
-
-class Streamed:
-    """A recording that is gone through block by block."""
-
-    def __init__(self, samples: Samples, rows: int = 777) -> None:
-        self.whole, self.rows = samples, rows
-        self.source, self.unit, self.axes = samples.source, samples.unit, samples.axes
-
-    def blocks(self) -> Iterator[Samples]:
-        """From the first block again."""
-        return self.whole.blocks(self.rows)
 
 
 def weighed(found: Estimate, truth: Simulated) -> float:
@@ -52,27 +36,12 @@ def weighed(found: Estimate, truth: Simulated) -> float:
     return float(off @ np.linalg.solve(found.covariance, off)) / 9.0
 
 
-def struck(seed: int, share: float, moved: Floats) -> Floats:
-    """Five hundred readings all around, the first share of them moved alike."""
-    field = tumble(seed=seed, motion="uniform", n=500, sensor=SENSOR).samples.field.copy()
-    field[: round(share * 500)] += moved
-    return field
-
-
-def with_magnet() -> tuple[Simulated, Samples]:
-    """A tumble by hand, and the same while a magnet passes: 40 µT along a direction of the world."""
-    truth = tumble(seed=3, sensor=SENSOR)
-    field = truth.samples.field.copy()
-    assert truth.attitudes is not None
-    field[PASSED] += 40.0 * truth.attitudes[PASSED, 2] @ SENSOR.matrix.T
-    return truth, Samples.of(field, unit="uT", time=truth.samples.time)
-
-
 @pytest.mark.parametrize("noise", [0.1, 0.5, 2.0])
-def test_gross_outliers_cost_no_more_than_the_readings_they_are(noise: float) -> None:
+def test_gross_outliers_cost_no_more_than_the_readings_they_are(noise: float, trials: Choose) -> None:
     """3 % at up to three field strengths: as good as the likelihood of the other 97 %, and as good as it claims."""
+    claim = trials(25, 8)
     robust, clean, claims = [], [], []
-    for seed in range(25):
+    for seed in claim.seeds:
         truth = tumble(seed=seed, motion="uniform", n=500, noise=noise, outliers=0.03)
         fit = flinders.fit(truth.samples)
         assert fit.method == "robust"
@@ -80,21 +49,23 @@ def test_gross_outliers_cost_no_more_than_the_readings_they_are(noise: float) ->
         robust.append(angle_error_deg(fit.calibration.matrix, fit.calibration.offset, truth))
         clean.append(angle_error_deg(kept.calibration.matrix, kept.calibration.offset, truth))
         claims.append(weighed(Auto().estimate(Readings.of(truth.samples)), truth))
-    assert np.sqrt(np.mean(np.square(robust))) < 1.06 * np.sqrt(np.mean(np.square(clean)))
-    assert 0.7 < np.mean(claims) < 1.4
+    assert np.sqrt(np.mean(np.square(robust))) < 1.06**claim.widening * np.sqrt(np.mean(np.square(clean)))
+    low, high = claim.ratios(0.7, 1.4)
+    assert low < np.mean(claims) < high
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2])
 @pytest.mark.parametrize("size", [30.0, 70.0])
-def test_a_minority_that_is_moved_alike_cannot_win(share: float, size: float) -> None:
+def test_a_minority_that_is_moved_alike_cannot_win(share: float, size: float, trials: Choose) -> None:
+    claim = trials(12, 4)
     spoiled, clean = [], []
-    for seed in range(12):
+    for seed in claim.seeds:
         moved = size * simulate.uniform(np.random.default_rng(seed), 1)[0]
-        found = flinders.fit(struck(seed, share, moved))
+        found = flinders.fit(moved_alike(seed, share, moved))
         assert found.method == "robust"
         spoiled.append(found.calibration.offset - SENSOR.offset)
-        clean.append(flinders.fit(struck(seed, 0.0, moved)).calibration.offset - SENSOR.offset)
-    assert np.sqrt(np.mean(np.square(spoiled))) < 1.4 * np.sqrt(np.mean(np.square(clean)))
+        clean.append(flinders.fit(moved_alike(seed, 0.0, moved)).calibration.offset - SENSOR.offset)
+    assert np.sqrt(np.mean(np.square(spoiled))) < 1.4**claim.widening * np.sqrt(np.mean(np.square(clean)))
 
 
 @pytest.mark.parametrize("place", [0.2, 0.6, 1.5, 3.0], ids=lambda place: f"{place:g} radii from the centre")
@@ -109,7 +80,7 @@ def test_a_fifth_in_one_tight_cluster_cannot_win(place: float) -> None:
 
 
 def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pulled() -> None:
-    truth, samples = with_magnet()
+    truth, samples = passed_by_a_magnet(PASSED)
     fit = flinders.fit(samples, field_strength=50.0)
     assert fit.method == "robust"
     assert np.linalg.norm(fit.calibration.offset - truth.sensor.offset) < 0.2
@@ -129,7 +100,7 @@ def test_a_magnet_that_passes_is_told_with_its_rows_its_time_and_how_far_it_pull
 @pytest.mark.parametrize("rows", [None, 97, 1000])
 def test_what_is_listed_is_what_was_left_out(rows: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
     """The readings around the magnet too, whether the recording is held or goes by in blocks of any size."""
-    _, samples = with_magnet()
+    _, samples = passed_by_a_magnet(PASSED)
     whole = Robust().estimate(Readings.of(samples))
     if rows is not None:
         monkeypatch.setattr(cache, "HELD", 500)
@@ -157,7 +128,7 @@ def test_the_rows_of_a_stray_are_those_of_the_recording() -> None:
 
 def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit from a part of the readings, then the whole again and again, block by block."""
-    _, samples = with_magnet()
+    _, samples = passed_by_a_magnet(PASSED)
     whole = flinders.fit(samples)
     monkeypatch.setattr(cache, "HELD", 1000)
     streamed = flinders.fit(Streamed(samples))
@@ -176,8 +147,8 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("motion", ["uniform", "hand", "tilted", "hemisphere", "clumped"])
 @pytest.mark.parametrize("noise", [0.1, 2.0])
-def test_clean_readings_do_not_ask_for_it(motion: str, noise: float) -> None:
-    for seed in range(15):
+def test_clean_readings_do_not_ask_for_it(motion: str, noise: float, trials: Choose) -> None:
+    for seed in trials(15, 4).seeds:
         readings = Readings.of(tumble(seed=seed, motion=motion, noise=noise).samples)
         assert not asks_for_it(readings, Likelihood().estimate(readings).ellipsoid)
 
@@ -195,7 +166,7 @@ def test_asked_for_it_costs_clean_readings_next_to_nothing() -> None:
 
 
 def test_the_method_and_the_option_are_the_same() -> None:
-    field = struck(1, 0.1, np.array([0.0, 80.0, 0.0]))
+    field = moved_alike(1, 0.1, np.array([0.0, 80.0, 0.0]))
     fits = flinders.fit(field), flinders.fit(field, method="robust"), flinders.fit(field, robust=True)
     assert {fit.method for fit in fits} == {"robust"}
     for fit in fits:

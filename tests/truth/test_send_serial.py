@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.waiting import PATIENCE_S
 
 from flinders.cli import main
 from flinders.core.axes import Axes
@@ -336,11 +337,11 @@ def test_ctrl_c_says_what_the_board_may_hold() -> None:
     with board(is_deaf=True) as one:
         words = [sys.executable, "-c", code, "send", "--port", one.port, "cal.json"]
         running = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
-        until = time.monotonic() + 10
+        until = time.monotonic() + PATIENCE_S
         while not one.accepted and time.monotonic() < until:
             time.sleep(0.01)
         running.send_signal(signal.SIGINT)
-        _, err = running.communicate(timeout=10)
+        _, err = running.communicate(timeout=PATIENCE_S)
     assert running.returncode == 130, err
     assert "! stopped: the board may hold the old values or the new ones; send again, or see" in err
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import SENSOR
 
 import flinders
 from flinders.core.samples import Joined, Samples, Wrapped
@@ -14,16 +15,12 @@ from flinders.estimators import Readings, cache
 from flinders.estimators.autocorrelation import correlation_of
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
-from flinders.simulate import Sensor, tumble
+from flinders.simulate import tumble
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.core.samples import Recording
-
-SENSOR: Final = Sensor(
-    np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]), np.array([20.0, -60.0, 30.0]), 0.5
-)
 
 
 class Streamed(Wrapped):

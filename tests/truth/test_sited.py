@@ -12,6 +12,7 @@ import pytest
 from benchmarks.level import Turned, recorded
 from benchmarks.terms import tilted_error_deg
 from click.testing import CliRunner, Result
+from tests.worlds import rms
 
 import flinders
 from flinders.cli import main
@@ -33,10 +34,6 @@ SITE = Site(50.0, 60.0)
 
 def off(fit: Fit, truth: Simulated, tilt_deg: float) -> float:
     return tilted_error_deg((fit.calibration.offset, fit.calibration.matrix), truth, tilt_deg)
-
-
-def rms(values: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def refit(samples: Samples, **options: object) -> Fit:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import TURNED, body
 
 import flinders
 from flinders import simulate
@@ -22,29 +23,12 @@ from flinders.geometry.ellipsoid import upper
 from flinders.likelihood.gyro import rotations
 
 if TYPE_CHECKING:
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
 
 FIELD: Final = 50.0
 """µT."""
-
-TURNED: Final = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
-"""From the axes of a second sensor into those of the first."""
-
-
-def body(
-    seed: int = 1, *, motion: str = "hand", n: int = 1500, noises: tuple[float, ...] = (0.5, 0.5), same: bool = False
-) -> tuple[dict[str, Samples], list[simulate.Sensor], Floats]:
-    """Recordings of sensors on one body, and the true direction of the field; all but the first are `TURNED`."""
-    rng = np.random.default_rng([seed, 17])
-    path = simulate.tumble(seed=seed, motion=motion, n=n)
-    recordings, sensors = {}, []
-    for number, noise in enumerate(noises):
-        sensor = replace(simulate.Sensor.random(rng, noise=noise), noise=noise)
-        turn = np.eye(3) if number == 0 or same else TURNED
-        field = sensor.read(FIELD * path.directions @ turn, rng)
-        recordings["abcd"[number]] = Samples.of(field, unit="uT", time=path.samples.time, source="abcd"[number])
-        sensors.append(sensor)
-    return recordings, sensors, path.directions
 
 
 def fit_of(member: Member) -> Fit:
@@ -77,10 +61,11 @@ def test_offsets_shapes_and_rotation_are_those_of_the_sensors() -> None:
     npt.assert_allclose(found.noise, 0.5, rtol=0.1)
 
 
-def test_what_is_claimed_is_what_is_off() -> None:
+def test_what_is_claimed_is_what_is_off(trials: Choose) -> None:
     """Squared error over claimed variance, of offsets and of the rotation, mean over twelve bodies: near one."""
+    claim = trials(12, 4)
     offsets, turns = [], []
-    for seed in range(12):
+    for seed in claim.seeds:
         recordings, sensors, _ = body(seed, motion="uniform", n=400)
         found = multi_sensor.solve(np.stack([samples.field for samples in recordings.values()]))
         for number, sensor in enumerate(sensors):
@@ -89,12 +74,13 @@ def test_what_is_claimed_is_what_is_off() -> None:
         off = found.parameters[1].rotation @ TURNED.T
         vector = 0.5 * np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]])
         turns.append(vector @ np.linalg.solve(found.rotation(1)[1], vector) / 3.0)
-    assert 0.6 < np.mean(offsets) < 1.5
-    assert 0.5 < np.mean(turns) < 1.8
+    for values, bounds in ((offsets, (0.6, 1.5)), (turns, (0.5, 1.8))):
+        low, high = claim.ratios(*bounds)
+        assert low < np.mean(values) < high
 
 
 def test_the_rotation_between_any_two_and_its_covariance() -> None:
-    recordings, _, _ = body(3, noises=(0.5, 0.5, 1.0))
+    recordings, _, _ = body(3, n=500, noises=(0.5, 0.5, 1.0))
     fields = np.stack([samples.field for samples in recordings.values()])
     first, other = multi_sensor.solve(fields), multi_sensor.solve(fields, reference=1)
     for ours, theirs in zip(first.rotation(2, 1), other.rotation(2), strict=True):
@@ -174,8 +160,8 @@ def test_a_clock_that_is_off_is_found_and_taken_off(delay: float) -> None:
     assert np.rad2deg(np.linalg.norm(np.asarray(found["b"].rotation) - TURNED)) < 0.5
 
 
-def test_equal_clocks_have_no_delay() -> None:
-    for seed in range(4):
+def test_equal_clocks_have_no_delay(trials: Choose) -> None:
+    for seed in trials(4, 2).seeds:
         recordings, _, _ = body(20 + seed, n=1500)
         times = [samples.time for samples in recordings.values() if samples.time is not None]
         assert not paired(times, [samples.field for samples in recordings.values()]).delays_s.any()
@@ -231,7 +217,7 @@ def test_a_mirror_image_is_found_and_corrected() -> None:
 
 
 def test_the_rotation_of_a_mirror_image_is_as_uncertain_as_of_its_original() -> None:
-    recordings, _, _ = body(12, same=True, noises=(0.5, 0.5, 0.5))
+    recordings, _, _ = body(12, n=500, same=True, noises=(0.5, 0.5, 0.5))
     fields = np.stack([samples.field for samples in recordings.values()])
     plain = multi_sensor.solve(fields)
     fields[1] *= [1.0, 1.0, -1.0]
@@ -349,8 +335,8 @@ def test_of_three_the_one_that_swings_is_blamed_and_the_others_stay_joint() -> N
     assert not codes(found["a"]) & {"sensor-deviates-throughout", "not-together"}
 
 
-def test_two_white_noises_are_no_disagreement() -> None:
-    for seed in range(3):
+def test_two_white_noises_are_no_disagreement(trials: Choose) -> None:
+    for seed in trials(3, 1).seeds:
         recordings, _, _ = body(50 + seed, n=1000, noises=(0.3, 3.0))
         found = fit_multi(recordings)
         assert found.is_joint
@@ -358,10 +344,10 @@ def test_two_white_noises_are_no_disagreement() -> None:
         assert not any({"disagree", "not-together"} & codes(member) for member in found.members)
 
 
-def test_a_clock_that_is_off_by_more_than_is_looked_for_harms_nobody() -> None:
+def test_a_clock_that_is_off_by_more_than_is_looked_for_harms_nobody(trials: Choose) -> None:
     """Three seconds: the readings of that sensor belong to other moments."""
-    for seed in (60, 61):
-        recordings, sensors, _ = body(seed, n=1500, noises=(0.5, 0.5, 0.5))
+    for seed in trials(2, 1).seeds:
+        recordings, sensors, _ = body(60 + seed, n=1500, noises=(0.5, 0.5, 0.5))
         time = recordings["b"].time
         assert time is not None
         found = fit_multi({**recordings, "b": changed(recordings["b"], time=time + 3.0)})
@@ -404,8 +390,8 @@ def test_lengths_tell_against_a_majority_only_where_all_of_it_changed() -> None:
     assert {(run.sensor, run.by_length) for run in departures(one, time)} == {(0, False)}
 
 
-def test_no_departure_where_there_is_none() -> None:
-    for seed in range(3):
+def test_no_departure_where_there_is_none(trials: Choose) -> None:
+    for seed in trials(3, 1).seeds:
         recordings, _, _ = body(30 + seed, n=1000, noises=(0.5, 1.0, 0.5))
         assert fit_multi(recordings).agreement.departures == ()
 

@@ -24,9 +24,10 @@ from flinders.summary.summary import Summary
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
 
-SEEDS: Final = range(25)
 FIELD: Final = 50.0
 FALSEHOODS: Final = ("sphere", "columns", "axis", "heading may be off", "off the ellipsoid", "limit", "repeat")
 """Words of findings that follow from a fit to noise."""
@@ -72,33 +73,35 @@ def code_of(field: Floats, unit: str = "counts", **options: object) -> str:
 
 @pytest.mark.parametrize("iron", [0.0, 1.0, 10.0])
 @pytest.mark.parametrize("noise", [0.05, 0.3, 2.0])
-def test_a_still_sensor_is_unmoved_whatever_its_noise_and_iron(noise: float, iron: float) -> None:
-    for seed in SEEDS:
+def test_a_still_sensor_is_unmoved_whatever_its_noise_and_iron(noise: float, iron: float, trials: Choose) -> None:
+    for seed in trials(25, 4).seeds:
         assert code_of(handled(seed, noise=noise, iron=iron)[0], "uT") == "unmoved"
         if iron != 1.0:  # as strong as the field it may cancel it, and of counts nothing else is known
             assert code_of(handled(seed, noise=noise, iron=iron)[0] * 13.7) == "unmoved"
 
 
 @pytest.mark.parametrize("n", [60, 20_000])
-def test_of_few_readings_and_of_many(n: int) -> None:
-    assert all(code_of(handled(seed, n=n)[0]) == "unmoved" for seed in SEEDS)
+def test_of_few_readings_and_of_many(n: int, trials: Choose) -> None:
+    assert all(code_of(handled(seed, n=n)[0]) == "unmoved" for seed in trials(25, 4).seeds)
 
 
 @pytest.mark.parametrize(("noise", "count"), [(0.1, 0.15), (0.1, 0.5), (0.3, 0.15), (0.3, 1.0)])
-def test_a_still_sensor_whose_readings_flicker_by_counts_is_no_sensor_at_its_limit(noise: float, count: float) -> None:
-    assert all(code_of(handled(seed, noise=noise, count=count)[0]) == "unmoved" for seed in SEEDS)
+def test_a_still_sensor_whose_readings_flicker_by_counts_is_no_sensor_at_its_limit(
+    noise: float, count: float, trials: Choose
+) -> None:
+    assert all(code_of(handled(seed, noise=noise, count=count)[0]) == "unmoved" for seed in trials(25, 4).seeds)
 
 
 @pytest.mark.parametrize(("noise", "drift"), [(0.05, 0.5), (0.3, 0.5), (0.3, 2.0), (0.3, 5.0)])
-def test_a_still_sensor_that_drifts_is_unmoved(noise: float, drift: float) -> None:
-    assert all(code_of(handled(seed, noise=noise, drift=drift)[0]) == "unmoved" for seed in SEEDS)
+def test_a_still_sensor_that_drifts_is_unmoved(noise: float, drift: float, trials: Choose) -> None:
+    assert all(code_of(handled(seed, noise=noise, drift=drift)[0]) == "unmoved" for seed in trials(25, 4).seeds)
 
 
 @pytest.mark.parametrize("kind", ["one", "both"])
 @pytest.mark.parametrize("iron", [0.0, 10.0])
 @pytest.mark.parametrize("wobble_deg", [1.0, 3.0])
-def test_a_sensor_that_was_wobbled_is_unmoved(wobble_deg: float, iron: float, kind: str) -> None:
-    for seed in SEEDS:
+def test_a_sensor_that_was_wobbled_is_unmoved(wobble_deg: float, iron: float, kind: str, trials: Choose) -> None:
+    for seed in trials(25, 4).seeds:
         field, _ = handled(seed, wobble_deg=wobble_deg, iron=iron, kind=kind)
         assert {code_of(field, "uT"), code_of(field)} == {"unmoved"}
 
@@ -106,9 +109,9 @@ def test_a_sensor_that_was_wobbled_is_unmoved(wobble_deg: float, iron: float, ki
 @pytest.mark.parametrize("iron", [0.0, 1.0, 10.0])
 @pytest.mark.parametrize("wobble_deg", [0.0, 3.0])
 def test_the_angle_in_microtesla_is_that_from_the_true_centre_but_for_the_range_of_the_earths_field(
-    wobble_deg: float, iron: float
+    wobble_deg: float, iron: float, trials: Choose
 ) -> None:
-    for seed in SEEDS:
+    for seed in trials(25, 4).seeds:
         field, offset = handled(seed, wobble_deg=wobble_deg, iron=iron)
         directions = (field - offset) / np.linalg.norm(field - offset, axis=1, keepdims=True)
         mean = directions.mean(axis=0) / np.linalg.norm(directions.mean(axis=0))
@@ -124,9 +127,9 @@ def test_the_angle_in_microtesla_is_that_from_the_true_centre_but_for_the_range_
 
 @pytest.mark.parametrize("motion", simulate.MOTIONS)
 @pytest.mark.parametrize("iron", [0.0, 1.0, 10.0])
-def test_a_sensor_that_was_turned_is_not_called_still(motion: str, iron: float) -> None:
+def test_a_sensor_that_was_turned_is_not_called_still(motion: str, iron: float, trials: Choose) -> None:
     """Tumbles, level turns, tilts of a few degrees, drives and rests, also in coarse counts."""
-    for seed in SEEDS:
+    for seed in trials(25, 4).seeds:
         turned = simulate.tumble(seed=seed, motion=motion, held=0.3 if seed % 2 else 0.0).samples.field
         offset = np.random.default_rng(seed).normal(size=3)
         field = turned + iron * FIELD * offset / np.linalg.norm(offset)
@@ -138,8 +141,8 @@ def test_a_sensor_that_was_turned_is_not_called_still(motion: str, iron: float) 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 5.0])
 @pytest.mark.parametrize("iron", [0.0, 10.0])
-def test_a_vehicle_that_tilts_by_five_degrees_is_not_called_still(tilt_deg: float, iron: float) -> None:
-    for seed in SEEDS:
+def test_a_vehicle_that_tilts_by_five_degrees_is_not_called_still(tilt_deg: float, iron: float, trials: Choose) -> None:
+    for seed in trials(25, 4).seeds:
         field = simulate.tumble(seed=seed, motion="tilted", tilt_deg=tilt_deg, n=1000, dip_deg=70.0).samples.field
         field = field + iron * FIELD * np.array([0.6, 0.0, 0.8])
         assert unmoved_deg(Summary.of(field), "uT") is unmoved_deg(Summary.of(field), "counts") is None
@@ -147,8 +150,8 @@ def test_a_vehicle_that_tilts_by_five_degrees_is_not_called_still(tilt_deg: floa
 
 @pytest.mark.parametrize("half_deg", [15.0, 30.0])
 @pytest.mark.parametrize("noise", [0.05, 0.3])
-def test_a_patch_of_directions_is_not_called_still(half_deg: float, noise: float) -> None:
-    for seed in SEEDS:
+def test_a_patch_of_directions_is_not_called_still(half_deg: float, noise: float, trials: Choose) -> None:
+    for seed in trials(25, 4).seeds:
         rng = np.random.default_rng(seed)
         height = rng.uniform(math.cos(math.radians(half_deg)), 1.0, 1500)
         turn = rng.uniform(0.0, 2.0 * np.pi, 1500)
@@ -158,16 +161,16 @@ def test_a_patch_of_directions_is_not_called_still(half_deg: float, noise: float
         assert unmoved_deg(Summary.of(field), "uT") is unmoved_deg(Summary.of(field), "counts") is None
 
 
-def test_a_full_turn_amid_a_long_rest_is_not_called_still() -> None:
-    for seed in SEEDS:
+def test_a_full_turn_amid_a_long_rest_is_not_called_still(trials: Choose) -> None:
+    for seed in trials(25, 4).seeds:
         turn = simulate.tumble(seed=seed, n=1000).samples.field + np.array([600.0, 0.0, 0.0])
         rest = turn[0] + 0.3 * np.random.default_rng(seed).standard_normal((9000, 3))
         assert unmoved_deg(Summary.of(np.concatenate([rest, turn])), "counts") is None
 
 
-def test_a_turn_of_another_unit_is_not_called_still() -> None:
+def test_a_turn_of_another_unit_is_not_called_still(trials: Choose) -> None:
     """In gauss that are taken for microtesla the whole field is half of one."""
-    for seed in SEEDS:
+    for seed in trials(25, 4).seeds:
         assert unmoved_deg(Summary.of(simulate.tumble(seed=seed).samples.field / 100.0), "uT") is None
 
 
@@ -221,8 +224,8 @@ def test_info_says_one_thing(still: str) -> None:
     assert (sensor["coverage"], sensor["strength"], sensor["rails"]) == (None, None, [])
 
 
-def test_the_live_page_says_one_thing() -> None:
-    for seed in SEEDS:
+def test_the_live_page_says_one_thing(trials: Choose) -> None:
+    for seed in trials(25, 4).seeds:
         field, _ = handled(seed, n=3000)
         found = evaluate(Snapshot(key=1, samples=Samples(field, time=np.arange(3000) / 50.0)))
         assert [(reason.code, reason.severity) for reason in found.reasons] == [("no-rotation", "info")]

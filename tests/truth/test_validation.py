@@ -9,6 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import dataset, heading_error_deg
+from tests.worlds import rms
 
 from flinders import simulate
 from flinders.comparison.cross_validation import NotValidated, cross_validated
@@ -30,10 +31,6 @@ if TYPE_CHECKING:
 def true_error_deg(estimator: Estimator, recording: Simulated) -> float:
     found = estimator.estimate(Readings.of(recording.samples)).ellipsoid
     return heading_error_deg(found.radius * np.linalg.inv(found.shape), found.centre, recording)
-
-
-def rms(values: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 @pytest.mark.parametrize("name", ["S1", "S3", "S4", "S7"])

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.claims import by_hand
+from tests.worlds import judged
 
 import flinders
 from flinders import simulate
@@ -33,14 +34,6 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 BARE: Final = Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2)
-
-
-def judged(source: Samples | Joined | Floats, **options: object) -> Fit:
-    """The fit, also where it is refused."""
-    try:
-        return flinders.fit(source, **options)  # type: ignore[arg-type]
-    except Refused as error:
-        return error.fit
 
 
 def plain(n: int = 600, **options: object) -> Samples:

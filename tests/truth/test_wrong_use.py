@@ -6,6 +6,7 @@ More seeds, strengths and motions: ``python -m benchmarks.wrong_use``.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -21,7 +22,9 @@ from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood.site_field import Site
 
-SEEDS = range(4)
+if TYPE_CHECKING:
+    from tests.trials import Choose
+
 MOTIONS = ("swayed", "hand", "rocked", "flight")
 
 
@@ -34,20 +37,20 @@ def named(case: str, motion: str, seed: int, strength: float) -> list[str]:
 
 
 @pytest.mark.parametrize("motion", [*MOTIONS, "drive"])
-def test_a_good_recording_is_left_in_peace(motion: str) -> None:
-    assert all(named("good", motion, seed, 0.0) == [] for seed in SEEDS)
+def test_a_good_recording_is_left_in_peace(motion: str, trials: Choose) -> None:
+    assert all(named("good", motion, seed, 0.0) == [] for seed in trials(4, 1).seeds)
 
 
 @pytest.mark.parametrize("motion", [*MOTIONS, "drive"])
 @pytest.mark.parametrize("scale", [180.0 / np.pi, np.pi / 180.0, 1e3, -1.0])
-def test_a_rate_in_another_unit_is_named_on_all_motions(motion: str, scale: float) -> None:
-    assert all("gyro-unit" in named("gyro", motion, seed, scale) for seed in SEEDS)
+def test_a_rate_in_another_unit_is_named_on_all_motions(motion: str, scale: float, trials: Choose) -> None:
+    assert all("gyro-unit" in named("gyro", motion, seed, scale) for seed in trials(4, 1).seeds)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("case", ["axes", "mirrored"])
-def test_a_gyro_with_exchanged_or_mirrored_axes_is_named(motion: str, case: str) -> None:
-    assert all({"swapped-axes", "gyro-unit"} & set(named(case, motion, seed, 0)) for seed in SEEDS)
+def test_a_gyro_with_exchanged_or_mirrored_axes_is_named(motion: str, case: str, trials: Choose) -> None:
+    assert all({"swapped-axes", "gyro-unit"} & set(named(case, motion, seed, 0)) for seed in trials(4, 1).seeds)
 
 
 @pytest.mark.parametrize("motion", ["swayed", "hand", "rocked"])
@@ -136,8 +139,8 @@ def test_time_that_goes_back_leaves_the_gyro_out() -> None:
     assert (mistake.code, mistake.number) == ("aid-empty", 0)
 
 
-def test_a_current_that_only_has_noise_is_named() -> None:
-    for seed in SEEDS:
+def test_a_current_that_only_has_noise_is_named(trials: Choose) -> None:
+    for seed in trials(4, 1).seeds:
         assert codes_of(CASES["current"][0]("swayed", seed, 0.02)) == ("disturbance-constant",)
 
 

@@ -1,0 +1,48 @@
+"""How often a statistical claim is tried: a few times in every run, hundreds of times by ``pytest -m claims``.
+
+A bound that holds for the mean of all trials is √(all / few) times as wide for the mean of a few, which is `widening`:
+a smoke test of few trials still fails where the claim is wrong by more than that.
+
+>>> few = Trials.choose(False, 400, 25)
+>>> few.count, few.widening
+(25, 4.0)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Number of trials of a statistical claim.
+
+    Attributes
+    ----------
+    count : int
+    widening : float
+        How much wider the bounds of all trials are made for these: 1 for all.
+    """
+
+    count: int
+    widening: float
+
+    @classmethod
+    def choose(cls, is_complete: bool, complete: int, smoke: int) -> Trials:
+        count = complete if is_complete else smoke
+        return cls(count, math.sqrt(complete / count))
+
+    @property
+    def seeds(self) -> range:
+        """One seed a trial."""
+        return range(self.count)
+
+    def ratios(self, low: float, high: float) -> tuple[float, float]:
+        """Bounds of a ratio, of which all trials keep ``low < ratio < high``."""
+        return low**self.widening, high**self.widening
+
+
+Choose: TypeAlias = Callable[[int, int], Trials]

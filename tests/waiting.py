@@ -1,0 +1,60 @@
+"""Waiting for what is to happen: a test waits for a state, not for a time, so that it holds on a busy machine.
+
+>>> moments = iter([False, False, True])
+>>> wait_until(lambda: next(moments))
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Final, Self
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PATIENCE_S: Final = 60.0
+"""Until what has not happened is taken for a fault, however busy the machine is."""
+LOOK_S: Final = 0.005
+
+
+def wait_until(is_so: Callable[[], object], why: Callable[[], object] = lambda: "") -> None:
+    """Wait until something is so; the test fails where it still is not after a minute, with `why`."""
+    end = time.monotonic() + PATIENCE_S
+    while not is_so():
+        if time.monotonic() > end:
+            pytest.fail(f"still not so after {PATIENCE_S:.0f} s: {why()}")
+        time.sleep(LOOK_S)
+
+
+class Heartbeat(threading.Thread):
+    """Measures how long this machine keeps a thread waiting that wants to run every few milliseconds.
+
+    A claim about seconds of wall-clock time is widened by `worst_s`: on a quiet machine that is a few milliseconds.
+
+    >>> with Heartbeat() as heartbeat:
+    ...     time.sleep(0.05)
+    >>> 0.0 < heartbeat.worst_s < PATIENCE_S
+    True
+    """
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.worst_s = 0.0
+        self._is_over = threading.Event()
+
+    def run(self) -> None:
+        before = time.monotonic()
+        while not self._is_over.wait(LOOK_S):
+            now = time.monotonic()
+            self.worst_s, before = max(self.worst_s, now - before), now
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._is_over.set()
+        self.join()

@@ -1,0 +1,117 @@
+"""Worlds that tests share: a sensor of known iron, turns, disturbances, motors and several sensors on one body.
+
+Each builder takes a seed and returns a recording with its truth, or readings alone.
+
+>>> turn = level_turn(1, n=4)
+>>> turn.samples.field.shape, turn.directions[:, 2].round(3).tolist()
+((4, 3), [0.866, 0.866, 0.866, 0.866])
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from flinders import simulate
+from flinders.core.samples import Joined, Samples
+from flinders.fitting.result import Fit, Refused
+from flinders.likelihood.gyro import rotations
+from flinders.simulate import Sensor, Simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.arrays import Floats
+
+FIELD_STRENGTH: Final = 50.0
+"""µT, of the field in all of these worlds."""
+SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
+SENSOR: Final = Sensor(SOFT_IRON, np.array([20.0, -60.0, 30.0]), 0.5)
+PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
+"""µT/A of a motor."""
+MOTORS: Final = simulate.MotorCurrent(per_ampere=PER_AMPERE)
+ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0.2, 0.4, -0.4]])
+"""µT/A of four motors."""
+TURNED: Final = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
+"""From the axes of a second sensor on a body into those of the first."""
+
+
+def judged(field: Floats | Samples | Joined, **options: object) -> Fit:
+    """The fit, also where it is refused."""
+    try:
+        return flinders.fit(field, **options)  # type: ignore[arg-type]
+    except Refused as error:
+        return error.fit
+
+
+def rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+class Streamed:
+    """A recording that comes in blocks of some rows, and counts how often it was gone through."""
+
+    def __init__(self, samples: Samples, rows: int = 777) -> None:
+        self.whole, self.rows, self.passes = samples, rows, 0
+        self.source, self.unit, self.axes = samples.source, samples.unit, samples.axes
+
+    def blocks(self) -> Iterator[Samples]:
+        """From the first block again."""
+        self.passes += 1
+        return self.whole.blocks(self.rows)
+
+
+def level_turn(
+    seed: int,
+    headings_deg: Floats | None = None,
+    *,
+    n: int = 600,
+    noise: float = 0.5,
+    dip_deg: float = 60.0,
+    mounted: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Simulated:
+    """A level turn of some sensor, in order, mounted turned by a rotation vector in degrees."""
+    rng = np.random.default_rng(seed)
+    sensor = Sensor.random(rng, noise=noise)
+    headings = np.linspace(0.0, 360.0, n, endpoint=False) if headings_deg is None else headings_deg
+    attitudes = simulate.turns(np.outer(np.radians(headings), [0.0, 0.0, 1.0]))
+    attitudes = attitudes @ simulate.turns([np.radians(mounted)])
+    directions = simulate.seen_from(attitudes, simulate.north_and_down(dip_deg))
+    raw = sensor.read(FIELD_STRENGTH * directions, rng)
+    strays = np.zeros(len(headings), dtype=np.bool_)
+    return Simulated(Samples.of(raw, unit="uT"), sensor, directions, FIELD_STRENGTH, strays)
+
+
+def moved_alike(seed: int, share: float, moved: Floats) -> Floats:
+    """(500, 3) readings of `SENSOR` all around, the first share of them moved alike."""
+    field = simulate.tumble(seed=seed, motion="uniform", n=500, sensor=SENSOR).samples.field.copy()
+    field[: round(share * 500)] += moved
+    return field
+
+
+def passed_by_a_magnet(rows: slice) -> tuple[Simulated, Samples]:
+    """A tumble by hand, and the same while a magnet passes: 40 µT along a direction of the world."""
+    truth = simulate.tumble(seed=3, sensor=SENSOR)
+    field = truth.samples.field.copy()
+    assert truth.attitudes is not None
+    field[rows] += 40.0 * truth.attitudes[rows, 2] @ SENSOR.matrix.T
+    return truth, Samples.of(field, unit="uT", time=truth.samples.time)
+
+
+def body(
+    seed: int = 1, *, motion: str = "hand", n: int = 1500, noises: tuple[float, ...] = (0.5, 0.5), same: bool = False
+) -> tuple[dict[str, Samples], list[Sensor], Floats]:
+    """Recordings of sensors on one body, and the true direction of the field; all but the first are `TURNED`."""
+    rng = np.random.default_rng([seed, 17])
+    path = simulate.tumble(seed=seed, motion=motion, n=n)
+    recordings, sensors = {}, []
+    for number, noise in enumerate(noises):
+        sensor = replace(Sensor.random(rng, noise=noise), noise=noise)
+        turn = np.eye(3) if number == 0 or same else TURNED
+        field = sensor.read(FIELD_STRENGTH * path.directions @ turn, rng)
+        recordings["abcd"[number]] = Samples.of(field, unit="uT", time=path.samples.time, source="abcd"[number])
+        sensors.append(sensor)
+    return recordings, sensors, path.directions
