@@ -21,8 +21,8 @@ from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UsageError
 from flinders.targets import Asked, find, read_back
-from flinders.targets.ardupilot import Parameters as ArduPilot
-from flinders.targets.px4 import Parameters as Px4
+from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
+from flinders.targets.px4 import Px4Parameters as Px4
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

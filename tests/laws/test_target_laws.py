@@ -81,7 +81,7 @@ def test_any_calibration_is_written_or_refused_with_a_message(
 def test_any_packet_is_read_back_to_the_bit(values: list[float]) -> None:
     body = motioncal.SIGNATURE + struct.pack("<16f", *[0.0] * 6, *values)
     data = body + motioncal.crc16(body).to_bytes(2, "little")
-    assert motioncal.Packet.decode(data).encode() == data
+    assert motioncal.MotionCalPacket.decode(data).encode() == data
 
 
 @given(st.binary(max_size=60))

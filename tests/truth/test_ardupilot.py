@@ -30,7 +30,8 @@ from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import open_dataflash, sniff_dataflash
 from flinders.targets import Asked, ardupilot, registry
 from flinders.targets._autopilot import euler, parse
-from flinders.targets.ardupilot import BY_CURRENT, Parameters, rotation
+from flinders.targets.ardupilot import BY_CURRENT, rotation
+from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

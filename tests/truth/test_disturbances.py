@@ -34,8 +34,8 @@ from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.simulate import table
 from flinders.targets import Asked, find, registry
-from flinders.targets.ardupilot import Parameters as ArduPilot
-from flinders.targets.px4 import Parameters as Px4
+from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
+from flinders.targets.px4 import Px4Parameters as Px4
 
 if TYPE_CHECKING:
     from collections.abc import Callable

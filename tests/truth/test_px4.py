@@ -34,7 +34,8 @@ from flinders.readers._source import File
 from flinders.readers.ulog import open_ulog, sniff_ulog
 from flinders.targets import Asked, registry
 from flinders.targets._autopilot import ROTATIONS, euler, without_turn
-from flinders.targets.px4 import MOUNTINGS, Parameters, board_mounting, compasses, mounting, of_device
+from flinders.targets.px4 import MOUNTINGS, board_mounting, compasses, mounting, of_device
+from flinders.targets.px4 import Px4Parameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

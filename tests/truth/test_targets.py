@@ -583,7 +583,7 @@ def test_a_packet_made_elsewhere_is_read() -> None:
         crc ^= byte
         for _ in range(8):
             crc = (crc >> 1) ^ 0xA001 if crc % 2 else crc >> 1
-    packet = motioncal.Packet.decode(body + struct.pack("<H", crc))
+    packet = motioncal.MotionCalPacket.decode(body + struct.pack("<H", crc))
     npt.assert_allclose(packet.offset, [1.5, -2.5, 3.5])
     npt.assert_allclose(packet.matrix, [[1, 0.01, 0.02], [0.01, 1.1, 0.03], [0.02, 0.03, 0.9]], atol=1e-7)
     assert packet.strength == 48.0
@@ -597,7 +597,7 @@ def test_every_flipped_bit_of_a_packet_is_noticed() -> None:
         damaged = bytearray(data)
         damaged[bit // 8] ^= 1 << bit % 8
         with pytest.raises(DocumentError):
-            motioncal.Packet.decode(bytes(damaged))
+            motioncal.MotionCalPacket.decode(bytes(damaged))
 
 
 def test_a_vehicle_with_several_compasses_asks_which() -> None:

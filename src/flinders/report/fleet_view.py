@@ -106,7 +106,7 @@ class Histogram:
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class FleetUnit:
     """One row that a table of the report shows.
 
     Attributes
@@ -160,7 +160,7 @@ class Overview:
         Rows of each verdict in each hardware batch; empty where no batches are known.
     batch_of : str
         What tells the batch, in words.
-    worst : mapping of str to tuple of Unit
+    worst : mapping of str to tuple of FleetUnit
         Rows that have the largest ``heading error``, ``offset`` and ``noise``.
     target_deg : float
     """
@@ -178,7 +178,7 @@ class Overview:
     methods: Mapping[str, int]
     batches: Mapping[str, Mapping[str, int]]
     batch_of: str
-    worst: Mapping[str, tuple[Unit, ...]]
+    worst: Mapping[str, tuple[FleetUnit, ...]]
     target_deg: float
 
 
@@ -340,7 +340,7 @@ class Undated:
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class FleetDrift:
     """How a fleet changed.
 
     Attributes

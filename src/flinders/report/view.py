@@ -91,7 +91,7 @@ class Shown(Struct, frozen=True):
     strength: float
 
 
-class Residuals(Struct, frozen=True):
+class ResidualHistogram(Struct, frozen=True):
     """Distances of the readings used from the surface, counted.
 
     Attributes
@@ -105,7 +105,7 @@ class Residuals(Struct, frozen=True):
     counts: tuple[int, ...]
 
 
-class Turn(Struct, frozen=True):
+class LevelTurn(Struct, frozen=True):
     """A level turn of a vehicle.
 
     Attributes
@@ -178,8 +178,8 @@ class View(Struct, frozen=True):
         Readings used, by tile.
     rejected : list of (first, last)
         Runs of readings, counted from 0, that were left out.
-    residuals : Residuals or None
-    turn : Turn or None
+    residuals : ResidualHistogram or None
+    turn : LevelTurn or None
     guidance : GuidanceView or None
     shown : Shown or None
         Also of a refused fit.
@@ -205,8 +205,8 @@ class View(Struct, frozen=True):
     tiles_deg: tuple[float | None, ...]
     tiles_seen: tuple[int, ...]
     rejected: tuple[tuple[int, int], ...]
-    residuals: Residuals | None
-    turn: Turn | None
+    residuals: ResidualHistogram | None
+    turn: LevelTurn | None
     guidance: GuidanceView | None
     shown: Shown | None
 
@@ -415,7 +415,7 @@ def matrix_sigma(fit: Fit) -> Floats:
     return sigma
 
 
-def turn(fit: Fit) -> Turn:
+def turn(fit: Fit) -> LevelTurn:
     """What a compass does over a level turn, before and after."""
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
     heading, directions = level_turn(dip, down)
@@ -428,16 +428,16 @@ def turn(fit: Fit) -> Turn:
     gradients = level_gradients(fit.ellipsoid, dip_deg=dip, down=down)
     variance = np.sum(gradients @ fit.covariance * gradients, axis=1).clip(min=0.0)
     sigma = np.hypot(np.rad2deg(np.sqrt(variance)), fit.structure_deg)
-    return Turn(*(tuple(column.round(4).tolist()) for column in (np.rad2deg(heading), np.rad2deg(before), sigma)))
+    return LevelTurn(*(tuple(column.round(4).tolist()) for column in (np.rad2deg(heading), np.rad2deg(before), sigma)))
 
 
-def residuals(fit: Fit, corrected: Floats) -> Residuals:
+def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
     """Count how far (N, 3) corrected readings are from the sphere; of one plane alone, from the circle in it."""
     widest = max(WIDEST * fit.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BINS + 1)
     lengths = lengths_off(corrected, fit.calibration.field_strength, fit.plane)
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
-    return Residuals(tuple(edges.tolist()), tuple(counts.tolist()))
+    return ResidualHistogram(tuple(edges.tolist()), tuple(counts.tolist()))
 
 
 def lengths_off(corrected: Floats, strength: float, plane: Plane | None) -> Floats:

@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError, UsageError
 from flinders.targets._export import Asked, Difference, Export, Written
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.core.calibration import Calibration
 
-__all__ = ["Asked", "Difference", "Export", "Reader", "Target", "Written", "find", "read_back", "registry"]
+__all__ = ["Asked", "Difference", "Export", "Target", "TargetReader", "Written", "find", "read_back", "registry"]
 
 FIRST: Final = (
     "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "inav", "paparazzi", "vectornav",

@@ -59,7 +59,7 @@ EXACT: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Reader:
+class TargetReader:
     """How a target's file is read back.
 
     Attributes
@@ -112,7 +112,7 @@ class Target:
         Where that stands.
     write : callable
         ``write(calibration, asked)`` gives the calibration in the numbers of the target.
-    reader : Reader, optional
+    reader : TargetReader, optional
         Where such a file can be read back.
     acts : str
         A key of `WHERE`.
@@ -148,7 +148,7 @@ class Target:
     storage: str
     source: str
     write: Callable[[Calibration, Asked], Written]
-    reader: Reader | None = None
+    reader: TargetReader | None = None
     acts: Acts = "recorded"
     fed: bool = False
     follows: Literal["", "motors", "all"] = ""

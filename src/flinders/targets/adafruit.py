@@ -22,7 +22,7 @@ import numpy as np
 from flinders.targets._affine import Affine
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import listed, loaded, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -69,6 +69,6 @@ TARGETS: Final = (
         source="Adafruit_Sensor_Calibration_SDFat.cpp",
         comment=None,
         write=write,
-        reader=Reader(rb'"mag_(?:hard|soft)iron"', read, "sensor_calib.json"),
+        reader=TargetReader(rb'"mag_(?:hard|soft)iron"', read, "sensor_calib.json"),
     ),
 )

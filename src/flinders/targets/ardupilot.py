@@ -8,14 +8,14 @@ it. Ours is corrected = A (raw − b), so
 
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
->>> for name, value in Parameters.of(found, compass=2).rows()[:5]:
+>>> for name, value in ArduPilotParameters.of(found, compass=2).rows()[:5]:
 ...     print(f"{name},{value:g}")
 COMPASS_OFS2_X,-100
 COMPASS_OFS2_Y,200
 COMPASS_OFS2_Z,0
 COMPASS_DIA2_X,1.1
 COMPASS_DIA2_Y,1
->>> Parameters.of(found).apply([[100.0, -200.0, 500.0]])            # in mG: 10, −20 and 50 µT
+>>> ArduPilotParameters.of(found).apply([[100.0, -200.0, 500.0]])            # in mG: 10, −20 and 50 µT
 array([[  0.,   0., 450.]])
 
 Offsets are added here, and act after the mounting: PX4 and most others subtract them, in the axes of the sensor.
@@ -58,7 +58,7 @@ from flinders.targets._autopilot import (
 )
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import decoded
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -95,7 +95,7 @@ COMPENSATED: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
+class ArduPilotParameters:
     """The parameters of one compass.
 
     Attributes
@@ -145,7 +145,7 @@ class Parameters:
     ) -> Self:
         """Turn a calibration into parameters.
 
-        Parameters
+        ArduPilotParameters
         ----------
         calibration : Calibration
             In the axes of the vehicle, as a log of ArduPilot is; or in those of the sensor, with its `mounting`.
@@ -221,7 +221,7 @@ class Parameters:
 
         Examples
         --------
-        >>> Parameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
+        >>> ArduPilotParameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
         1.1
         """
         _known(compass)
@@ -279,7 +279,7 @@ class Parameters:
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as ArduPilot does.
 
-        Parameters
+        ArduPilotParameters
         ----------
         raw : (..., 3) mG
             Readings in the axes of the vehicle.
@@ -296,7 +296,7 @@ class Parameters:
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
         """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS.
 
-        Parameters
+        ArduPilotParameters
         ----------
         corrected : (..., 3) mG
         drive : (...) A or 0 to 1
@@ -311,7 +311,8 @@ class Parameters:
 
         Examples
         --------
-        >>> set_up = Parameters(offset=np.array([-100.0, 0, 50]), off_diagonal=np.array([0.1, 0, 0]), scale=1.2)
+        >>> offset, off_diagonal = np.array([-100.0, 0, 50]), np.array([0.1, 0, 0])
+        >>> set_up = ArduPilotParameters(offset=offset, off_diagonal=off_diagonal, scale=1.2)
         >>> set_up.unapply(set_up.apply([1.0, 2.0, 3.0])).round(9)
         array([1., 2., 3.])
         """
@@ -326,7 +327,7 @@ class Parameters:
 
         MOT x is added to a corrected reading: what the motors make of a raw one is P = −A⁻¹ MOT.
 
-        Parameters
+        ArduPilotParameters
         ----------
         field_strength : float, µT
             Length of corrected readings, which parameters do not hold.
@@ -380,7 +381,7 @@ class Parameters:
     def words(self) -> str:
         """Write what is in force on one line, with its names.
 
-        >>> Parameters(offset=np.array([-12.0, 40.5, -93.0]), compass=2).words()
+        >>> ArduPilotParameters(offset=np.array([-12.0, 40.5, -93.0]), compass=2).words()
         'COMPASS_OFS2 -12, 40.5, -93 mG'
         """
         digit = _digit(self.compass)
@@ -583,7 +584,7 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     compass = 1 if asked.compass is None else asked.compass
     in_place = in_vehicle_axes(calibration)
     Affine.of(in_place, "mG", who="ArduPilot")  # refuses counts, and numbers beyond all bounds
-    parameters = Parameters.of(in_place, compass=compass, lossy=asked.lossy).as_held()
+    parameters = ArduPilotParameters.of(in_place, compass=compass, lossy=asked.lossy).as_held()
     values = dict(parameters.rows())
     body = [f"{name},{value:.9g}" for name, value in values.items()]
     left_out = _left_out(in_place, compass)
@@ -602,7 +603,7 @@ def _left_out(calibration: Calibration, compass: int) -> tuple[str, ...]:
     if turn is None:
         return ()
     digit = _digit(compass)
-    then = Parameters.of(calibration, compass=compass, mounting=turn, lossy=True).as_held()
+    then = ArduPilotParameters.of(calibration, compass=compass, mounting=turn, lossy=True).as_held()
     rows = ", ".join(f"{name} {value:.6g}" for name, value in then.rows() if "MOT" not in name)
     note = (
         f"left out: a rotation of {said(turn)}. It belongs into the mounting (COMPASS_ORIENT{digit} 101, "
@@ -624,7 +625,7 @@ def read(content: bytes, source: str, *, strength: float | None = None, compass:
         For lines that are no parameters, or none of such a compass.
     """
     values, wanted = _chosen(content, source, compass)
-    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
+    return ArduPilotParameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
 
 
 def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
@@ -655,6 +656,6 @@ TARGETS: Final = (
         compasses=range(1, 4),
         write=write,
         # pins that Betaflight calls so are none
-        reader=Reader(rb"(?s)\A(?!.*resource COMPASS_).*COMPASS1?_", read, "parameters of ArduPilot", which),
+        reader=TargetReader(rb"(?s)\A(?!.*resource COMPASS_).*COMPASS1?_", read, "parameters of ArduPilot", which),
     ),
 )

@@ -25,7 +25,7 @@ from flinders.errors import DocumentError
 from flinders.targets._affine import VEHICLE, Affine, acting, in_16_bits
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -89,6 +89,6 @@ TARGETS: Final = (
         acts="mapped",
         lengths="as long as the sensor makes them",
         write=write,
-        reader=Reader(rb"(?i)\bset\s+mag_calibration\b", read, "a dump of Betaflight"),
+        reader=TargetReader(rb"(?i)\bset\s+mag_calibration\b", read, "a dump of Betaflight"),
     ),
 )

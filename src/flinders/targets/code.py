@@ -45,7 +45,7 @@ ADVICE: Final = "readings are too large for this format: use the one in single p
 
 
 @dataclass(frozen=True, slots=True)
-class Format:
+class FixedPointFormat:
     """A format of fixed point.
 
     Attributes
@@ -66,8 +66,8 @@ class Format:
     largest: int
 
 
-Q15: Final = Format("Q15", 16, 8, 2**15 - 1)
-Q31: Final = Format("Q31", 32, 4, 2**23 - 1)
+Q15: Final = FixedPointFormat("Q15", 16, 8, 2**15 - 1)
+Q31: Final = FixedPointFormat("Q31", 32, 4, 2**23 - 1)
 
 USUAL: Final = "flinders"
 """What names in C begin with, unless another name is asked for."""
@@ -179,7 +179,7 @@ class FixedPoint:
 
     Attributes
     ----------
-    format : Format
+    format : FixedPointFormat
     entries : (3, 3) int
         Of the matrix, in units of 2^-shift.
     offset : (3,) int
@@ -188,13 +188,13 @@ class FixedPoint:
         Bits of an entry behind the point: as many as the largest entry leaves.
     """
 
-    format: Format
+    format: FixedPointFormat
     entries: tuple[tuple[int, int, int], ...]
     offset: tuple[int, ...]
     shift: int
 
     @classmethod
-    def of(cls, calibration: Calibration, form: Format) -> Self:
+    def of(cls, calibration: Calibration, form: FixedPointFormat) -> Self:
         """Round a calibration.
 
         Raises
@@ -325,7 +325,7 @@ def write_q31(calibration: Calibration, asked: Asked) -> Written:
     return _fixed(calibration, Q31, "int32_t", asked)
 
 
-def _fixed(calibration: Calibration, form: Format, whole: str, asked: Asked) -> Written:
+def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: Asked) -> Written:
     """Code in whole numbers; `whole` is the type of a reading."""
     code, name = FixedPoint.of(calibration, form), begun(USUAL, asked.name)
     unit, places = calibration.raw.name, code.shift + form.fraction

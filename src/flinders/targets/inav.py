@@ -33,7 +33,7 @@ from flinders.errors import DocumentError
 from flinders.targets._affine import in_16_bits, of_radii, offset_and_radii
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -99,6 +99,6 @@ TARGETS: Final = (
         source="sensors/compass.c at 005b1ee7",
         lengths="1024 long",
         write=write,
-        reader=Reader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
+        reader=TargetReader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
     ),
 )

@@ -29,7 +29,7 @@ from flinders.errors import DocumentError, NotExportable
 from flinders.targets._affine import of_radii, offset_and_radii, whole
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import counts, decoded, keyed, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 from flinders.targets._text import MARKUP
 
 if TYPE_CHECKING:
@@ -124,6 +124,6 @@ TARGETS: Final = (
         unverified=("that it acts in the axes of the IMU_MAG_RAW messages, before the mounting",),
         comment=MARKUP,
         write=write,
-        reader=Reader(rb"(?s)\A(?=.*<define).*MAG_[XYZ]_(?:NEUTRAL|SENS)", read, "an airframe of Paparazzi"),
+        reader=TargetReader(rb"(?s)\A(?=.*<define).*MAG_[XYZ]_(?:NEUTRAL|SENS)", read, "an airframe of Paparazzi"),
     ),
 )

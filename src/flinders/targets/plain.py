@@ -17,7 +17,7 @@ from flinders.errors import DocumentError
 from flinders.targets._affine import OWN, Affine, driver_in_recorded_axes
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import listed, loaded, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 from flinders.targets._text import HASH
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ JSON: Final = Target(
     follows="all",
     comment=None,
     write=write_json,
-    reader=Reader(rb'(?s)\A\s*\{.*"corrected = matrix \(raw - offset\)"', read, ""),
+    reader=TargetReader(rb'(?s)\A\s*\{.*"corrected = matrix \(raw - offset\)"', read, ""),
 )
 TARGETS: Final = (
     JSON,

@@ -9,13 +9,13 @@ CAL_MAG_COMP_TYP says. Ours is corrected = A (raw − b), so
 
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
->>> for name, value in Parameters.of(found, compass=1).rows()[:4]:
+>>> for name, value in Px4Parameters.of(found, compass=1).rows()[:4]:
 ...     print(f"{name} {value:g}")
 CAL_MAG1_XOFF 0.1
 CAL_MAG1_YOFF -0.2
 CAL_MAG1_ZOFF 0
 CAL_MAG1_XSCALE 1.1
->>> turned_over = Parameters.of(found, rotation=8)                  # ROLL_180
+>>> turned_over = Px4Parameters.of(found, rotation=8)                  # ROLL_180
 >>> turned_over.apply([[0.1, -0.2, 0.5]])                           # in gauss: 10, −20 and 50 µT
 array([[ 0.  ,  0.  , -0.45]])
 
@@ -60,7 +60,7 @@ from flinders.targets._autopilot import (
 )
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import decoded
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -89,7 +89,7 @@ MOUNTINGS: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
+class Px4Parameters:
     """The parameters of one compass.
 
     Attributes
@@ -141,7 +141,7 @@ class Parameters:
     ) -> Self:
         """Turn a calibration into parameters; they act in the axes as recorded, which must be those of the sensor.
 
-        Parameters
+        Px4Parameters
         ----------
         calibration : Calibration
             Of readings in the axes of the sensor, as ``sensor_mag`` of a PX4 log has them.
@@ -197,7 +197,7 @@ class Parameters:
 
         Examples
         --------
-        >>> Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
+        >>> Px4Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
         array([ 0.  , -0.25,  0.  ])
         """
         name = f"CAL_MAG{_known(compass)}_"
@@ -248,7 +248,7 @@ class Parameters:
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as PX4 does.
 
-        Parameters
+        Px4Parameters
         ----------
         raw : (..., 3) G
             Readings in the axes of the sensor.
@@ -267,7 +267,7 @@ class Parameters:
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Tell what the compass read, r = S⁻¹ Rᵀ m + OFF − x COMP.
 
-        Parameters
+        Px4Parameters
         ----------
         corrected : (..., 3) G
             In the axes of the vehicle.
@@ -281,7 +281,7 @@ class Parameters:
 
         Examples
         --------
-        >>> set_up = Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
+        >>> set_up = Px4Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
         >>> set_up.unapply(set_up.apply([0.1, 0.2, 0.3])).round(9)
         array([0.1, 0.2, 0.3])
         """
@@ -296,7 +296,7 @@ class Parameters:
 
         COMP x is added to a reading: what the motors make of it is P = −COMP, for each A where x counts kA.
 
-        Parameters
+        Px4Parameters
         ----------
         field_strength : float, µT
             Length of corrected readings, which parameters do not hold.
@@ -349,7 +349,7 @@ class Parameters:
     def words(self) -> str:
         """Write what is in force on one line, with its names.
 
-        >>> Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
+        >>> Px4Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
         'CAL_MAG1_OFF 0.0282, -0.2002, -0.1369 G'
         """
         told = [f"CAL_MAG{self.compass}_OFF {listed(self.offset)} G"]
@@ -426,7 +426,7 @@ def compasses(values: Iterable[str]) -> tuple[int, ...]:
     return tuple(n for n in COMPASSES if any(name.startswith(f"CAL_MAG{n}_") for name in there))
 
 
-def of_device(values: Mapping[str, float], device_id: int) -> Parameters | None:
+def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | None:
     """The parameters that PX4 uses for the compass with this number, or None where there are none.
 
     >>> of_device({"CAL_MAG2_ID": 396809, "CAL_MAG2_XOFF": 0.5}, 396809).offset
@@ -434,7 +434,7 @@ def of_device(values: Mapping[str, float], device_id: int) -> Parameters | None:
     """
     if device_id == 0:
         return None
-    known = (Parameters.read(values, compass) for compass in compasses(values))
+    known = (Px4Parameters.read(values, compass) for compass in compasses(values))
     return next((one for one in known if one.device_id is not None and one.device_id % 2**32 == device_id), None)
 
 
@@ -493,7 +493,7 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: A
     """The parameters of one compass, the first unless another is asked for, each as a line."""
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
-    parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL, lossy=asked.lossy).as_held()
+    parameters = Px4Parameters.of(calibration, compass=compass, rotation=INTERNAL, lossy=asked.lossy).as_held()
     values: dict[str, float] = dict(parameters.rows())
     compensated: Callable[[Floats, float], Floats] | None = None
     if (motor := followed(calibration)[1]) is not None:
@@ -529,13 +529,13 @@ def read(content: bytes, source: str, *, strength: float | None = None, compass:
         For lines that are no parameters, or none of such a compass.
     """
     values, wanted = _chosen(content, source, compass)
-    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
+    return Px4Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
 
 
 def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
     """Number, and device id where the file has it, of the compass that `read` takes; raises as `read`."""
     values, wanted = _chosen(content, source, compass)
-    device = Parameters.read(values, wanted).device_id
+    device = Px4Parameters.read(values, wanted).device_id
     return wanted, device % 2**32 if device else None
 
 
@@ -560,7 +560,7 @@ PX4: Final = Target(
     follows="motors",
     compasses=range(4),
     write=write,
-    reader=Reader(rb"CAL_MAG", read, "parameters of PX4", which),
+    reader=TargetReader(rb"CAL_MAG", read, "parameters of PX4", which),
 )
 TARGETS: Final = (
     PX4,

@@ -30,7 +30,7 @@ from flinders.errors import DocumentError, NotExportable
 from flinders.targets._affine import Affine
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import decoded, keyed, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -131,6 +131,6 @@ TARGETS: Final = (
         fed=True,
         source="ctu-vras magnetometer_pipeline, bias_remover.cpp",
         write=write_pipeline,
-        reader=Reader(INITIAL_BIAS[0].encode(), read, "parameters of magnetometer_pipeline"),
+        reader=TargetReader(INITIAL_BIAS[0].encode(), read, "parameters of magnetometer_pipeline"),
     ),
 )

@@ -29,7 +29,7 @@ from flinders.errors import DocumentError
 from flinders.targets._affine import Affine
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import decoded, keyed, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -100,6 +100,6 @@ TARGETS: Final = (
         storage="six decimals, read as float32",
         source="RTIMUSettings.cpp, RTIMU.cpp",
         write=write,
-        reader=Reader(rb"CompassCalValid|compassCalOffsetX", read, "RTIMULib.ini"),
+        reader=TargetReader(rb"CompassCalValid|compassCalOffsetX", read, "RTIMULib.ini"),
     ),
 )

@@ -25,7 +25,7 @@ from flinders.errors import DocumentError
 from flinders.targets._affine import Affine
 from flinders.targets._export import Asked, Written
 from flinders.targets._parsing import decoded, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -92,6 +92,6 @@ TARGETS: Final = (
         source="VN-100 user manual UM001, section 6.2.1",
         comment=None,
         write=write,
-        reader=Reader(rb"\A\s*\$VN", read, "VectorNav's register 23"),
+        reader=TargetReader(rb"\A\s*\$VN", read, "VectorNav's register 23"),
     ),
 )
