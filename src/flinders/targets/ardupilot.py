@@ -145,7 +145,7 @@ class ArduPilotParameters:
     ) -> Self:
         """Turn a calibration into parameters.
 
-        ArduPilotParameters
+        Parameters
         ----------
         calibration : Calibration
             In the axes of the vehicle, as a log of ArduPilot is; or in those of the sensor, with its `mounting`.
@@ -279,7 +279,7 @@ class ArduPilotParameters:
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as ArduPilot does.
 
-        ArduPilotParameters
+        Parameters
         ----------
         raw : (..., 3) mG
             Readings in the axes of the vehicle.
@@ -296,7 +296,7 @@ class ArduPilotParameters:
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
         """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS.
 
-        ArduPilotParameters
+        Parameters
         ----------
         corrected : (..., 3) mG
         drive : (...) A or 0 to 1
@@ -327,7 +327,7 @@ class ArduPilotParameters:
 
         MOT x is added to a corrected reading: what the motors make of a raw one is P = −A⁻¹ MOT.
 
-        ArduPilotParameters
+        Parameters
         ----------
         field_strength : float, µT
             Length of corrected readings, which parameters do not hold.

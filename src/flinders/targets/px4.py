@@ -141,7 +141,7 @@ class Px4Parameters:
     ) -> Self:
         """Turn a calibration into parameters; they act in the axes as recorded, which must be those of the sensor.
 
-        Px4Parameters
+        Parameters
         ----------
         calibration : Calibration
             Of readings in the axes of the sensor, as ``sensor_mag`` of a PX4 log has them.
@@ -248,7 +248,7 @@ class Px4Parameters:
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as PX4 does.
 
-        Px4Parameters
+        Parameters
         ----------
         raw : (..., 3) G
             Readings in the axes of the sensor.
@@ -267,7 +267,7 @@ class Px4Parameters:
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Tell what the compass read, r = S⁻¹ Rᵀ m + OFF − x COMP.
 
-        Px4Parameters
+        Parameters
         ----------
         corrected : (..., 3) G
             In the axes of the vehicle.
@@ -296,7 +296,7 @@ class Px4Parameters:
 
         COMP x is added to a reading: what the motors make of it is P = −COMP, for each A where x counts kA.
 
-        Px4Parameters
+        Parameters
         ----------
         field_strength : float, µT
             Length of corrected readings, which parameters do not hold.
