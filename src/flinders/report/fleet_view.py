@@ -10,8 +10,7 @@ Counts add, so that a table of any length is gone through in parts:
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -227,10 +226,6 @@ class UnitDrift:
     p_value: float
     unit_of_field: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return dataclasses.asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
 class UnitStep:
@@ -259,10 +254,6 @@ class UnitStep:
     moved: tuple[float, ...]
     p_value: float
     unit_of_field: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return dataclasses.asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,10 +293,6 @@ class BatchDrift:
         """Recordings without a good verdict, of how many."""
         count = sum(self.verdicts.values())
         return count - self.verdicts.get("good", 0), count
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return dataclasses.asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -424,13 +411,13 @@ class FleetDrift:
             "pairs": self.pairs,
             "undated": self.undated.as_dict(),
             "unordered": list(self.unordered),
-            "listed": [one.as_dict() for one in self.listed],
+            "listed": [asdict(one) for one in self.listed],
             "steps": {
                 "count": self.step_count,
                 "units": self.step_units,
                 "gaps": self.gaps,
                 "gap_chance": self.step_chance,
-                "largest": [one.as_dict() for one in self.steps],
+                "largest": [asdict(one) for one in self.steps],
             },
-            "batches": {"told_by": self.batch_of, "each": [batch.as_dict() for batch in self.batches]},
+            "batches": {"told_by": self.batch_of, "each": [asdict(batch) for batch in self.batches]},
         }

@@ -145,7 +145,7 @@ class GuidanceView(Struct, frozen=True):
     goal: Literal["heading", "attitude"]
 
 
-class View(Struct, frozen=True):
+class View(Struct, frozen=True, kw_only=True):
     """One fit as it is drawn; what cannot be trusted is None.
 
     Attributes
@@ -189,26 +189,26 @@ class View(Struct, frozen=True):
     sentence: str
     method: str
     unit: str
-    field_strength: float | None
+    field_strength: float | None = None
     field_strength_known: bool
-    offset: Triple | None
-    offset_sigma: Triple | None
-    matrix: Matrix | None
-    matrix_sigma: Matrix | None
-    noise: float | None
+    offset: Triple | None = None
+    offset_sigma: Triple | None = None
+    matrix: Matrix | None = None
+    matrix_sigma: Matrix | None = None
+    noise: float | None = None
     samples: int
-    heading_error_deg: HeadingErrorView | None
-    uncorrected_heading_error_deg: ErrorView | None
-    attitude_limit_deg: float | None
-    any_attitude_deg: ErrorView | None
+    heading_error_deg: HeadingErrorView | None = None
+    uncorrected_heading_error_deg: ErrorView | None = None
+    attitude_limit_deg: float | None = None
+    any_attitude_deg: ErrorView | None = None
     findings: tuple[FindingView, ...]
     tiles_deg: tuple[float | None, ...]
     tiles_seen: tuple[int, ...]
     rejected: tuple[tuple[int, int], ...]
-    residuals: ResidualHistogram | None
-    turn: LevelTurn | None
-    guidance: GuidanceView | None
-    shown: Shown | None
+    residuals: ResidualHistogram | None = None
+    turn: LevelTurn | None = None
+    guidance: GuidanceView | None = None
+    shown: Shown | None = None
 
 
 class TilesView(Struct, frozen=True):
@@ -268,24 +268,13 @@ def view(
         tiles_deg=tuple(round(angle, 4) if angle < LOST_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=_numbered(rejected.runs, numbered),
-        **(dict.fromkeys(COPIED) if fit.verdict == "refused" else _copied(fit)),
-        **(_flat(fit) if fit.is_flat else _claimed(fit, corrected, errors, goal, frame)),
+        **({} if fit.verdict == "refused" else _copied(fit)),
+        **({"sentence": sentence(fit)} if fit.is_flat else _claimed(fit, corrected, errors, goal, frame)),
     )
 
 
-COPIED: Final = (
-    "field_strength", "offset", "offset_sigma", "matrix", "matrix_sigma", "uncorrected_heading_error_deg",
-)  # fmt: skip
-"""What somebody could copy, and is not given of a refused fit."""
-
-CLAIMED: Final = (
-    "noise", "heading_error_deg", "attitude_limit_deg", "any_attitude_deg", "residuals", "turn", "guidance", "shown",
-)  # fmt: skip
-"""What rests on a surface, and is not known where all readings lie in one plane."""
-
-
 def _copied(fit: Fit) -> dict[str, Any]:
-    """`COPIED` of a fit that is not refused."""
+    """What somebody could copy: not given of a refused fit."""
     calibration, raw = fit.calibration, fit.uncorrected_heading_error_deg
     return {
         "field_strength": calibration.field_strength,
@@ -298,7 +287,7 @@ def _copied(fit: Fit) -> dict[str, Any]:
 
 
 def _claimed(fit: Fit, corrected: Floats, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
-    """`CLAIMED` of a fit that has a surface, and the sentence about it."""
+    """What rests on a surface: not known where all readings lie in one plane."""
     calibration, error, limit = fit.calibration, fit.heading_error_deg, fit.attitude_limit_deg
     return {
         "sentence": sentence(fit, limit),
@@ -311,10 +300,6 @@ def _claimed(fit: Fit, corrected: Floats, errors_deg: Floats, goal: Goal, frame:
         "guidance": guidance(fit, goal, frame),
         "shown": Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
     }
-
-
-def _flat(fit: Fit) -> dict[str, Any]:
-    return {"sentence": sentence(fit), **dict.fromkeys(CLAIMED)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -191,8 +191,7 @@ def hand_tumble(
     rate = _wandering(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
     rate *= speed / np.sqrt(np.mean(rate**2))
     attitudes = followed(random_attitude(rng), turns(rate * (1 / rate_hz)))
-    time: Floats = np.arange(n, dtype=np.float64) * (1 / rate_hz)
-    return Turning(time, attitudes, rate)
+    return Turning(_clock(n, rate_hz), attitudes, rate)
 
 
 def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, period: float = 3.0) -> Turning:
@@ -420,12 +419,6 @@ def planar_sweeps(
     return _turning(np.concatenate(parts), rate_hz)
 
 
-def _by_hand(rng: Generator, course: Course) -> Path:
-    """Tumble by hand for n readings."""
-    turning = hand_tumble(rng, seconds=course.n / course.rate_hz, rate_hz=course.rate_hz)
-    return Path(seen_from(turning.attitudes, course.world), turning.attitudes, turning.rate)
-
-
 def _spread(draw: Callable[[Generator, int], Floats]) -> Callable[[Generator, Course], Path]:
     """Make a motion of a function that draws directions."""
     return lambda rng, course: Path(draw(rng, course.n))
@@ -458,7 +451,7 @@ def _limits(course: Course) -> dict[str, float]:
 
 
 MOTIONS: Final[Mapping[str, Motion]] = {
-    "hand": Motion(_by_hand, 60.0),
+    "hand": Motion(_followed(hand_tumble), 60.0),
     "uniform": Motion(_spread(uniform)),
     "tilted": Motion(_posed(tilted), tilt_deg=35.0),
     "level": Motion(_posed(level_turn)),
