@@ -17,7 +17,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import UsageError
-from flinders.targets import Asked, find
+from flinders.targets import ExportOptions, find
 from flinders.targets.code import Q15, Q31, FixedPoint, FixedPointFormat
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def built(folder: Path, source: str, compiler: tuple[str, ...], readings: Floats
 
 
 def text(name: str, calibration: Calibration, called: str | None = None) -> str:
-    return find(name).render(calibration, about=["from a */ test"], asked=Asked(name=called)).text
+    return find(name).render(calibration, about=["from a */ test"], asked=ExportOptions(name=called)).text
 
 
 @pytest.mark.parametrize("compiler", [C99, CPP], ids=["c99", "c++"])

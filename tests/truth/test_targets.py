@@ -22,7 +22,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import PER_UNIT, Unit
 from flinders.errors import DocumentError, InputError, NotExportable, UnitError, UsageError
-from flinders.targets import Asked, find, motioncal, read_back, registry, vectornav
+from flinders.targets import ExportOptions, find, motioncal, read_back, registry, vectornav
 from flinders.targets._affine import nearest_diagonal, symmetric_root
 from flinders.targets._autopilot import euler
 from flinders.targets._target import HOLDS, WHERE
@@ -61,7 +61,7 @@ def readings(calibration: Calibration) -> Floats:
 
 
 def rendered(name: str, calibration: Calibration, **asked: Any) -> Export:
-    return find(name).render(calibration, about=["from a test"], asked=Asked(**asked))
+    return find(name).render(calibration, about=["from a test"], asked=ExportOptions(**asked))
 
 
 # the formulas, each from its source (formats.md, section 3)
@@ -534,7 +534,7 @@ def test_what_was_written_in_counts_is_read_back(name: str, axes: str) -> None:
     if not is_mapped:
         out = given.axes.apply(out)
     assert np.linalg.norm(out - expected, axis=1).max() <= BOUND_UT.get(name, BOUND_UT["paparazzi"])
-    again = row.render(back, asked=Asked(lossy=True)).text
+    again = row.render(back, asked=ExportOptions(lossy=True)).text
     settings = [line for line in text.splitlines() if line.startswith(("set ", "<define"))]
     assert [line for line in again.splitlines() if line.startswith(("set ", "<define"))] == settings
 

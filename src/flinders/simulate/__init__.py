@@ -77,7 +77,7 @@ from flinders.simulate.motions import SETTLING as SETTLING
 from flinders.simulate.motions import Course as Course
 from flinders.simulate.motions import Motion as Motion
 from flinders.simulate.motions import Path as Path
-from flinders.simulate.motions import Turning as Turning
+from flinders.simulate.motions import Trajectory as Trajectory
 from flinders.simulate.motions import drive as drive
 from flinders.simulate.motions import figure_eight as figure_eight
 from flinders.simulate.motions import flight as flight

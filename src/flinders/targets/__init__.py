@@ -18,7 +18,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError, UsageError
-from flinders.targets._export import Asked, Difference, Export, Written
+from flinders.targets._export import Difference, Export, ExportOptions, Written
 from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
@@ -26,7 +26,17 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
 
-__all__ = ["Asked", "Difference", "Export", "Target", "TargetReader", "Written", "find", "read_back", "registry"]
+__all__ = [
+    "Difference",
+    "Export",
+    "ExportOptions",
+    "Target",
+    "TargetReader",
+    "Written",
+    "find",
+    "read_back",
+    "registry",
+]
 
 FIRST: Final = (
     "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "inav", "paparazzi", "vectornav",

@@ -30,7 +30,7 @@ DIP_DEG = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ExportOptions:
     """What is asked of a target besides the calibration.
 
     Attributes
@@ -48,7 +48,7 @@ class Asked:
     name: str | None = None
 
 
-NOTHING_MORE = Asked()
+NOTHING_MORE = ExportOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

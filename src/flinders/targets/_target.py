@@ -26,7 +26,7 @@ from flinders.core.units import label
 from flinders.errors import figures
 from flinders.targets._affine import OWN, RECORDED, VEHICLE, Acts, acting, in_recorded_axes, per_unit, refuse_mounted
 from flinders.targets._autopilot import followed
-from flinders.targets._export import DIP_DEG, NOTHING_MORE, Asked, Difference, Export, Written
+from flinders.targets._export import DIP_DEG, NOTHING_MORE, Difference, Export, ExportOptions, Written
 from flinders.targets._text import HASH, Comment
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ class Target:
     keeps: Keeps
     storage: str
     source: str
-    write: Callable[[Calibration, Asked], Written]
+    write: Callable[[Calibration, ExportOptions], Written]
     reader: TargetReader | None = None
     acts: Acts = "recorded"
     fed: bool = False
@@ -181,7 +181,9 @@ class Target:
         """Whether it refuses readings in the axes of the vehicle: it acts before the mounting, on what it reads."""
         return self.acts == "recorded" and not self.fed
 
-    def render(self, calibration: Calibration, *, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+    def render(
+        self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions = NOTHING_MORE
+    ) -> Export:
         """Write a calibration for the target, and try the target's own formula on what is written.
 
         Parameters
@@ -189,7 +191,7 @@ class Target:
         calibration : Calibration
         about : sequence of str
             Lines that tell where it comes from.
-        asked : Asked
+        asked : ExportOptions
             Which compass, and what else there is to choose.
 
         Raises

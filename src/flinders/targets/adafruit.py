@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import listed, loaded, numbers
 from flinders.targets._target import Target, TargetReader
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the file; gyroscope and accelerometer stay uncorrected; a calibration in counts raises `UnitError`."""
     found = Affine.of(calibration, "uT", who="SensorLab").single
     fields = {

@@ -39,7 +39,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
 from flinders.targets._affine import in_recorded_axes
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 
 if TYPE_CHECKING:
@@ -277,7 +277,7 @@ def _advice(calibration: Calibration) -> str:
     return "Take away or demagnetise what is near the sensor, or correct its readings outside the device"
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the twelve registers.
 
     Raises

@@ -56,7 +56,7 @@ from flinders.targets._autopilot import (
     symmetric,
     turn_of,
 )
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded
 from flinders.targets._target import Target, TargetReader
 
@@ -569,7 +569,7 @@ def _rotation_matrix(mounting: ArrayLike) -> Floats:
 # the file
 
 
-def write(calibration: Calibration, asked: Asked) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the parameters of one compass, the first unless another is asked for.
 
     Raises

@@ -13,7 +13,7 @@ bits, b in 2⁻⁸ or 2⁻⁴ of a unit.
 >>> code.apply([440, -32, 7])                                           # 1.25 · 319.6 = 399.5, −0.4, 0
 array([400.,   0.,   0.])
 >>> module: dict[str, object] = {}
->>> exec(chr(10).join(write_micropython(found, Asked()).body), module)
+>>> exec(chr(10).join(write_micropython(found, ExportOptions()).body), module)
 >>> module["correct"]((520.4, -31.6, 7))
 (500.0, 0.0, 0.0)
 """
@@ -29,7 +29,7 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.errors import NotExportable
 from flinders.targets._affine import OWN, RECORDED, Affine, driver_in_recorded_axes, single, whole
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import BLOCK, HASH, begun, digits, float32s, guarded
 
@@ -236,7 +236,7 @@ def single_precision(calibration: Calibration) -> Affine:
     return Affine(found.matrix * calibration.raw.scale, found.offset, calibration.field_strength).single
 
 
-def write_header(calibration: Calibration, asked: Asked) -> Written:
+def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``.
 
     Raises
@@ -249,7 +249,7 @@ def write_header(calibration: Calibration, asked: Asked) -> Written:
     return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
 
 
-def write_sketch(calibration: Calibration, asked: Asked) -> Written:
+def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place.
 
     Raises
@@ -262,7 +262,7 @@ def write_sketch(calibration: Calibration, asked: Asked) -> Written:
     return _filled(SKETCH, calibration, constant=constant, function=function)
 
 
-def write_micropython(calibration: Calibration, _asked: Asked) -> Written:
+def write_micropython(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
     return _filled(MODULE, calibration, suffix="", row="    ({}),")
 
@@ -307,7 +307,7 @@ def _driven(calibration: Calibration, name: str) -> Iterator[str]:
     yield "}"
 
 
-def write_q15(calibration: Calibration, asked: Asked) -> Written:
+def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for whole readings of 16 bits.
 
     Raises
@@ -320,12 +320,12 @@ def write_q15(calibration: Calibration, asked: Asked) -> Written:
     return _fixed(calibration, Q15, "int16_t", asked)
 
 
-def write_q31(calibration: Calibration, asked: Asked) -> Written:
+def write_q31(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for whole readings of 24 bits in 32; raises as `write_q15`."""
     return _fixed(calibration, Q31, "int32_t", asked)
 
 
-def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: Asked) -> Written:
+def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: ExportOptions) -> Written:
     """Code in whole numbers; `whole` is the type of a reading."""
     code, name = FixedPoint.of(calibration, form), begun(USUAL, asked.name)
     unit, places = calibration.raw.name, code.shift + form.fraction

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import digits
 
@@ -24,7 +24,7 @@ SENSOR: Final = r"""  - platform: template
            + {z};"""
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write three template sensors; a calibration in counts raises `UnitError`."""
     found = Affine.of(calibration, "uT", who="ESPHome").single
     body = ["sensor:"]

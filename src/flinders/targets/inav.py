@@ -4,7 +4,7 @@ A gain is the radius of its axis in counts, so that corrected readings are 1024 
 nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), Asked())
+>>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
 >>> print(*found.body, sep=chr(10))
 set magzero_x = 120
 set magzero_y = -32
@@ -31,7 +31,7 @@ from flinders.arrays import Floats, floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._affine import in_16_bits, of_radii, offset_and_radii
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import counts, settings
 from flinders.targets._target import Target, TargetReader
 
@@ -44,7 +44,7 @@ ZEROS: Final = ("magzero_x", "magzero_y", "magzero_z")
 GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the lines; a recording that was not in raw counts raises `UnitError`.
 
     Raises

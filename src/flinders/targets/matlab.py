@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.targets._affine import RECORDED, Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import PERCENT, begun
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 
-def write(calibration: Calibration, asked: Asked) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the function; A is transposed, as readings are rows. What comes out has the unit of what goes in."""
     found = Affine.of(calibration, RECORDED, who="MATLAB and Octave", acts="across")
     rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in found.matrix.T)

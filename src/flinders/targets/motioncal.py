@@ -27,7 +27,7 @@ import numpy as np
 from flinders.arrays import Floats, vectors
 from flinders.errors import DocumentError
 from flinders.targets._affine import Affine, single, symmetric_root
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def crc16(content: bytes) -> int:
     return crc
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the bytes; the text shows them in hexadecimal.
 
     Raises

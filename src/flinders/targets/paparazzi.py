@@ -4,7 +4,7 @@ Corrected readings are 2048 long, 1 in fixed point with eleven bits; with D the 
 matrix and F the length of corrected readings in counts, sens = 2048 D / F.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), Asked())
+>>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
 >>> found.values["MAG_Y_NEUTRAL"], found.values["MAG_Y_SENS"]
 (-32, 5.12)
 >>> found.apply([440.0, -32.0, 7.0])
@@ -27,7 +27,7 @@ from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._affine import of_radii, offset_and_radii, whole
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import counts, decoded, keyed, numbers
 from flinders.targets._target import Target, TargetReader
 from flinders.targets._text import MARKUP
@@ -45,7 +45,7 @@ DEFINE: Final = re.compile(r"<define\b([^<>]*)>")
 ATTRIBUTE: Final = re.compile(r"""\b(name|value)\s*=\s*("[^"]*"|'[^']*')""")
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
 
     Raises

@@ -15,7 +15,7 @@ from flinders.core.disturbance import BY_KEY, Disturbance
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
 from flinders.targets._affine import OWN, Affine, driver_in_recorded_axes
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import listed, loaded, numbers
 from flinders.targets._target import Target, TargetReader
 from flinders.targets._text import HASH
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 FORMULA: Final = "corrected = matrix (raw - offset)"
 
 
-def write_json(calibration: Calibration, _asked: Asked) -> Written:
+def write_json(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write one JSON object."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     values = _values(calibration, correction)
     return Written(correction.apply, json.dumps(values, indent=1).splitlines(), values)
 
 
-def write_yaml(calibration: Calibration, _asked: Asked) -> Written:
+def write_yaml(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     values = _values(calibration, correction)

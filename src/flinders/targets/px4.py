@@ -58,7 +58,7 @@ from flinders.targets._autopilot import (
     symmetric,
     turn_of,
 )
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded
 from flinders.targets._target import Target, TargetReader
 
@@ -469,7 +469,7 @@ LEFT_OUT: Final = (
 )
 
 
-def write(calibration: Calibration, asked: Asked) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the five columns that QGroundControl loads: vehicle, component, name, value, type.
 
     Raises
@@ -484,12 +484,12 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     return _written(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{_type(name)}", asked)
 
 
-def write_shell(calibration: Calibration, asked: Asked) -> Written:
+def write_shell(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write lines for the shell of the vehicle; raises as `write`."""
     return _written(calibration, lambda name, value: f"param set {name} {value}", asked)
 
 
-def _written(calibration: Calibration, line: Callable[[str, str], str], asked: Asked) -> Written:
+def _written(calibration: Calibration, line: Callable[[str, str], str], asked: ExportOptions) -> Written:
     """The parameters of one compass, the first unless another is asked for, each as a line."""
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds

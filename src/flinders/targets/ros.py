@@ -28,7 +28,7 @@ import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded, keyed, numbers
 from flinders.targets._target import Target, TargetReader
 
@@ -42,7 +42,7 @@ INITIAL_BIAS: Final = tuple(f"initial_{name}" for name in BIAS)
 INITIAL_MATRIX: Final = "initial_mag_scaling_matrix"
 
 
-def write_madgwick(calibration: Calibration, _asked: Asked) -> Written:
+def write_madgwick(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write a file of parameters for ROS 2, for a node of any name: it subtracts a bias, and knows no soft iron.
 
     Raises
@@ -60,7 +60,7 @@ def write_madgwick(calibration: Calibration, _asked: Asked) -> Written:
     return Written(lambda raw: raw - bias, ["/**:", "  ros__parameters:", "    use_mag: true", *named], values)
 
 
-def write_pipeline(calibration: Calibration, _asked: Asked) -> Written:
+def write_pipeline(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the parameters of bias_remover, for rosparam; a calibration in counts raises `UnitError`."""
     exact = Affine.of(calibration, "T", who="magnetometer_pipeline")
     found = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)

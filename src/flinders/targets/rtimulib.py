@@ -6,7 +6,7 @@ them unless the extremes are valid too.
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> lines = write(found, Asked()).body
+>>> lines = write(found, ExportOptions()).body
 >>> print(*lines[:3], lines[-1], sep=chr(10))
 CompassCalValid=true
 CompassCalMinX=-50.000000
@@ -27,7 +27,7 @@ import numpy as np
 
 from flinders.errors import DocumentError
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded, keyed, numbers
 from flinders.targets._target import Target, TargetReader
 
@@ -44,7 +44,7 @@ OFFSET: Final = tuple(f"compassCalOffset{axis}" for axis in "XYZ")
 MATRIX: Final = tuple(f"compassCalCorr{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the lines that replace those of the same names; a calibration in counts raises `UnitError`."""
     found = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
     reach = max(round(found.strength, PLACES), 10.0**-PLACES)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._affine import OWN, Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import BLOCK, float32s
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the arrays and how to use them."""
     found = Affine.of(calibration, OWN, who="zscilib").single
     bias = np.negative(found.offset)
