@@ -270,9 +270,7 @@ def test_the_echo_of_the_values_before_confirms_nothing() -> None:
     ):
         sent(one, answer=0.2)
     one = Board(is_deaf=True)
-    one.held = MotionCalPacket(
-        PACKET.offset, PACKET.strength, np.eye(3)
-    )  # all of the first line agrees, and nothing else
+    one.held = MotionCalPacket(PACKET.offset, PACKET.strength, np.eye(3))  # of the first line all agrees, nothing else
     one.start()
     with pytest.raises(NotConfirmed, match=r"the board still says 1 in place of 1\.09405"):
         sent(one, answer=0.2)

@@ -339,4 +339,4 @@ def _is_used(rule: str, kinds: set[str]) -> bool:
 
 
 def _coloured(rule: str, theme: Theme) -> str:
-    return re.sub(r"var\(--([\w-]+)\)", lambda found: colour_of(found[1], theme), rule)
+    return re.sub(r"var\(--([\w-]+)\)", lambda match: colour_of(match[1], theme), rule)

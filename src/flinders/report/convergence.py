@@ -98,9 +98,9 @@ class Trace:
         """(K,) how far the worst level heading is off the last one, to first order; at most 180."""
         known = self.steps.is_known
         gradients = level_gradients(self.steps.ellipsoid(self.last), dip_deg=self.dip_deg)
-        found: Floats = np.full(len(self.steps), np.nan)
-        found[known] = np.minimum(np.rad2deg(np.abs(self.off[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0)
-        return found
+        errors: Floats = np.full(len(self.steps), np.nan)
+        errors[known] = np.minimum(np.rad2deg(np.abs(self.off[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0)
+        return errors
 
 
 def table(trace: Trace) -> str:
@@ -139,8 +139,8 @@ def drawing(trace: Trace) -> str:
 def _title(trace: Trace) -> str:
     counts = trace.steps.counts.tolist()
     title = f"How {trace.method} settles over {counted(counts[-1], 'reading')}"
-    held = counts[trace.last]
-    return title if held == counts[-1] else f"{title}: lost after {held:,}"
+    last = counts[trace.last]
+    return title if last == counts[-1] else f"{title}: lost after {last:,}"
 
 
 def _plot(top: float, trace: Trace, low: float, high: float, scale: Scale = np.asarray) -> Plot:

@@ -113,27 +113,29 @@ def _remarks(drift: FleetDrift) -> list[str]:
     """What else there is to know, a line each."""
     against = "its first" if drift.against == "first" else "the one before"
     what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
-    found = [f"{what}; the newest of each against {against}, held level, dip {abs(drift.dip_deg):g}°"]
-    found += about_order(drift)
+    remarks = [f"{what}; the newest of each against {against}, held level, dip {abs(drift.dip_deg):g}°"]
+    remarks += about_order(drift)
     if drift.session > 1.05:
-        found.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")
+        remarks.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")
     if drift.walk_deg > 0.005:
-        found.append(f"slow drift of this fleet: {degrees(drift.walk_deg)} of heading over a year (1 σ)")
+        remarks.append(f"slow drift of this fleet: {degrees(drift.walk_deg)} of heading over a year (1 σ)")
     undated = drift.undated
     if undated.units and undated.session > 1.05:
-        found.append(
+        remarks.append(
             f"recordings without dates scatter {figures(undated.session**0.5)} times as far as they claim: allowed for"
         )
     if undated.units and undated.walk_deg > 0.005:
-        found.append(
+        remarks.append(
             f"slow drift where no dates are known: {degrees(undated.walk_deg)} of heading from one recording to the "
             "next (1 σ)"
         )
     if drift.left_out:
-        found.append(f"{counted(drift.left_out, 'row')} left out: refused, failed, or in another unit than the others")
+        remarks.append(
+            f"{counted(drift.left_out, 'row')} left out: refused, failed, or in another unit than the others"
+        )
     if drift.batches:
-        found.append(f"the batch is told by {drift.batch_of}")
-    found.append(
+        remarks.append(f"the batch is told by {drift.batch_of}")
+    remarks.append(
         f"chance alone lists a unit, or a step, in {drift.chance:.0%} of fleets of this size in which nothing changed"
     )
-    return found
+    return remarks

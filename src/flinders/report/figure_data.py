@@ -191,8 +191,8 @@ def _under(shown: Shown, field: Floats) -> Floats:
 
 def _seen(fit: Fit, samples: Samples) -> View:
     """The view, with advice for what is still to be reached: headings, then all attitudes, then nothing."""
-    found = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
-    return msgspec.structs.replace(found, guidance=None) if fit.verdict == "good" else found
+    seen = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
+    return msgspec.structs.replace(seen, guidance=None) if fit.verdict == "good" else seen
 
 
 def _whole(recording: Recording) -> Samples:

@@ -176,11 +176,11 @@ def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
     list of (str, str)
         Title and figure.
     """
-    found = [("Before", _cloud(drawn, is_corrected=False))]
+    titled = [("Before", _cloud(drawn, is_corrected=False))]
     if drawn.view is not None and drawn.view.shown is not None:
-        found.append(("After", _cloud(drawn, is_corrected=True)))
-        found.append(("Predicted error", _ball(drawn.view, target_deg)))
-    return found
+        titled.append(("After", _cloud(drawn, is_corrected=True)))
+        titled.append(("Predicted error", _ball(drawn.view, target_deg)))
+    return titled
 
 
 def _eye() -> Floats:

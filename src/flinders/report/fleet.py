@@ -182,30 +182,30 @@ def _notes(overview: Overview) -> list[str]:
 
 def about_order(drift: FleetDrift) -> list[str]:
     """Say of which units no dates or no order are known, and what was counted once; a sentence each."""
-    found = []
+    remarks = []
     if drift.undated.units:
-        found.append(
+        remarks.append(
             f"no dates are known of {counted(drift.undated.units, 'unit')}: recordings are taken in the order of their "
             "names, nothing is told by the day, and a step may be drift over a long time"
         )
     if count := drift.states["unordered"]:
         some = ", ".join(drift.unordered[:5]) + (" and others" if count > 5 else "")
-        found.append(
+        remarks.append(
             f"the order of recordings is not known of {counted(count, 'unit')} ({some}): nothing is told of them; put "
             "dates into the names of recordings"
         )
     if drift.passed_over:
-        found.append(
+        remarks.append(
             f"{counted(drift.passed_over, 'row')} passed over: the same recordings stand in a table named later, or "
             "further down, and count once"
         )
-    return found
+    return remarks
 
 
 def _numbers(overview: Overview, drift: FleetDrift | None) -> list[tuple[str, str, str]]:
     """What stands in large figures: name, number, what it is."""
     good, refused, failed = (overview.verdicts.get(name, 0) for name in ("good", "refused", "failed"))
-    found = [
+    rows = [
         ("Units", f"{overview.units:,}", counted(overview.rows, "recording")),
         ("Good", percent(good, overview.rows), counted(good, "recording")),
     ]
@@ -215,9 +215,9 @@ def _numbers(overview: Overview, drift: FleetDrift | None) -> list[tuple[str, st
     errors = _median("Worst heading off by", overview.heading_deg, better)
     if drift is None:
         why = f"{refused:,} refused, {failed:,} could not be read" if refused or failed else "all gave one"
-        return [*found, ("No calibration", f"{refused + failed:,}", why), *errors]
+        return [*rows, ("No calibration", f"{refused + failed:,}", why), *errors]
     return [
-        *found,
+        *rows,
         *errors,
         ("To recalibrate", f"{drift.states['recalibrate']:,}", f"changed by more than {drift.target_deg:g}°"),
         ("Moved in a step", f"{drift.step_units:,}", f"{counted(drift.step_count, 'step')} in {drift.gaps:,} gaps"),

@@ -71,8 +71,8 @@ class Histogram:
         """With more numbers; those that are not known are left out."""
         values = np.asarray(numbers, float)
         values = values[np.isfinite(values)].clip(self.low, self.high)
-        found, _ = np.histogram(values, np.array(self.edges))
-        return replace(self, counts=tuple((np.array(self.counts) + found).tolist()))
+        counts, _ = np.histogram(values, np.array(self.edges))
+        return replace(self, counts=tuple((np.array(self.counts) + counts).tolist()))
 
     def share_above(self, limit: float) -> float:
         """Share of the numbers above a limit, to the width of a class."""

@@ -154,9 +154,9 @@ def _without_a_fit(error: FitError) -> list[str]:
 
 
 def _refusal(why: Iterable[str], what: Iterable[str]) -> list[str]:
-    found = "No calibration can be given from this recording. Its numbers could not be trusted, and none are shown."
+    refusal = "No calibration can be given from this recording. Its numbers could not be trusted, and none are shown."
     return [
-        _section("WHAT WAS FOUND", _paragraph(found)),
+        _section("WHAT WAS FOUND", _paragraph(refusal)),
         _section("WHY", _items(why)),
         _section("WHAT TO DO NEXT", _items([*what, "After that, calibrate again."])),
     ]
@@ -182,11 +182,11 @@ def _how_far_off(fit: Fit) -> str:
     raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
     before = "any angle: the compass does not work" if raw.worst > 100.0 else f"up to {degrees(raw.worst)}"
     adds = mounting(fit).replace(" (1 σ)", "")
-    told = f" {adds[:1].upper()}{adds[1:]}." if adds else ""
+    mounted = f" {adds[:1].upper()}{adds[1:]}." if adds else ""
     return (
         f"Without the calibration headings are off by {before}. With it, expect them to be off by {degrees(error.rms)} "
         f"on average and by {degrees(error.worst)} at the worst heading; in 19 of 20 cases by no more than twice that. "
-        f"The target was {fit.target_deg:g}°.{told} This is for a vehicle that is level, where the field dips by "
+        f"The target was {fit.target_deg:g}°.{mounted} This is for a vehicle that is level, where the field dips by "
         f"{abs(error.dip_deg):.3g}°, and for as long as nothing magnetic near the sensor comes, goes or is switched on."
     )
 

@@ -241,31 +241,31 @@ def _pace(sensor: RecordedSensor) -> str:
 
 def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
     """What is odd about the readings; of a sensor that was hardly turned nothing that follows from that."""
-    found = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
+    doubts = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
     if sensor.backward_steps:
-        found.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
+        doubts.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
     if sensor.strength is not None and sensor.inside != COUNTS:
         low, high = EARTH_WITH_ROOM_UT if site is None else ((1 - OFF) * site.strength, (1 + OFF) * site.strength)
         if not low <= sensor.strength <= high:
-            found.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
-    return found
+            doubts.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
+    return doubts
 
 
 def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
-    found = []
+    doubts = []
     if sensor.likeness:
         names = sensor.name.removeprefix("columns ").replace(", ", ",")
         option = f"--columns {shlex.quote(names)}"
-        found.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
+        doubts.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
     if sensor.repeats > STALE * sensor.readings:
-        found.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
+        doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:
-        found.append(f"the sensor was at its limit: {', '.join(sensor.rails)}")
+        doubts.append(f"the sensor was at its limit: {', '.join(sensor.rails)}")
     stuck = [a for a, low, high in zip("xyz", sensor.lowest, sensor.highest, strict=True) if low == high]
     if stuck:
-        found.append(f"{' and '.join(stuck)} never {'changes' if len(stuck) == 1 else 'change'}: check the wiring")
-    return found
+        doubts.append(f"{' and '.join(stuck)} never {'changes' if len(stuck) == 1 else 'change'}: check the wiring")
+    return doubts
 
 
 def _block(rows: Sequence[tuple[str, str]]) -> RenderableType:

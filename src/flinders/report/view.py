@@ -376,9 +376,9 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
         return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
     reach = "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
-    held = "held level" if limit < 1.0 else reach
+    attitudes = "held level" if limit < 1.0 else reach
     good = "are good to" if worst <= fit.target_deg else "may be off by"
-    return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {held}. {target}"
+    return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {attitudes}. {target}"
 
 
 def matrix_sigma(fit: Fit) -> Floats:
@@ -439,14 +439,14 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
 
     A turn in one plane, and a fit that no direction would help more than the others, get words without a direction.
     """
-    found = _guide(fit, goal)
-    if fit.plane or found.after_deg > (1.0 - WORTH_IT) * found.worst_deg:
+    guided = _guide(fit, goal)
+    if fit.plane or guided.after_deg > (1.0 - WORTH_IT) * guided.worst_deg:
         words = (
             movement(fit) if fit.plane else "turn it slowly through all directions, away from iron and from currents"
         )
-        return GuidanceView(None, words, found.worst_deg, found.after_deg, goal)
-    direction = _triple(rotation_of(fit) @ found.direction)
-    return GuidanceView(direction, found.words(frame), found.worst_deg, found.after_deg, goal)
+        return GuidanceView(None, words, guided.worst_deg, guided.after_deg, goal)
+    direction = _triple(rotation_of(fit) @ guided.direction)
+    return GuidanceView(direction, guided.words(frame), guided.worst_deg, guided.after_deg, goal)
 
 
 def _guide(fit: Fit, goal: Goal) -> Guidance:

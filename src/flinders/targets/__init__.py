@@ -51,7 +51,7 @@ HEAD: Final = 65536
 @cache
 def registry() -> Mapping[str, Target]:
     """All targets by name, in the order they are listed; the first call imports their modules."""
-    there = sorted(found.name for found in iter_modules(__path__) if not found.name.startswith("_"))
+    there = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
     ordered = [*(name for name in FIRST if name in there), *(name for name in there if name not in FIRST)]
     rows = (row for name in ordered for row in import_module(f"{__name__}.{name}").TARGETS)
     return {row.name: row for row in rows}

@@ -280,13 +280,13 @@ class Target:
     def _loses(self, calibration: Calibration) -> bool:
         """Whether the matrix has more to it than the target holds."""
         matrix = calibration.matrix if acting(self.acts, calibration) == "mapped" else in_recorded_axes(calibration)[0]
-        kept = {
+        reduced = {
             "all": matrix,
             "symmetric": matrix.T,
             "diagonal": np.diag(np.diag(matrix)),
             "offset": np.eye(3) * matrix[0, 0],
         }[self.keeps]
-        return bool(np.abs(matrix - kept).max() > EXACT * np.abs(matrix).max())
+        return bool(np.abs(matrix - reduced).max() > EXACT * np.abs(matrix).max())
 
     def _warnings(self, deviation: Difference, lacks: str) -> Iterable[str]:
         """What it costs, and what nobody could verify."""

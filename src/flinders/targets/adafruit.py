@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the file; gyroscope and accelerometer stay uncorrected; a calibration in counts raises `UnitError`."""
-    found = Affine.of(calibration, "uT", who="SensorLab").single
+    affine = Affine.of(calibration, "uT", who="SensorLab").single
     fields = {
-        "mag_hardiron": [float(f"{value:.9g}") for value in found.offset],
-        "mag_softiron": [float(f"{value:.9g}") for value in found.matrix.ravel()],
-        "mag_field": float(f"{found.strength:.9g}"),
+        "mag_hardiron": [float(f"{value:.9g}") for value in affine.offset],
+        "mag_softiron": [float(f"{value:.9g}") for value in affine.matrix.ravel()],
+        "mag_field": float(f"{affine.strength:.9g}"),
         "gyro_zerorate": [0.0, 0.0, 0.0],
         "accel_zerog": [0.0, 0.0, 0.0],
     }
-    return Written(found.apply, json.dumps(fields, indent=1).splitlines(), fields)
+    return Written(affine.apply, json.dumps(fields, indent=1).splitlines(), fields)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:

@@ -183,14 +183,14 @@ class ArduPilotParameters:
         matrix, centre = in_recorded_axes(plain)
         turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
         by = "COMPASS_ORIENT or a custom rotation"
-        held = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by=by, lossy=lossy) @ turn.T
+        symmetrical = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by=by, lossy=lossy) @ turn.T
         if motor is None and follows is not None:
-            motor = -held @ turn @ driver_in_recorded_axes(calibration, follows) / MG
+            motor = -symmetrical @ turn @ driver_in_recorded_axes(calibration, follows) / MG
             motor_by = MOTORS[follows.name]
         motor = np.zeros(3) if motor is None else vectors(motor, "motor")
         if motor.any() and motor_by not in MOTORS.values():
             raise UsageError("a motor term needs what it depends on: motor_by=1 for throttle, 2 for current")
-        scale = float(np.trace(held) / 3)
+        scale = float(np.trace(symmetrical) / 3)
         if not 0 < scale < np.inf:
             raise NotExportable(
                 f"COMPASS_SCALE would be {figures(scale, 4)}, and needs to be positive: the calibration turns an axis "
@@ -198,8 +198,8 @@ class ArduPilotParameters:
                 beyond=(f"COMPASS_SCALE{digit}",),
                 wanted={f"COMPASS_SCALE{digit}": scale},
             )
-        diagonal, off_diagonal = in_six(held / scale)
-        found = cls(
+        diagonal, off_diagonal = in_six(symmetrical / scale)
+        parameters = cls(
             offset=-(turn @ centre) / MG,
             diagonal=diagonal,
             off_diagonal=off_diagonal,
@@ -210,8 +210,8 @@ class ArduPilotParameters:
             external=external,
             compass=compass,
         )
-        found.refuse_beyond()
-        return found
+        parameters.refuse_beyond()
+        return parameters
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 1) -> Self:
@@ -227,8 +227,8 @@ class ArduPilotParameters:
         _known(compass)
 
         def one(group: str, axis: str = "", default: float = 0.0) -> float:
-            found = (float(values.get(name, np.nan)) for name in names(group, compass, axis))
-            return next((value for value in found if np.isfinite(value)), default)
+            given = (float(values.get(name, np.nan)) for name in names(group, compass, axis))
+            return next((value for value in given if np.isfinite(value)), default)
 
         def three(group: str, default: float = 0.0) -> Floats:
             return np.array([one(group, axis, default) for axis in ("_X", "_Y", "_Z")])
@@ -385,16 +385,16 @@ class ArduPilotParameters:
         'COMPASS_OFS2 -12, 40.5, -93 mG'
         """
         digit = _digit(self.compass)
-        told = [f"COMPASS_OFS{digit} {listed(self.offset)} mG"]
+        parts = [f"COMPASS_OFS{digit} {listed(self.offset)} mG"]
         if not np.array_equal(self.iron, np.eye(3)):
-            told.append(f"COMPASS_DIA{digit} {listed(np.diag(self.iron))}")
-            told.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
+            parts.append(f"COMPASS_DIA{digit} {listed(np.diag(self.iron))}")
+            parts.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
         if self.gain != 1.0:
-            told.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
+            parts.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
         if self.has_disturbances:
             unit = "mG/A" if self.motor_by == BY_CURRENT else "mG at full throttle"
-            told.append(f"COMPASS_MOT{digit} {listed(self.motor)} {unit}")
-        return "; ".join(told)
+            parts.append(f"COMPASS_MOT{digit} {listed(self.motor)} {unit}")
+        return "; ".join(parts)
 
     def refuse_beyond(self) -> None:
         """Raise `NotExportable` for values that ArduPilot ignores, does not arm with, or its calibrator refuses."""

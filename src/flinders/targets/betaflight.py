@@ -71,8 +71,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
             f"{source}: holds an offset of {zero} counts, and nothing tells how long readings are: give "
             "--field-strength in counts, the length of a reading less the offset"
         )
-    found = Affine(np.eye(3), floats(zero), strength).to_calibration(COUNTS, known=True)
-    return replace(found, frame=VEHICLE)
+    calibration = Affine(np.eye(3), floats(zero), strength).to_calibration(COUNTS, known=True)
+    return replace(calibration, frame=VEHICLE)
 
 
 TARGETS: Final = (

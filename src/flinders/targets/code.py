@@ -202,8 +202,8 @@ class FixedPoint:
         NotExportable
             For a matrix or an offset beyond the format.
         """
-        found = Affine.of(calibration, RECORDED, who=WHO, acts="across")
-        largest = float(np.abs(found.matrix).max())
+        affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
+        largest = float(np.abs(affine.matrix).max())
         shift = form.bits - 1 - max(math.floor(math.log2(largest)) + 1, 0) if largest > 0 else form.bits - 1
         if np.rint(largest * 2.0**shift) >= 2 ** (form.bits - 1):
             shift -= 1
@@ -212,11 +212,11 @@ class FixedPoint:
                 f"the matrix has an entry of {largest:.3g}, {form.name} holds up to {2 ** (form.bits - 2)}: {ADVICE}",
                 beyond=("matrix",),
             )
-        entries = np.rint(found.matrix * 2.0**shift).astype(np.int64)
+        entries = np.rint(affine.matrix * 2.0**shift).astype(np.int64)
         edge = (form.largest + 1) << form.fraction
         names = ("offset x", "offset y", "offset z")
         with np.errstate(over="ignore"):
-            scaled = found.offset * 2.0**form.fraction
+            scaled = affine.offset * 2.0**form.fraction
         offset = whole(scaled, names, lowest=-edge, highest=edge, advice=ADVICE)
         return cls(form, tuple(tuple(row) for row in entries.tolist()), offset, shift)
 
@@ -226,14 +226,14 @@ class FixedPoint:
         read = np.clip(np.nan_to_num(np.rint(vectors(field, finite=False))), -edge - 1, edge).astype(np.int64)
         moved = (read << form.fraction) - np.array(self.offset, np.int64)
         places = self.shift + form.fraction
-        found = (moved @ np.array(self.entries, np.int64).T + (1 << (places - 1))) >> places
-        return floats(np.clip(found, -edge - 1, edge))
+        sums = (moved @ np.array(self.entries, np.int64).T + (1 << (places - 1))) >> places
+        return floats(np.clip(sums, -edge - 1, edge))
 
 
 def single_precision(calibration: Calibration) -> Affine:
     """(A, b) for readings in the recorded unit, in single precision; what comes out is in µT, or in counts."""
-    found = Affine.of(calibration, RECORDED, who=WHO, acts="across")
-    return Affine(found.matrix * calibration.raw.scale, found.offset, calibration.field_strength).single
+    affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
+    return Affine(affine.matrix * calibration.raw.scale, affine.offset, calibration.field_strength).single
 
 
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:

@@ -75,14 +75,14 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     DocumentError
         Where one is missing, stands there with two values, or is none that INAV holds.
     """
-    found = settings(content, source, [*ZEROS, *GAINS])
-    missing = [name for name in (*ZEROS, *GAINS) if name not in found]
+    pairs = settings(content, source, [*ZEROS, *GAINS])
+    missing = [name for name in (*ZEROS, *GAINS) if name not in pairs]
     if missing:
         raise DocumentError(
             f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
             "at its default: save what dump prints"
         )
-    zero, gain = counts(found, ZEROS, source), counts(found, GAINS, source, lowest=1)
+    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, lowest=1)
     return of_radii(zero, floats(gain), strength)
 
 

@@ -69,11 +69,11 @@ class MotionCalPacket:
         UnitError
             For a calibration in counts.
         """
-        found = Affine.of(calibration, "uT", who="MotionCal")
+        affine = Affine.of(calibration, "uT", who="MotionCal")
         with np.errstate(all="ignore"):
-            size = float(np.exp(np.linalg.slogdet(found.matrix)[1] / 3))
-            strength = float(single(found.strength / size))
-            return cls(single(found.offset), strength, single(symmetric_root(found.matrix) / size))
+            size = float(np.exp(np.linalg.slogdet(affine.matrix)[1] / 3))
+            strength = float(single(affine.strength / size))
+            return cls(single(affine.offset), strength, single(symmetric_root(affine.matrix) / size))
 
     @classmethod
     def decode(cls, content: bytes, source: str = "packet") -> Self:

@@ -82,15 +82,15 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     DocumentError
         Where one is missing, stands there with two values or is no such number, and where an axis is turned over.
     """
-    found = _defines(decoded(content, source), source)
-    turned = [name for name in SIGNS if found.get(name, "1").strip() not in {"1", "+1"}]
+    defines = _defines(decoded(content, source), source)
+    turned = [name for name in SIGNS if defines.get(name, "1").strip() not in {"1", "+1"}]
     if turned:
         raise DocumentError(
-            f"{source}: {turned[0]} is {found[turned[0]]}: whether the numbers stand before or after that change of "
+            f"{source}: {turned[0]} is {defines[turned[0]]}: whether the numbers stand before or after that change of "
             "sign is not known here; take the axes of IMU_MAG_RAW, and define no sign but 1"
         )
-    neutral = counts(found, NEUTRALS, source, lowest=LOWEST, highest=HIGHEST)
-    sensitivity = numbers(found, SENSITIVITIES, source)
+    neutral = counts(defines, NEUTRALS, source, lowest=LOWEST, highest=HIGHEST)
+    sensitivity = numbers(defines, SENSITIVITIES, source)
     if not np.all(sensitivity > 0):
         raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or turned over")
     return of_radii(neutral, UNITY / sensitivity, strength)

@@ -95,9 +95,9 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
         raise DocumentError(f"{source}: matrix needs three lists of three numbers")
     entries = listed({"matrix": [entry for row in rows for entry in row]}, "matrix", 9, source)
     (length,) = numbers(fields, ["field_strength"], source)
-    found = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
+    affine = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
     known = fields.get("field_strength_known") is True
-    return replace(found.to_calibration(str(unit), known=known, strength=strength), disturbances=_read(fields, source))
+    return replace(affine.to_calibration(str(unit), known=known, strength=strength), disturbances=_read(fields, source))
 
 
 def _read(fields: dict[str, Any], source: str) -> tuple[Disturbance, ...]:

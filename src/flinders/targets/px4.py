@@ -174,10 +174,10 @@ class Px4Parameters:
         if compensation is None and follows is not None:
             per_unit = DRIVE_UNITS[follows.name]
             compensation = -driver_in_recorded_axes(calibration, follows) * per_unit / GAUSS
-        held = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROLL, PITCH and YAW", lossy=lossy)
+        symmetrical = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROLL, PITCH and YAW", lossy=lossy)
         mounting(rotation)
-        diagonal, off_diagonal = in_six(held)
-        found = cls(
+        diagonal, off_diagonal = in_six(symmetrical)
+        parameters = cls(
             offset=centre / GAUSS,
             diagonal=diagonal,
             off_diagonal=off_diagonal,
@@ -188,8 +188,8 @@ class Px4Parameters:
             priority=priority,
             compass=_known(compass),
         )
-        found.refuse_beyond()
-        return found
+        parameters.refuse_beyond()
+        return parameters
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 0) -> Self:
@@ -352,14 +352,14 @@ class Px4Parameters:
         >>> Px4Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
         'CAL_MAG1_OFF 0.0282, -0.2002, -0.1369 G'
         """
-        told = [f"CAL_MAG{self.compass}_OFF {listed(self.offset)} G"]
+        parts = [f"CAL_MAG{self.compass}_OFF {listed(self.offset)} G"]
         if not np.all(self.diagonal == 1):
-            told.append(f"SCALE {listed(self.diagonal)}")
+            parts.append(f"SCALE {listed(self.diagonal)}")
         if self.off_diagonal.any():
-            told.append(f"ODIAG {listed(self.off_diagonal)}")
+            parts.append(f"ODIAG {listed(self.off_diagonal)}")
         if self.compensation.any():
-            told.append(f"COMP {listed(self.compensation)}")
-        return ", ".join(told)
+            parts.append(f"COMP {listed(self.compensation)}")
+        return ", ".join(parts)
 
     def refuse_beyond(self) -> None:
         """Raise `NotExportable` for values out of the ranges that PX4's parameters have."""
@@ -440,8 +440,8 @@ def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | No
 
 def _compensated_by(values: Mapping[str, float]) -> int:
     """CAL_MAG_COMP_TYP; 0 for what PX4 does not know, or for ESC currents, of which a calibration has no column."""
-    found = float(values.get("CAL_MAG_COMP_TYP", 0.0))
-    return int(found) if found in MOTORS.values() else 0
+    kind = float(values.get("CAL_MAG_COMP_TYP", 0.0))
+    return int(kind) if kind in MOTORS.values() else 0
 
 
 def _known(compass: int) -> int:

@@ -46,15 +46,15 @@ MATRIX: Final = tuple(f"compassCalCorr{row}{column}" for row in (1, 2, 3) for co
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the lines that replace those of the same names; a calibration in counts raises `UnitError`."""
-    found = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
-    reach = max(round(found.strength, PLACES), 10.0**-PLACES)
+    affine = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
+    reach = max(round(affine.strength, PLACES), 10.0**-PLACES)
     extremes: dict[str, float] = {}
     for low, high in zip(LOWEST, HIGHEST, strict=True):
         extremes |= {low: -reach, high: reach}
-    ellipsoid = dict(zip((*OFFSET, *MATRIX), (*found.offset, *found.matrix.ravel()), strict=True))
+    ellipsoid = dict(zip((*OFFSET, *MATRIX), (*affine.offset, *affine.matrix.ravel()), strict=True))
     lines = [f"{VALID}=true", *_lines(extremes), f"{ELLIPSOID_VALID}=true", *_lines(ellipsoid)]
     notes = ["replaces the lines of the same names in RTIMULib.ini; acts after the driver's own exchange of axes"]
-    return Written(found.apply, lines, dict(line.split("=") for line in lines), notes)
+    return Written(affine.apply, lines, dict(line.split("=") for line in lines), notes)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -67,16 +67,16 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     DocumentError
         Where the extremes are not valid, or numbers are missing.
     """
-    found = keyed(decoded(content, source), source)
-    if found.get(VALID) != "true":
-        raise DocumentError(f"{source}: {VALID} is {found.get(VALID, 'missing')}: RTIMULib uses no calibration then")
-    lowest, highest = numbers(found, LOWEST, source), numbers(found, HIGHEST, source)
+    pairs = keyed(decoded(content, source), source)
+    if pairs.get(VALID) != "true":
+        raise DocumentError(f"{source}: {VALID} is {pairs.get(VALID, 'missing')}: RTIMULib uses no calibration then")
+    lowest, highest = numbers(pairs, LOWEST, source), numbers(pairs, HIGHEST, source)
     if np.any(lowest >= highest):
         raise DocumentError(f"{source}: {', '.join(LOWEST)} must be below {', '.join(HIGHEST)}")
     offset: Floats = np.zeros(3)
     matrix: Floats = np.eye(3)
-    if found.get(ELLIPSOID_VALID) == "true":
-        offset, matrix = numbers(found, OFFSET, source), numbers(found, MATRIX, source).reshape(3, 3)
+    if pairs.get(ELLIPSOID_VALID) == "true":
+        offset, matrix = numbers(pairs, OFFSET, source), numbers(pairs, MATRIX, source).reshape(3, 3)
     ranges = highest - lowest
     scale = ranges.max() / ranges
     composed = Affine(matrix * scale, (lowest + highest) / 2 + offset / scale, float(ranges.max() / 2))

@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the arrays and how to use them."""
-    found = Affine.of(calibration, OWN, who="zscilib").single
-    bias = np.negative(found.offset)
+    affine = Affine.of(calibration, OWN, who="zscilib").single
+    bias = np.negative(affine.offset)
     body = [
         "static zsl_real_t magn_K[9] = {",
-        *(f"    {float32s(row)}," for row in found.matrix),
+        *(f"    {float32s(row)}," for row in affine.matrix),
         "};",
         f"static zsl_real_t magn_b[3] = {{ {float32s(bias)} }};",
     ]
     notes = ["use: zsl_mtx_from_arr(&K, magn_K); zsl_vec_from_arr(&b, magn_b); zsl_fus_cal_corr_vec(&v, &K, &b, &out);"]
-    return Written(found.apply, body, {"K": found.matrix, "b": bias}, notes)
+    return Written(affine.apply, body, {"K": affine.matrix, "b": bias}, notes)
 
 
 TARGETS: Final = (
