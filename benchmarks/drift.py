@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.report.fleet_view import Drift, UnitDrift
+    from flinders.report.fleet_view import FleetDrift, UnitDrift
 
 FIELD: Final = 48.0
 ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
@@ -145,7 +145,7 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
     )  # fmt: skip
 
 
-def found_in(rows: Rows, *, most: int = 1000) -> tuple[Drift, list[UnitDrift]]:
+def found_in(rows: Rows, *, most: int = 1000) -> tuple[FleetDrift, list[UnitDrift]]:
     """Write a table, and look for what changed in it."""
     from pyarrow import parquet
 

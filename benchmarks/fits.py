@@ -34,7 +34,7 @@ from benchmarks.recordings import FOLDER
 from flinders import simulate
 from flinders.errors import FitError, FlindersError
 from flinders.estimators import METHODS
-from flinders.simulate import Disturbance, Sensor
+from flinders.simulate import Perturbation, Sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -157,7 +157,7 @@ def aided_fits_of_simulation(world: tuple[str, int]) -> list[Row]:
     """Fit a simulated recording with aiding sensors, and with what disturbs it."""
     motion, seed = world
     bare = simulate.tumble(seed=seed, motion=motion, n=1000).samples
-    disturbances: list[Disturbance] = [simulate.MotorCurrent(0.3), simulate.ThermalDrift(0.2)]
+    disturbances: list[Perturbation] = [simulate.MotorCurrent(0.3), simulate.ThermalDrift(0.2)]
     disturbed = simulate.tumble(seed=seed, motion=motion, n=1000, disturbances=disturbances).samples
     rows = [_aided(f"{motion} {seed}", bare, aiding) for aiding in AIDING]
     for names in (("current",), ("temperature",), ("current", "temperature")):

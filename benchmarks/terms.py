@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from flinders.estimators.aiding import Aided
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.parameters import Layout
-    from flinders.simulate import Simulated, Turning
+    from flinders.simulate import Simulated, Trajectory
 
 SIGMA: Final = 0.5
 """µT, noise of the S sets."""
@@ -80,7 +80,7 @@ Answer = tuple["Floats", "Floats"]
 def sim(name: str, seed: int) -> Samples:
     """60 s at 100 Hz, 1 mG and 5 mrad/s; SIM1 is tumbled slowly, SIM2 rocked by 5°, 5° and 90° (their own not read)."""
     rng = np.random.default_rng([SEED, seed])
-    turning: Turning
+    turning: Trajectory
     if name == "SIM2":
         turning = simulate.rocked(rng, seconds=60.0, rate_hz=100.0, amplitudes_deg=MOTIONS_DEG["5/5/90"])
     else:
@@ -281,7 +281,7 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
     return Known(samples, site, true)
 
 
-def _motion(motion: str, rng: np.random.Generator) -> tuple[Turning, float, float]:
+def _motion(motion: str, rng: np.random.Generator) -> tuple[Trajectory, float, float]:
     """1,500 readings; noise in µT and of the gyro in rad/s, that of MAGYC's for as long a step."""
     if motion == "rocked":
         turning = simulate.rocked(rng, seconds=600.0, rate_hz=2.5, amplitudes_deg=MOTIONS_DEG["MAM"])

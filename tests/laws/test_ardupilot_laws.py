@@ -16,7 +16,8 @@ from flinders.errors import InputError, NotExportable
 from flinders.readers._fmt import read_packed
 from flinders.readers.dataflash import WANTED
 from flinders.targets._autopilot import parse
-from flinders.targets.ardupilot import ORIENTATIONS, Parameters, rotation
+from flinders.targets.ardupilot import ORIENTATIONS, rotation
+from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

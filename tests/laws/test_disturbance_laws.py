@@ -20,9 +20,9 @@ from flinders.core.disturbance import KINDS, Disturbance, lagged, motors
 from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UsageError
-from flinders.targets import Asked, find, read_back
-from flinders.targets.ardupilot import Parameters as ArduPilot
-from flinders.targets.px4 import Parameters as Px4
+from flinders.targets import ExportOptions, find, read_back
+from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
+from flinders.targets.px4 import Px4Parameters as Px4
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -189,7 +189,7 @@ def test_what_an_autopilot_follows_comes_back_out_of_its_file(calibration: Calib
     motor = next((named[name] for name in ("current", "throttle") if name in named), None)
     unit, frame = ("mG", "vehicle") if target == "ardupilot" else ("G", "sensor")
     placed = replace(calibration, axes=Axes(), raw=Unit.of(unit), frame=frame)
-    text = find(target).render(placed, asked=Asked(lossy=True)).text
+    text = find(target).render(placed, asked=ExportOptions(lossy=True)).text
     name, back = read_back(text.encode(), "file", strength=50.0)
     assert name == target.removesuffix("-shell")
     if motor is None or not np.any(np.abs(motor.per_unit) > 1e-12):

@@ -14,9 +14,9 @@ from hypothesis.extra.numpy import arrays
 from flinders import simulate
 from flinders.simulate import (
     MOTIONS,
-    Disturbance,
     MotorCurrent,
     PassingMagnet,
+    Perturbation,
     Sensor,
     Simulated,
     Step,
@@ -50,7 +50,7 @@ def recordings(draw: st.DrawFn) -> Simulated:
 
 
 @st.composite
-def disturbances(draw: st.DrawFn) -> list[Disturbance]:
+def disturbances(draw: st.DrawFn) -> list[Perturbation]:
     """Some of all kinds, in any order, of any strength."""
     strengths, shares = st.floats(0.0, 100.0), st.floats(0.0, 1.0)
     kinds = st.one_of(
@@ -202,7 +202,7 @@ def test_without_its_rotation_a_perfect_correction_has_no_error(sensor: Sensor, 
 
 @given(seeds, motions, counts, disturbances(), st.floats(0, 1))
 def test_disturbances_add_to_the_readings_and_touch_nothing_else(
-    seed: int, motion: str, n: int, several: list[Disturbance], held: float
+    seed: int, motion: str, n: int, several: list[Perturbation], held: float
 ) -> None:
     plain = tumble(seed, motion=motion, n=n, held=held)
     disturbed = tumble(seed, motion=motion, n=n, held=held, disturbances=several)

@@ -16,7 +16,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, NotExportable
-from flinders.targets import Asked, motioncal, read_back, registry
+from flinders.targets import ExportOptions, motioncal, read_back, registry
 from flinders.targets._affine import nearest_diagonal, symmetric_root
 from flinders.targets._text import BLOCK, MARKUP, plain_ascii
 
@@ -40,7 +40,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
 @given(calibrations())
 def test_with_soft_iron_left_out_or_not_what_is_written_is_as_far_off_as_is_said(found: Calibration) -> None:
     for row in registry().values():
-        checked = row.render(found, asked=Asked(lossy=True)).fields["checked"]
+        checked = row.render(found, asked=ExportOptions(lossy=True)).fields["checked"]
         if checked["heading_deg"] > 1.0:
             assert row.keeps in {"diagonal", "offset"}
             with pytest.raises(NotExportable) as refused:
@@ -70,7 +70,7 @@ def test_any_calibration_is_written_or_refused_with_a_message(
             return
     for row in registry().values():
         try:
-            export = row.render(found, asked=Asked(lossy=lossy))
+            export = row.render(found, asked=ExportOptions(lossy=lossy))
         except FlindersError:
             continue
         told = export.fields["checked"]
@@ -81,7 +81,7 @@ def test_any_calibration_is_written_or_refused_with_a_message(
 def test_any_packet_is_read_back_to_the_bit(values: list[float]) -> None:
     body = motioncal.SIGNATURE + struct.pack("<16f", *[0.0] * 6, *values)
     data = body + motioncal.crc16(body).to_bytes(2, "little")
-    assert motioncal.Packet.decode(data).encode() == data
+    assert motioncal.MotionCalPacket.decode(data).encode() == data
 
 
 @given(st.binary(max_size=60))

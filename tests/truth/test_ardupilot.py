@@ -28,9 +28,10 @@ from flinders.geometry import quaternions
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import open_dataflash, sniff_dataflash
-from flinders.targets import Asked, ardupilot, registry
+from flinders.targets import ExportOptions, ardupilot, registry
 from flinders.targets._autopilot import euler, parse
-from flinders.targets.ardupilot import BY_CURRENT, Parameters, rotation
+from flinders.targets.ardupilot import BY_CURRENT, rotation
+from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -823,7 +824,7 @@ def test_a_rotation_that_is_left_out_is_told_with_the_parameters_that_are_right_
     found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("mG"))
     with pytest.raises(NotExportable, match="--lossy"):
         registry()["ardupilot"].render(found)
-    export = registry()["ardupilot"].render(found, asked=Asked(lossy=True))
+    export = registry()["ardupilot"].render(found, asked=ExportOptions(lossy=True))
     (note,) = (note for note in export.fields["notes"] if note.startswith("left out"))
     assert "roll 4.00°, pitch −9.00°, yaw 30.00°" in note
     raw = np.random.default_rng(1).normal(scale=400.0, size=(20, 3))

@@ -26,7 +26,7 @@ from flinders.fitting.result import Refused
 from flinders.fitting.verdict import of_column, of_noisy
 from flinders.simulate import table
 from flinders.simulate.truth import Truth
-from flinders.targets.ardupilot import Parameters as ArduPilot
+from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
 
 if TYPE_CHECKING:
     from collections.abc import Callable

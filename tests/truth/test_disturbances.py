@@ -34,9 +34,9 @@ from flinders.fitting.disturbance_selection import earned
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.simulate import table
-from flinders.targets import Asked, find, registry
-from flinders.targets.ardupilot import Parameters as ArduPilot
-from flinders.targets.px4 import Parameters as Px4
+from flinders.targets import ExportOptions, find, registry
+from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
+from flinders.targets.px4 import Px4Parameters as Px4
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -229,7 +229,7 @@ def test_each_target_follows_or_says_what_is_lost(name: str) -> None:
     row = find(name)
     found = replace(given(), raw=Unit.of("counts", 0.1) if row.unit == "counts" else Unit.of("mG"))
     found = replace(found, axes=Axes(), matrix=np.eye(3), frame="vehicle" if row.acts == "mapped" else "sensor")
-    export = row.render(found, asked=Asked(lossy=True))
+    export = row.render(found, asked=ExportOptions(lossy=True))
     told = " ".join(export.warnings)
     follows = row.follows
     assert ("current" in told) == (follows == "")

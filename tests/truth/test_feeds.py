@@ -25,7 +25,7 @@ from flinders.live.sinks import Resumed, ToFile
 from flinders.live.telemetry import Telemetry
 from flinders.live.transports import Udp
 from flinders.readers import open_recording, read
-from flinders.targets.ardupilot import Parameters
+from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

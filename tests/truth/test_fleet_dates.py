@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
-    from flinders.report.fleet_view import Drift, UnitDrift
+    from flinders.report.fleet_view import FleetDrift, UnitDrift
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -47,7 +47,7 @@ def written(path: Path, rows: Rows) -> Path:
     return path
 
 
-def drifts(path: Path, **options: str) -> tuple[Drift, dict[str, UnitDrift]]:
+def drifts(path: Path, **options: str) -> tuple[FleetDrift, dict[str, UnitDrift]]:
     units: list[UnitDrift] = []
     drift = drift_of([path], each=units.extend, **options)  # type: ignore[arg-type]
     return drift, {unit.unit: unit for unit in units}

@@ -17,8 +17,8 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import UsageError
-from flinders.targets import Asked, find
-from flinders.targets.code import Q15, Q31, FixedPoint, Format
+from flinders.targets import ExportOptions, find
+from flinders.targets.code import Q15, Q31, FixedPoint, FixedPointFormat
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -103,7 +103,7 @@ def built(folder: Path, source: str, compiler: tuple[str, ...], readings: Floats
 
 
 def text(name: str, calibration: Calibration, called: str | None = None) -> str:
-    return find(name).render(calibration, about=["from a */ test"], asked=Asked(name=called)).text
+    return find(name).render(calibration, about=["from a */ test"], asked=ExportOptions(name=called)).text
 
 
 @pytest.mark.parametrize("compiler", [C99, CPP], ids=["c99", "c++"])
@@ -120,7 +120,7 @@ def test_the_header_in_single_precision(unit: str, compiler: tuple[str, ...], tm
 @pytest.mark.parametrize("compiler", [C99, CPP], ids=["c99", "c++"])
 @pytest.mark.parametrize(("name", "number", "form"), [("c-q15", "int16_t", Q15), ("c-q31", "int32_t", Q31)])
 def test_fixed_point_is_what_it_was_checked_as_to_the_bit(
-    name: str, number: str, form: Format, compiler: tuple[str, ...], tmp_path: Path
+    name: str, number: str, form: FixedPointFormat, compiler: tuple[str, ...], tmp_path: Path
 ) -> None:
     """Also where readings are beyond all bounds, and held there."""
     calibration = given("counts")

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Samples
     from flinders.live.transports import ByteSource
-    from flinders.targets.motioncal import Packet
+    from flinders.targets.motioncal import MotionCalPacket
 
 HOST = "127.0.0.1:8410"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}
@@ -371,7 +371,7 @@ def test_a_calibration_of_another_sensor_is_not_sent_to_the_board(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is shown is a colleague's log: the board gets nothing of it, and gets its own once that is closed."""
-    sent: list[Packet] = []
+    sent: list[MotionCalPacket] = []
     monkeypatch.setattr(motioncal, "send", lambda _, packet, **_more: sent.append(packet))
     bench = Bench(tmp_path, simulate.tumble(seed=9).samples, board=Scripted([]))
     own = simulate.tumble(seed=9).sensor

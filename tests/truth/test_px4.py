@@ -32,9 +32,10 @@ from flinders.geometry import quaternions
 from flinders.readers._beside import Beside
 from flinders.readers._source import File
 from flinders.readers.ulog import open_ulog, sniff_ulog
-from flinders.targets import Asked, registry
+from flinders.targets import ExportOptions, registry
 from flinders.targets._autopilot import ROTATIONS, euler, without_turn
-from flinders.targets.px4 import MOUNTINGS, Parameters, board_mounting, compasses, mounting, of_device
+from flinders.targets.px4 import MOUNTINGS, board_mounting, compasses, mounting, of_device
+from flinders.targets.px4 import Px4Parameters as Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -645,7 +646,7 @@ def test_a_rotation_that_is_left_out_belongs_into_the_mounting_as_it_is_said() -
     found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("G"))
     with pytest.raises(NotExportable, match="--lossy"):
         registry()["px4"].render(found)
-    export = registry()["px4"].render(found, asked=Asked(lossy=True))
+    export = registry()["px4"].render(found, asked=ExportOptions(lossy=True))
     assert any("roll 4.00°, pitch −9.00°, yaw 30.00°" in note for note in export.fields["notes"])
     held = Parameters.read(export.fields["values"])
     raw = np.random.default_rng(1).normal(scale=0.4, size=(20, 3))

@@ -218,8 +218,8 @@ def test_ardupilot_holds_every_value_and_no_other_changed() -> None:
         plan = ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1)
         assert autopilot.sets == []
         plan.carry_out(seen)
-    held = ardupilot.Parameters.read(autopilot.values, 2)
-    wanted = ardupilot.Parameters.of(found(), compass=2).as_held()
+    held = ardupilot.ArduPilotParameters.read(autopilot.values, 2)
+    wanted = ardupilot.ArduPilotParameters.of(found(), compass=2).as_held()
     np.testing.assert_array_equal(held.matrix, wanted.matrix)
     np.testing.assert_array_equal(held.offset, wanted.offset)
     changed = {name for name, value in autopilot.values.items() if value != autopilot.before[name]}
@@ -232,8 +232,8 @@ def test_px4_device_ids_travel_byte_by_byte() -> None:
         plan = ParameterPlan.of(seen, found(sensor=f"sensor_mag 1 (device {DEVICE + 1})"))
         assert (plan.compass, plan.device_id) == (1, DEVICE + 1)  # looked up by the id that the calibration names
         plan.carry_out(seen)
-    held = px4.Parameters.read(autopilot.values, 1)
-    wanted = px4.Parameters.of(found(), compass=1).as_held()
+    held = px4.Px4Parameters.read(autopilot.values, 1)
+    wanted = px4.Px4Parameters.of(found(), compass=1).as_held()
     np.testing.assert_array_equal(held.matrix, wanted.matrix)
     np.testing.assert_array_equal(held.offset, wanted.offset)
     assert plan.backup().splitlines()[1] == f"1\t1\tCAL_MAG1_XOFF\t{np.float32(0.1):.9g}\t9"
@@ -312,8 +312,8 @@ def test_a_vehicle_that_comes_back_in_time_gets_its_old_values() -> None:
 def test_three_of_ten_packets_lost_each_way_are_sent_again() -> None:
     with vehicle(loses=0.3, answer=0.05) as (autopilot, seen):
         ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1).carry_out(seen)
-    held = ardupilot.Parameters.read(autopilot.values, 2)
-    np.testing.assert_array_equal(held.offset, ardupilot.Parameters.of(found(), compass=2).as_held().offset)
+    held = ardupilot.ArduPilotParameters.read(autopilot.values, 2)
+    np.testing.assert_array_equal(held.offset, ardupilot.ArduPilotParameters.of(found(), compass=2).as_held().offset)
 
 
 def test_a_vehicle_that_rounds_is_left_as_it_was_and_what_it_says_is_told() -> None:

@@ -28,7 +28,7 @@ from flinders.core.units import Unit
 from flinders.errors import LinkError, NotConfirmed
 from flinders.live import motioncal
 from flinders.live.transports import Serial
-from flinders.targets.motioncal import Packet
+from flinders.targets.motioncal import MotionCalPacket
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,7 +43,7 @@ def found(**more: object) -> Calibration:
     return Calibration(np.array(MATRIX), np.array([12.3456789, -30.98765, 7.000432]), 49.1, raw=Unit.of("uT"), **more)  # type: ignore[arg-type]
 
 
-PACKET = Packet.of(found())
+PACKET = MotionCalPacket.of(found())
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +84,7 @@ class Board:
         self.floods, self.swaps = floods, swaps
         self.digits, self.drops, self.garbles = digits, drops, garbles
         self.stalls, self.unplugs, self.is_mute, self.is_deaf = stalls, unplugs, is_mute, is_deaf
-        self.held = Packet(np.array([1.0, 2.0, 3.0]), 40.0, np.eye(3))
+        self.held = MotionCalPacket(np.array([1.0, 2.0, 3.0]), 40.0, np.eye(3))
         self.accepted = self.refused = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._live, daemon=True)
@@ -132,7 +132,7 @@ class Board:
                     xx, yy, zz, xy, xz, yz = values[10:]
                     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
                     first, second = (7, 6) if self.swaps else (6, 7)
-                    self.held = Packet(np.array([values[first], values[second], values[8]]), values[9], matrix)
+                    self.held = MotionCalPacket(np.array([values[first], values[second], values[8]]), values[9], matrix)
                 return buffer[68:]
             self.refused += 1
             buffer = buffer[1:]
@@ -271,7 +271,7 @@ def test_the_echo_of_the_values_before_confirms_nothing() -> None:
     ):
         sent(one, answer=0.2)
     one = Board(is_deaf=True)
-    one.held = Packet(PACKET.offset, PACKET.strength, np.eye(3))  # all of the first line agrees, and nothing else
+    one.held = MotionCalPacket(PACKET.offset, PACKET.strength, np.eye(3))  # of the first line all agrees, nothing else
     one.start()
     with pytest.raises(NotConfirmed, match=r"the board still says 1 in place of 1\.09405"):
         sent(one, answer=0.2)

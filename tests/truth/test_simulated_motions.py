@@ -15,11 +15,11 @@ from flinders import simulate
 from flinders.errors import ArrayError, OutputExists, UnreadableInput, UsageError
 from flinders.simulate import (
     MOTIONS,
-    Disturbance,
     FieldStep,
     Imu,
     MotorCurrent,
     PassingMagnet,
+    Perturbation,
     Sensor,
     Simulated,
     Step,
@@ -158,7 +158,7 @@ def test_an_unknown_plane_is_refused() -> None:
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_one_reading_is_a_recording(motion: str) -> None:
-    everything: list[Disturbance] = [MotorCurrent(1.0), ThermalDrift(1.0), Step(1.0), PassingMagnet(1.0)]
+    everything: list[Perturbation] = [MotorCurrent(1.0), ThermalDrift(1.0), Step(1.0), PassingMagnet(1.0)]
     assert len(tumble(1, motion=motion, n=1, held=0.9, outliers=1.0, disturbances=everything).samples) == 1
 
 

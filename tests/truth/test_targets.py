@@ -22,7 +22,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import PER_UNIT, Unit
 from flinders.errors import DocumentError, InputError, NotExportable, UnitError, UsageError
-from flinders.targets import Asked, find, motioncal, read_back, registry, vectornav
+from flinders.targets import ExportOptions, find, motioncal, read_back, registry, vectornav
 from flinders.targets._affine import nearest_diagonal, symmetric_root
 from flinders.targets._autopilot import euler
 from flinders.targets._target import HOLDS, WHERE
@@ -61,7 +61,7 @@ def readings(calibration: Calibration) -> Floats:
 
 
 def rendered(name: str, calibration: Calibration, **asked: Any) -> Export:
-    return find(name).render(calibration, about=["from a test"], asked=Asked(**asked))
+    return find(name).render(calibration, about=["from a test"], asked=ExportOptions(**asked))
 
 
 # the formulas, each from its source (formats.md, section 3)
@@ -534,7 +534,7 @@ def test_what_was_written_in_counts_is_read_back(name: str, axes: str) -> None:
     if not is_mapped:
         out = given.axes.apply(out)
     assert np.linalg.norm(out - expected, axis=1).max() <= BOUND_UT.get(name, BOUND_UT["paparazzi"])
-    again = row.render(back, asked=Asked(lossy=True)).text
+    again = row.render(back, asked=ExportOptions(lossy=True)).text
     settings = [line for line in text.splitlines() if line.startswith(("set ", "<define"))]
     assert [line for line in again.splitlines() if line.startswith(("set ", "<define"))] == settings
 
@@ -583,7 +583,7 @@ def test_a_packet_made_elsewhere_is_read() -> None:
         crc ^= byte
         for _ in range(8):
             crc = (crc >> 1) ^ 0xA001 if crc % 2 else crc >> 1
-    packet = motioncal.Packet.decode(body + struct.pack("<H", crc))
+    packet = motioncal.MotionCalPacket.decode(body + struct.pack("<H", crc))
     npt.assert_allclose(packet.offset, [1.5, -2.5, 3.5])
     npt.assert_allclose(packet.matrix, [[1, 0.01, 0.02], [0.01, 1.1, 0.03], [0.02, 0.03, 0.9]], atol=1e-7)
     assert packet.strength == 48.0
@@ -597,7 +597,7 @@ def test_every_flipped_bit_of_a_packet_is_noticed() -> None:
         damaged = bytearray(data)
         damaged[bit // 8] ^= 1 << bit % 8
         with pytest.raises(DocumentError):
-            motioncal.Packet.decode(bytes(damaged))
+            motioncal.MotionCalPacket.decode(bytes(damaged))
 
 
 def test_a_vehicle_with_several_compasses_asks_which() -> None:

@@ -16,7 +16,7 @@ from flinders.geometry import quaternions
 from flinders.readers import tlog
 from flinders.readers._source import File
 from flinders.readers.tlog import open_tlog, sniff_tlog
-from flinders.targets.ardupilot import Parameters
+from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
     from pathlib import Path

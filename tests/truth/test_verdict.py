@@ -22,8 +22,7 @@ from flinders.errors import FitError, StuckAxis, TooFewSamples
 from flinders.findings import CATALOGUE
 from flinders.fitting.advice import advised
 from flinders.fitting.result import Refused
-from flinders.report.plain import page
-from flinders.report.words import REFUSALS
+from flinders.report.plain import REFUSALS, page
 from flinders.simulate import Sensor, tumble
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.report.fleet_view import Drift
+    from flinders.report.fleet_view import FleetDrift
 
 
 @click.command(
@@ -124,7 +124,7 @@ def _check_outputs(report: str | None, out: str | None, tables: Sequence[str], *
             refuse_existing(path, force=force)
 
 
-def _write_report(drift: Drift, tables: Sequence[str], report: str, batch: str | None, *, force: bool) -> None:
+def _write_report(drift: FleetDrift, tables: Sequence[str], report: str, batch: str | None, *, force: bool) -> None:
     from flinders.core.files import write_text
     from flinders.fleet.aggregate import overview_of
     from flinders.report.fleet import page

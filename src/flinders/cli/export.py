@@ -146,12 +146,12 @@ def rendered(
     NotExportable, UnitError, UsageError
         Where the target cannot hold it, or nobody knows for which compass it is.
     """
-    from flinders.targets import Asked
+    from flinders.targets import ExportOptions
 
     if row.compasses:
         refuse_on_top(judged, row.name)
     number, told = placed(judged, row, compass)
-    asked = Asked(compass=number, lossy=lossy, name=name)
+    asked = ExportOptions(compass=number, lossy=lossy, name=name)
     return row.render(judged.calibration, about=[*about(judged), *told], asked=asked), told
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
     from flinders.readers import Instrument, Log
-    from flinders.report.recording_page import Sensor
+    from flinders.report.recording_page import RecordedSensor
     from flinders.summary.quality import Rail
     from flinders.summary.summary import Summary
 
@@ -148,9 +148,9 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
     return site_field(where.latitude_deg, where.longitude_deg, where.altitude_m, year=year_of(held.begun))
 
 
-def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: str | None) -> Sensor:
+def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: str | None) -> RecordedSensor:
     """Go through one magnetometer; where nobody has said its unit or columns, its strength may tell."""
-    from flinders.report.recording_page import ENOUGH_SEEN, GAP, Sensor, unit_remark
+    from flinders.report.recording_page import ENOUGH_SEEN, GAP, RecordedSensor, unit_remark
     from flinders.summary.summary import Summary
 
     watched = _Watched(instrument)
@@ -164,7 +164,7 @@ def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: s
     is_seen = coverage is not None and coverage >= ENOUGH_SEEN
     strength = float(fit.ellipsoid.radius) if fit is not None and is_seen else None
     remark = unit_remark(strength, instrument.unit.inside) if is_unit_open else ""
-    return Sensor(
+    return RecordedSensor(
         number=number,
         name=instrument.name,
         unit=instrument.unit.name,
@@ -200,13 +200,15 @@ def _likeness(instrument: Instrument, first: Samples | None) -> str:
     return "" if first is None or not columns or is_told or instrument.unit.inside != COUNTS else likeness(first.field)
 
 
-def _silent(number: int, instrument: Instrument, error: InputError) -> Sensor:
+def _silent(number: int, instrument: Instrument, error: InputError) -> RecordedSensor:
     """A magnetometer without a reading."""
-    from flinders.report.recording_page import Sensor
+    from flinders.report.recording_page import RecordedSensor
 
     unit = instrument.unit
     notes = (str(error), *instrument.notes)
-    return Sensor(number=number, name=instrument.name, unit=unit.name, inside=unit.inside, readings=0, notes=notes)
+    return RecordedSensor(
+        number=number, name=instrument.name, unit=unit.name, inside=unit.inside, readings=0, notes=notes
+    )
 
 
 def _words(rail: Rail) -> str:

@@ -131,10 +131,10 @@ def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: b
     """Send MotionCal's packet and wait for the echo."""
     from flinders.live import motioncal
     from flinders.live.transports import Serial
-    from flinders.targets.motioncal import Packet
+    from flinders.targets.motioncal import MotionCalPacket
 
     export = _render(judged.calibration, "motioncal")
-    packet = Packet.of(judged.calibration)
+    packet = MotionCalPacket.of(judged.calibration)
     fields: dict[str, Any] = {
         "port": port,
         "packet": packet.encode().hex(),

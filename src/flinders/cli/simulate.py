@@ -17,7 +17,7 @@ from flinders.errors import FitError, UsageError, counted
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from flinders.simulate import Disturbance, Sensor, Simulated
+    from flinders.simulate import Perturbation, Sensor, Simulated
     from flinders.simulate.two_axis import TwoAxis
 
 MOTIONS: Final = {
@@ -309,7 +309,7 @@ def _tumbled(options: dict[str, Any]) -> Simulated:
     """Record, with what the options ask for."""
     from flinders.simulate import FieldStep, Imu, MotorCurrent, PassingMagnet, Step, ThermalDrift, tumble
 
-    kinds: dict[str, Callable[[float], Disturbance]] = {
+    kinds: dict[str, Callable[[float], Perturbation]] = {
         "motor": MotorCurrent,
         "drift": ThermalDrift,
         "step": Step,

@@ -12,7 +12,7 @@ import numpy as np
 from flinders.findings import current
 from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule, named_rows, texts
 from flinders.fleet.history import whole_units
-from flinders.report.fleet_view import Histogram, Overview, Unit
+from flinders.report.fleet_view import FleetUnit, Histogram, Overview
 
 if TYPE_CHECKING:
     import os
@@ -93,7 +93,7 @@ class _Tally:
     examples: dict[str, tuple[str, str]] = field(default_factory=dict)
     methods: Counter[str] = field(default_factory=Counter)
     batches: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
-    worst: dict[str, list[tuple[float, Unit]]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
+    worst: dict[str, list[tuple[float, FleetUnit]]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
 
     def add(self, table: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Add the rows of some units."""
@@ -162,11 +162,11 @@ class _Tally:
         self.worst[rank] = sorted([*worst, *added], key=lambda pair: -pair[0])[: self.listed]
 
 
-def _unit(table: Any, place: int, shares: dict[str, Floats]) -> Unit:  # noqa: ANN401
+def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # noqa: ANN401
     """A row of the list of worst units."""
     row = table.slice(place, 1).to_pylist()[0]
     texts = {name: row[name] or "" for name in ("unit", "recording", "verdict", "code", "message", "unit_of_field")}
-    return Unit(
+    return FleetUnit(
         **texts,
         worst_deg=float(shares["heading error"][place]),
         offset=float(shares["offset"][place]),

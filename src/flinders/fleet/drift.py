@@ -29,7 +29,7 @@ from flinders.fleet.history import OffsetSeries, histories
 from flinders.fleet.results import VERDICTS
 from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
 from flinders.report.fleet_figures import standing_out
-from flinders.report.fleet_view import STATES, BatchDrift, Drift, Histogram, Undated, UnitDrift, UnitStep
+from flinders.report.fleet_view import STATES, BatchDrift, FleetDrift, Histogram, Undated, UnitDrift, UnitStep
 
 if TYPE_CHECKING:
     import os
@@ -56,7 +56,7 @@ def drift_of(
     batch: str | None = None,
     most: int = 100,
     each: Callable[[Sequence[UnitDrift]], None] | None = None,
-) -> Drift:
+) -> FleetDrift:
     """Compare the calibrations of each unit of a fleet.
 
     Parameters
@@ -354,10 +354,10 @@ class _Results:
         self.stepped.update(unit.batch for unit in units if unit.unit in stepped)
 
 
-def _drift(survey: _Survey, rules: _Rules, results: _Results, rule: BatchRule) -> Drift:
+def _drift(survey: _Survey, rules: _Rules, results: _Results, rule: BatchRule) -> FleetDrift:
     """Put the result together."""
     undated = rules.undated
-    return Drift(
+    return FleetDrift(
         units=survey.units,
         calibrations=survey.calibrations,
         left_out=survey.left_out,

@@ -247,8 +247,8 @@ def _wanted(autopilot: int, calibration: Calibration, compass: int) -> list[tupl
     """Names, one for each scheme, and values of the parameters of a compass."""
     if autopilot == PX4:
         refuse_mounted(calibration, who="PX4")
-        return [((name,), value) for name, value in px4.Parameters.of(calibration, compass=compass).rows()]
-    parameters = ardupilot.Parameters.of(ardupilot.in_vehicle_axes(calibration), compass=compass)
+        return [((name,), value) for name, value in px4.Px4Parameters.of(calibration, compass=compass).rows()]
+    parameters = ardupilot.ArduPilotParameters.of(ardupilot.in_vehicle_axes(calibration), compass=compass)
     rows = zip(parameters.rows("COMPASS_OFS2_X"), parameters.rows("COMPASS2_OFS_X"), strict=True)
     return [((name, other), value) for (name, value), (other, _) in rows]
 

@@ -5,7 +5,7 @@ with the field, and the matrix. Only when both hold what was sent is it confirme
 
 >>> import numpy as np
 >>> from flinders.live.transports import Scripted
->>> packet = Packet(np.array([10.0, -20.0, 30.0]), 50.0, np.diag([1.25, 1.0, 0.8]))
+>>> packet = MotionCalPacket(np.array([10.0, -20.0, 30.0]), 50.0, np.diag([1.25, 1.0, 0.8]))
 >>> board = Scripted([b"Raw:1,2,3,4,5,6,7,8,9\r\n",
 ...                   b"Cal1:0.000,0.000,0.000,0.000,0.000,0.000,10.000,-20.000,30.000,50.000\r\n",
 ...                   b"Cal2:1.250,0.000,0.000,0.000,1.000,0.000,0.000,0.000,0.800\r\n"])
@@ -27,7 +27,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import LinkError, NotConfirmed
-from flinders.targets.motioncal import BEFORE_OFFSET, Packet
+from flinders.targets.motioncal import BEFORE_OFFSET, MotionCalPacket
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -113,14 +113,14 @@ class Confirmed:
 
 
 def send(
-    source: ByteSource, packet: Packet, *, tries: int = TRIES, answer: float = ANSWER_S, boot: float = BOOT_S
+    source: ByteSource, packet: MotionCalPacket, *, tries: int = TRIES, answer: float = ANSWER_S, boot: float = BOOT_S
 ) -> Confirmed:
     """Send a packet until the board confirms it.
 
     Parameters
     ----------
     source : ByteSource
-    packet : Packet
+    packet : MotionCalPacket
     tries : int
     answer : float, s
         How long an echo is waited for, each time.
@@ -157,17 +157,17 @@ def send(
     raise NotConfirmed(f"sent {tries} times and not confirmed: {heard.complaint(expected)}")
 
 
-def echo_of(packet: Packet) -> dict[str, tuple[float, ...]]:
+def echo_of(packet: MotionCalPacket) -> dict[str, tuple[float, ...]]:
     """What the two lines of an echo have to hold: offsets and field, and the matrix row by row."""
     offsets = [0.0] * BEFORE_OFFSET + [*packet.offset, packet.strength]
     return {"Cal1": tuple(map(float, offsets)), "Cal2": tuple(map(float, packet.matrix.ravel()))}
 
 
-def echo_lines(packet: Packet) -> list[str]:
+def echo_lines(packet: MotionCalPacket) -> list[str]:
     """Write the echo of a packet as PJRC's and Adafruit's sketches do.
 
     >>> import numpy as np
-    >>> echo_lines(Packet(np.array([10.0, -20.0, 30.0]), 50.0, np.eye(3)))[1]
+    >>> echo_lines(MotionCalPacket(np.array([10.0, -20.0, 30.0]), 50.0, np.eye(3)))[1]
     'Cal2:1.000,0.000,0.000,0.000,1.000,0.000,0.000,0.000,1.000'
     """
     return [f"{name}:{','.join(f'{value:.3f}' for value in values)}" for name, values in echo_of(packet).items()]

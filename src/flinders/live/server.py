@@ -336,7 +336,7 @@ async def _previous(request: Request) -> Response:
 async def _send(request: Request) -> Response:
     """Send the calibration to the board that the readings come from."""
     from flinders.live import motioncal
-    from flinders.targets.motioncal import Packet
+    from flinders.targets.motioncal import MotionCalPacket
 
     hub: Hub = request.app.state.hub
     board = hub.supply.board
@@ -349,7 +349,7 @@ async def _send(request: Request) -> Response:
     _refuse_a_log(hub.session)
     if finished.key < hub.session.live.since:
         return _answer("the session was begun anew meanwhile: look at the new calibration, and send that", 409)
-    packet = Packet.of(finished.fit.calibration)
+    packet = MotionCalPacket.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
 

@@ -23,7 +23,7 @@ from flinders.errors import ArrayError, LinkError, UsageError
 from flinders.live.mavlink import ARDUPILOT, Vehicle
 from flinders.live.readings import FeedEvent, Reading, readings_of
 from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
-from flinders.targets.ardupilot import COMPASSES, Parameters, names
+from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, names
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -90,7 +90,7 @@ class Telemetry:
         self.name = f"compass {compass} of {self._vehicle.name}"
         self._messages = _ranked(self._vehicle.autopilot, compass)
         self._start = self._heard = time.monotonic()
-        self._parameters: Parameters | None = None
+        self._parameters: ArduPilotParameters | None = None
         self._kinds: dict[int, float] = {}
         self._kind: int | None = None
         self._last: tuple[float, ...] = ()
@@ -141,7 +141,7 @@ class Telemetry:
                 return f"corrected readings: the vehicle does not tell its {known[0]}, by which that is taken off"
             if parameter is not None:
                 values[known[0]] = parameter.value
-        self._parameters = Parameters.read(values, self._compass)
+        self._parameters = ArduPilotParameters.read(values, self._compass)
         return f"its correction is taken off: {self._parameters.words()}"
 
     def _ask(self) -> None:

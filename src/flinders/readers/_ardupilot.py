@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from flinders.targets.ardupilot import Parameters
+    from flinders.targets.ardupilot import ArduPilotParameters
 
 IN_VEHICLE_AXES: Final = ("vehicle", "vehicle")
 """The `Instrument.frames` of a compass: nothing is turned back."""
@@ -89,14 +89,14 @@ class History:
         return self.at(len(self.changes))
 
 
-def stored(parameters: Parameters) -> Stored | None:
+def stored(parameters: ArduPilotParameters) -> Stored | None:
     """What the readings were corrected with, or nothing where that changes nothing."""
     if parameters.is_identity:
         return None
     return Stored(parameters.matrix, parameters.centre, words=parameters.words())
 
 
-def mounting_told(parameters: Parameters, values: dict[str, float], number: int) -> str:
+def mounting_told(parameters: ArduPilotParameters, values: dict[str, float], number: int) -> str:
     """Say in which axes the readings are, and by what they were turned before."""
     name, turn = names("ORIENT", number)[0], parameters.orientation
     if not parameters.external:

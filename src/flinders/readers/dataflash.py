@@ -49,7 +49,7 @@ from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_pa
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._source import refusal
-from flinders.targets.ardupilot import COMPASSES, Parameters, device_id
+from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, device_id
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -158,7 +158,7 @@ class _Compass:
         Its messages.
     version : (N,) int
         How many changes of parameters came before each.
-    parameters : dict of Parameters
+    parameters : dict of ArduPilotParameters
         By number of changes.
     beside : tuple of _Beside
     """
@@ -166,7 +166,7 @@ class _Compass:
     source: str
     mag: Table
     version: NDArray[np.intp]
-    parameters: dict[int, Parameters]
+    parameters: dict[int, ArduPilotParameters]
     beside: tuple[_Beside, ...]
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
@@ -381,7 +381,8 @@ def _instrument(
     version = history.change(mag.where)
     known = number if number in COMPASSES else 0
     parameters = {
-        each: Parameters.read(history.at(each), known) if known else Parameters() for each in set(version.tolist())
+        each: ArduPilotParameters.read(history.at(each), known) if known else ArduPilotParameters()
+        for each in set(version.tolist())
     }
     compass = _Compass(file.name, mag, version, parameters, beside)
     end = mag.only(slice(len(mag) - 1, len(mag)))
@@ -404,7 +405,9 @@ def _instrument(
     )
 
 
-def _told(compass: _Compass, in_force: Parameters, values: dict[str, float], number: int, ill: int) -> Iterator[str]:
+def _told(
+    compass: _Compass, in_force: ArduPilotParameters, values: dict[str, float], number: int, ill: int
+) -> Iterator[str]:
     """What to know about a compass."""
     yield mounting_told(in_force, values, number)
     yield "readings were logged in whole mG, cut towards zero"

@@ -44,7 +44,7 @@ from flinders.readers._beside import Beside, Turning, numbered, shares
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._source import refusal
-from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, Parameters, compasses, device_id
+from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses, device_id
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -328,7 +328,7 @@ class _Compass:
     table : (N, `WIDTH`) float
     version : (N,) int
         How many changes of parameters came before each.
-    parameters : dict of Parameters
+    parameters : dict of ArduPilotParameters
         By number of changes; empty where they are not known.
     current, throttle : Beside, optional
         By the clock of the ground station.
@@ -343,7 +343,7 @@ class _Compass:
     source: str
     table: Floats
     version: NDArray[np.intp]
-    parameters: dict[int, Parameters]
+    parameters: dict[int, ArduPilotParameters]
     current: Beside | None
     throttle: Beside | None
     currents: tuple[Beside, ...]
@@ -371,13 +371,13 @@ class _Compass:
             )
             yield numbered(samples, start)
 
-    def drive(self, parameters: Parameters) -> Beside | None:
+    def drive(self, parameters: ArduPilotParameters) -> Beside | None:
         """What a compass's motor compensation goes by, where it is on and that was sent."""
         if not parameters.has_disturbances:
             return None
         return {BY_CURRENT: self.current, BY_THROTTLE: self.throttle}.get(parameters.motor_by)
 
-    def taken_off(self, parameters: Parameters) -> Parameters:
+    def taken_off(self, parameters: ArduPilotParameters) -> ArduPilotParameters:
         """What is un-applied of them: all but a motor compensation that goes by what was not sent."""
         stays = parameters.has_disturbances and self.drive(parameters) is None
         return replace(parameters, motor_by=OFF) if stays else parameters
@@ -408,7 +408,9 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     table, history = heard.table(each), History.of(heard.told.get(system, ()), file.name)
     version = history.change(table[:, PLACE])
     known = number in compasses(history.last)
-    parameters = {one: Parameters.read(history.at(one), number) for one in set(version.tolist())} if known else {}
+    parameters = (
+        {one: ArduPilotParameters.read(history.at(one), number) for one in set(version.tolist())} if known else {}
+    )
     autopilot = heard.autopilots.get(system)
     is_ardupilot = known or autopilot == ARDUPILOT
     is_turned = is_ardupilot or (autopilot == PX4 and each[1] == HIGHRES_IMU)
@@ -435,7 +437,7 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     )
 
 
-def _told(compass: _Compass, in_force: Parameters, values: dict[str, float], message: int) -> Iterator[str]:
+def _told(compass: _Compass, in_force: ArduPilotParameters, values: dict[str, float], message: int) -> Iterator[str]:
     """What to know about a compass whose parameters are in the log."""
     number, changes = COMPASS_MESSAGES[message][1], len(compass.parameters) - 1
     yield mounting_told(in_force, values, number)

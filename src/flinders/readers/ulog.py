@@ -409,7 +409,7 @@ class _Readings:
     flight: _Flight
     time: Floats
     field: Floats
-    settings: tuple[tuple[float, px4.Parameters], ...] = ()
+    settings: tuple[tuple[float, px4.Px4Parameters], ...] = ()
     mounting: Floats | None = None
     is_turned: bool = False
     temperature: Floats | None = None
@@ -523,7 +523,7 @@ def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
     return replace(found, frames=("sensor", "vehicle"))
 
 
-def _instrument(name: str, readings: _Readings, parameters: px4.Parameters | None, device: int = 0) -> Instrument:
+def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | None, device: int = 0) -> Instrument:
     """Say what is known of one magnetometer; device 0 is one that is not known."""
     notes = []
     flight = readings.flight
@@ -563,11 +563,11 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Parameters | Non
     )
 
 
-def _settings(flight: _Flight, device: int, *, turned: bool) -> tuple[tuple[float, px4.Parameters], ...]:
+def _settings(flight: _Flight, device: int, *, turned: bool) -> tuple[tuple[float, px4.Px4Parameters], ...]:
     """What was applied to a compass from when on; without the mounting where it had not been turned yet."""
-    found: list[tuple[float, px4.Parameters]] = []
+    found: list[tuple[float, px4.Px4Parameters]] = []
     for since, values in flight.stages:
-        parameters = px4.of_device(values, device) or px4.Parameters()
+        parameters = px4.of_device(values, device) or px4.Px4Parameters()
         parameters = replace(parameters, compensation=np.zeros(3))
         if not turned:
             parameters = replace(parameters, rotation=px4.INTERNAL, board=np.eye(3))

@@ -206,6 +206,16 @@ def round_up(value: float, steps: Sequence[float] = (1.0, 1.25, 1.5, 2.0, 2.5, 3
     return next(step * decade for step in steps if step * decade >= value * (1.0 - 1e-9))
 
 
+def nearest_round(value: float) -> float:
+    """The nearest of 1, 2 and 5 times a power of ten, by ratio.
+
+    >>> nearest_round(62.0), nearest_round(250.0), nearest_round(0.8)
+    (50.0, 200.0, 1.0)
+    """
+    decade = 10.0 ** math.floor(math.log10(value))
+    return min((step * decade for step in (1.0, 2.0, 5.0, 10.0)), key=lambda step: abs(math.log(step / value)))
+
+
 def labelled(values: Sequence[float], mark: str = "", unit: str = "") -> list[tuple[float, str]]:
     """Numbers with as many decimals as tell each from the next one.
 
@@ -329,4 +339,4 @@ def _is_used(rule: str, kinds: set[str]) -> bool:
 
 
 def _coloured(rule: str, theme: Theme) -> str:
-    return re.sub(r"var\(--([\w-]+)\)", lambda found: colour_of(found[1], theme), rule)
+    return re.sub(r"var\(--([\w-]+)\)", lambda match: colour_of(match[1], theme), rule)

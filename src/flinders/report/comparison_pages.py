@@ -96,11 +96,11 @@ def of_evaluation(evaluation: Evaluation) -> RenderableType:
     return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
 
 
-def of_recovery(true: TwoAxis, found: TwoAxis, polar: Polar) -> RenderableType:
+def of_recovery(true: TwoAxis, estimate: TwoAxis, polar: Polar) -> RenderableType:
     """Lay out a swung two-axis compass: what is true, what was found, the headings before and after."""
     rows = [
         (name, f"{expected:.4f}{unit}", f"{value:.4f}{unit}", f"{round(value - expected, 4) + 0.0:+.4f}{unit}")
-        for name, expected, value, unit in recovery_rows(true, found)
+        for name, expected, value, unit in recovery_rows(true, estimate)
     ]
     headings = [
         ("raw", *_heading_cells(polar.raw_error_deg, polar.raw_radius)),
@@ -119,8 +119,8 @@ def of_methods(contest: Contest) -> RenderableType:
     nothing is written.
     """
     entries = [entry for entry in contest.entries if entry.fit is not None]
-    found = _method_numbers(entries) if entries else None
-    return page(Group(_worth(contest), _basis(contest)), found, notes(_reasons(contest)))
+    result = _method_numbers(entries) if entries else None
+    return page(Group(_worth(contest), _basis(contest)), result, notes(_reasons(contest)))
 
 
 # --------------------------------------------------------------------------------------------------- two calibrations
@@ -287,15 +287,15 @@ def _digits(share: float) -> str:
     return f"{figures(100 * share)}%" if abs(share) > 1e-9 else "0%"
 
 
-def recovery_rows(true: TwoAxis, found: TwoAxis) -> list[tuple[str, float, float, str]]:
+def recovery_rows(true: TwoAxis, estimate: TwoAxis) -> list[tuple[str, float, float, str]]:
     """Name, true value, found value and unit of each parameter."""
     return [
-        ("scale x", true.scale[0], found.scale[0], ""),
-        ("scale y", true.scale[1], found.scale[1], ""),
-        ("offset x", true.offset[0], found.offset[0], " µT"),
-        ("offset y", true.offset[1], found.offset[1], " µT"),
-        ("skew", true.skew_deg, found.skew_deg, "°"),
-        ("noise", true.noise, found.noise, " µT"),
+        ("scale x", true.scale[0], estimate.scale[0], ""),
+        ("scale y", true.scale[1], estimate.scale[1], ""),
+        ("offset x", true.offset[0], estimate.offset[0], " µT"),
+        ("offset y", true.offset[1], estimate.offset[1], " µT"),
+        ("skew", true.skew_deg, estimate.skew_deg, "°"),
+        ("noise", true.noise, estimate.noise, " µT"),
     ]
 
 

@@ -24,7 +24,7 @@ from flinders.core.units import label
 from flinders.errors import counted
 from flinders.heading.error_propagation import level_gradients
 from flinders.report import charts
-from flinders.report.charts import Axis, Plot, round_up, segment, text
+from flinders.report.charts import Axis, Plot, nearest_round, round_up, segment, text
 from flinders.report.formatting import minus, with_uncertainty
 
 if TYPE_CHECKING:
@@ -51,6 +51,9 @@ PLOT, LINE, GAP = 128, 18, 20
 
 BEGINNING: Final = 2
 """The scale of a plot is that of all but one step in so many, the first ones: they are far off, and run out of it."""
+
+NEAR_END: Final = 0.75
+"""Share of all readings from which on a number would run into the last one."""
 
 LEAST_DEG, MOST_DEG = 0.01, 100.0
 """Ends of the axis of headings, in degrees; a decade is left out where nothing is in it."""
@@ -95,9 +98,9 @@ class Trace:
         """(K,) how far the worst level heading is off the last one, to first order; at most 180."""
         known = self.steps.is_known
         gradients = level_gradients(self.steps.ellipsoid(self.last), dip_deg=self.dip_deg)
-        found: Floats = np.full(len(self.steps), np.nan)
-        found[known] = np.minimum(np.rad2deg(np.abs(self.off[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0)
-        return found
+        errors: Floats = np.full(len(self.steps), np.nan)
+        errors[known] = np.minimum(np.rad2deg(np.abs(self.off[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0)
+        return errors
 
 
 def table(trace: Trace) -> str:
@@ -136,8 +139,8 @@ def drawing(trace: Trace) -> str:
 def _title(trace: Trace) -> str:
     counts = trace.steps.counts.tolist()
     title = f"How {trace.method} settles over {counted(counts[-1], 'reading')}"
-    held = counts[trace.last]
-    return title if held == counts[-1] else f"{title}: lost after {held:,}"
+    last = counts[trace.last]
+    return title if last == counts[-1] else f"{title}: lost after {last:,}"
 
 
 def _plot(top: float, trace: Trace, low: float, high: float, scale: Scale = np.asarray) -> Plot:
@@ -212,13 +215,21 @@ def _headings(trace: Trace, plot: Plot) -> str:
 
 
 def _counts(trace: Trace, plot: Plot) -> str:
-    """Numbers of readings below the last plot."""
+    """Numbers of readings below the last plot: the first, the last, and round ones where there is room."""
     whole = int(trace.steps.counts[-1])
-    parts = []
-    for count in sorted({round(whole * (share / 4) ** 2) for share in range(5)}):
-        anchor = "start" if count == 0 else "end" if count == whole else "middle"
-        parts.append(text(plot.x(count), plot.bottom + 16, f"{count:,}", anchor))
-    return "".join(parts)
+    y = plot.bottom + 16
+    ends = text(plot.x(0.0), y, "0", "start") + text(plot.x(whole), y, f"{whole:,}", "end")
+    return ends + "".join(text(plot.x(count), y, f"{count:,}") for count in root_ticks(whole))
+
+
+def root_ticks(whole: int) -> list[int]:
+    """Round numbers about a quarter, half and three quarters along an axis of roots from 0 to `whole`.
+
+    >>> root_ticks(1000), root_ticks(2400), root_ticks(5)
+    ([50, 200, 500], [200, 500, 1000], [1, 2])
+    """
+    counts = (nearest_round(whole * (place / 4) ** 2) for place in (1, 2, 3))
+    return [int(count) for count in counts if 1.0 <= count <= NEAR_END * whole]
 
 
 def _runs(trace: Trace) -> list[slice]:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from flinders.report.fleet_view import BatchDrift, Drift
+    from flinders.report.fleet_view import BatchDrift, FleetDrift
 
 COLOURS: Final = {
     "recalibrate": "red", "unsure": "yellow", "changed": "yellow", "unordered": "yellow", "steady": "green",
@@ -39,7 +39,7 @@ LONGEST: Final = 17
 """Characters of a recording's name that are shown."""
 
 
-def of_drift(drift: Drift) -> RenderableType:
+def of_drift(drift: FleetDrift) -> RenderableType:
     """Lay out a drift for a rich console."""
     units, steps, batches = (
         make(drift) if known else None
@@ -55,7 +55,7 @@ def shown_when(seconds: float, recording: str) -> str:
     return recording if len(recording) <= LONGEST else f"…{recording[1 - LONGEST :]}"
 
 
-def _states(drift: Drift) -> Table:
+def _states(drift: FleetDrift) -> Table:
     rows = [
         styled(COLOURS.get(name, "dim"), name, f"{drift.states[name]:,}", words)
         for name, words in STATES.items()
@@ -64,7 +64,7 @@ def _states(drift: Drift) -> Table:
     return table((Column("units", no_wrap=True), "", Column("")), rows, is_dense=True)
 
 
-def _units(drift: Drift) -> Table:
+def _units(drift: FleetDrift) -> Table:
     names = (Column("worst first", no_wrap=True), Column("state", no_wrap=True))
     rows = [
         (one.unit, one.state, *map(degrees, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
@@ -76,7 +76,7 @@ def _units(drift: Drift) -> Table:
     return table(headings, [*rows, *_more(count)], is_dense=True)
 
 
-def _steps(drift: Drift) -> Table:
+def _steps(drift: FleetDrift) -> Table:
     headings = (Column("moved", no_wrap=True), "heading", "offset by", "chance", "after", "before")
     rows = [
         (one.unit, degrees(one.worst_deg), f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}",
@@ -86,7 +86,7 @@ def _steps(drift: Drift) -> Table:
     return table(headings, [*rows, *_more(drift.step_count)], is_dense=True)
 
 
-def _batches(drift: Drift) -> Table:
+def _batches(drift: FleetDrift) -> Table:
     headings = (Column("batch", no_wrap=True), "units", "recalibrate", "changed", "steps", "not good")
     rows = [_batch_row(one) for one in shown_batches(drift.batches, SHOWN)]
     return table((*headings, Column("stands out by")), [*rows, *_more(len(drift.batches))], is_dense=True)
@@ -109,31 +109,33 @@ def shown_batches(batches: Sequence[BatchDrift], most: int) -> list[BatchDrift]:
     return sorted(worst, key=lambda one: one.batch)
 
 
-def _remarks(drift: Drift) -> list[str]:
+def _remarks(drift: FleetDrift) -> list[str]:
     """What else there is to know, a line each."""
     against = "its first" if drift.against == "first" else "the one before"
     what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
-    found = [f"{what}; the newest of each against {against}, held level, dip {abs(drift.dip_deg):g}°"]
-    found += about_order(drift)
+    remarks = [f"{what}; the newest of each against {against}, held level, dip {abs(drift.dip_deg):g}°"]
+    remarks += about_order(drift)
     if drift.session > 1.05:
-        found.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")
+        remarks.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")
     if drift.walk_deg > 0.005:
-        found.append(f"slow drift of this fleet: {degrees(drift.walk_deg)} of heading over a year (1 σ)")
+        remarks.append(f"slow drift of this fleet: {degrees(drift.walk_deg)} of heading over a year (1 σ)")
     undated = drift.undated
     if undated.units and undated.session > 1.05:
-        found.append(
+        remarks.append(
             f"recordings without dates scatter {figures(undated.session**0.5)} times as far as they claim: allowed for"
         )
     if undated.units and undated.walk_deg > 0.005:
-        found.append(
+        remarks.append(
             f"slow drift where no dates are known: {degrees(undated.walk_deg)} of heading from one recording to the "
             "next (1 σ)"
         )
     if drift.left_out:
-        found.append(f"{counted(drift.left_out, 'row')} left out: refused, failed, or in another unit than the others")
+        remarks.append(
+            f"{counted(drift.left_out, 'row')} left out: refused, failed, or in another unit than the others"
+        )
     if drift.batches:
-        found.append(f"the batch is told by {drift.batch_of}")
-    found.append(
+        remarks.append(f"the batch is told by {drift.batch_of}")
+    remarks.append(
         f"chance alone lists a unit, or a step, in {drift.chance:.0%} of fleets of this size in which nothing changed"
     )
-    return found
+    return remarks

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.random_walk import Walk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
-    from flinders.report.view import View
+    from flinders.report.view import Shown, View
 
 MOST: Final = 10_000
 """Readings that are drawn; of a longer recording every k-th."""
@@ -145,20 +145,20 @@ class FigureData:
         return replace(self, view=view)
 
     @property
+    def shown(self) -> Shown | None:
+        """The correction that readings are drawn under; None where there is none."""
+        return None if self.view is None else self.view.shown
+
+    @property
     def corrected(self) -> Floats:
-        """(n, 3) readings under the correction that they are drawn under; empty where there is none."""
-        if self.view is None or self.view.shown is None:
-            return np.empty((0, 3))
-        shown = self.view.shown
-        corrected: Floats = (self.raw - shown.offset) @ np.transpose(shown.matrix)
-        return corrected
+        """(n, 3) readings under that correction; empty where there is none."""
+        return np.empty((0, 3)) if self.shown is None else _under(self.shown, self.raw)
 
     def strengths(self, *, is_compensated: bool) -> Floats:
         """(n,) lengths of the corrected readings: with what drives the offset taken off, and not."""
-        if self.view is None or self.view.shown is None:
+        if self.shown is None:
             return np.empty(0)
-        shown, field = self.view.shown, self.raw if is_compensated else self.recorded
-        strengths: Floats = np.linalg.norm((field - shown.offset) @ np.transpose(shown.matrix), axis=1)
+        strengths: Floats = np.linalg.norm(_under(self.shown, self.raw if is_compensated else self.recorded), axis=1)
         return strengths
 
     def walk(self, fit: Fit) -> Walk | None:
@@ -172,23 +172,27 @@ class FigureData:
     @property
     def shape(self) -> Floats | None:
         """(3, 3) S of the ellipsoid raw = offset + S u that the correction makes a sphere; None where there is none."""
-        if self.view is None or self.view.shown is None:
+        if self.shown is None:
             return None
-        shape: Floats = self.view.shown.strength * np.linalg.inv(self.view.shown.matrix)
+        shape: Floats = self.shown.strength * np.linalg.inv(self.shown.matrix)
         return shape
 
     @property
     def residuals(self) -> Floats:
         """(n,) how much longer each corrected reading is than the field; empty where there is no correction."""
-        if self.view is None or self.view.shown is None:
-            return np.empty(0)
-        return lengths_off(self.corrected, self.view.shown.strength, self.plane)
+        return np.empty(0) if self.shown is None else lengths_off(self.corrected, self.shown.strength, self.plane)
+
+
+def _under(shown: Shown, field: Floats) -> Floats:
+    """(n, 3) readings under a correction."""
+    corrected: Floats = (field - shown.offset) @ np.transpose(shown.matrix)
+    return corrected
 
 
 def _seen(fit: Fit, samples: Samples) -> View:
     """The view, with advice for what is still to be reached: headings, then all attitudes, then nothing."""
-    found = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
-    return msgspec.structs.replace(found, guidance=None) if fit.verdict == "good" else found
+    seen = view(fit, samples, goal="heading" if fit.heading_error_deg.worst > fit.target_deg else "attitude")
+    return msgspec.structs.replace(seen, guidance=None) if fit.verdict == "good" else seen
 
 
 def _whole(recording: Recording) -> Samples:

@@ -99,8 +99,8 @@ def _projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool
     edge = outline(drawn, plane, is_corrected=is_corrected)
     inside = [plot.dots(name, used[:, i], used[:, j]), plot.crosses(out[:, i], out[:, j])]
     inside.append(shape(f"outline {name}", plot.places(*edge.T), is_closed=True))
-    if not is_corrected and drawn.view is not None and drawn.view.shown is not None:
-        offset = drawn.view.shown.offset
+    if not is_corrected and drawn.shown is not None:
+        offset = drawn.shown.offset
         inside.append(offset_arm(plot.x(0.0), plot.y(0.0), plot.x(offset[i]), plot.y(offset[j])))
     return chart(
         SIDE,
@@ -116,14 +116,14 @@ def _projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool
 def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, Floats]:
     """(n, 3) readings, and the two corners (3,) of a cube to show them in, which is the same for all projections."""
     if is_corrected:
-        strength = 1.0 if drawn.view is None or drawn.view.shown is None else drawn.view.shown.strength
+        strength = 1.0 if drawn.shown is None else drawn.shown.strength
         return drawn.corrected, np.full(3, -1.25 * strength), np.full(3, 1.25 * strength)
     low, high = _extent(drawn.raw[drawn.is_used] if drawn.is_used.any() else drawn.raw)
-    shape = drawn.shape
-    if shape is not None and drawn.view is not None and drawn.view.shown is not None:
-        offset, reach = np.array(drawn.view.shown.offset), np.linalg.norm(shape, axis=1)
+    shown, shape = drawn.shown, drawn.shape
+    if shown is not None and shape is not None:
+        offset, reach = np.array(shown.offset), np.linalg.norm(shape, axis=1)
         low, high = np.minimum(low, offset - reach), np.maximum(high, offset + reach)
-        if np.linalg.norm(offset) <= FARTHEST * drawn.view.shown.strength:
+        if np.linalg.norm(offset) <= FARTHEST * shown.strength:
             low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
     half = max(0.54 * float((high - low).max()), 1e-9)
     middle = (low + high) / 2.0
@@ -148,12 +148,12 @@ def outline(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) ->
 
 def _silhouette(drawn: FigureData, eye: Floats, *, is_corrected: bool) -> Floats:
     """(72, 2) outline of the ellipsoid, or of the sphere that it becomes; (0, 2) where there is none."""
-    shape = drawn.shape
-    if shape is None or drawn.view is None or drawn.view.shown is None:
+    shown, shape = drawn.shown, drawn.shape
+    if shown is None or shape is None:
         return np.empty((0, 2))
     if is_corrected:
-        return _shadow(drawn.view.shown.strength * eye[:2])
-    edge: Floats = eye[:2] @ np.array(drawn.view.shown.offset) + _shadow(eye[:2] @ shape)
+        return _shadow(shown.strength * eye[:2])
+    edge: Floats = eye[:2] @ np.array(shown.offset) + _shadow(eye[:2] @ shape)
     return edge
 
 
@@ -176,11 +176,11 @@ def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
     list of (str, str)
         Title and figure.
     """
-    found = [("Before", _cloud(drawn, is_corrected=False))]
+    titled = [("Before", _cloud(drawn, is_corrected=False))]
     if drawn.view is not None and drawn.view.shown is not None:
-        found.append(("After", _cloud(drawn, is_corrected=True)))
-        found.append(("Predicted error", _ball(drawn.view, target_deg)))
-    return found
+        titled.append(("After", _cloud(drawn, is_corrected=True)))
+        titled.append(("Predicted error", _ball(drawn.view, target_deg)))
+    return titled
 
 
 def _eye() -> Floats:
@@ -194,7 +194,7 @@ def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
     eye, name = _eye(), "after" if is_corrected else "before"
     readings, low, high = extents(drawn, is_corrected=is_corrected)
     points, out = thinned(readings[drawn.is_used], MOST_DOTS) @ eye.T, readings[~drawn.is_used] @ eye.T
-    shown = None if drawn.view is None else drawn.view.shown
+    shown = drawn.shown
     origin = np.clip(np.zeros(3), low, high)  # where zero is far away, the axes stand at the edge
     length = float((high - low).max()) * (0.46 if is_corrected else 0.22)
     triad = np.concatenate([[origin], origin + length * np.eye(3)]) @ eye.T
@@ -446,8 +446,7 @@ def offset_over_time(walk: Walk, unit: str, plane: Plane | None = None) -> str:
 
 def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
     """Strength of the corrected field over what drives the offset: with that left in, and taken off."""
-    assert drawn.view is not None
-    assert drawn.view.shown is not None
+    assert drawn.shown is not None
     driving = drawn.driving[disturbance.name]
     is_shown = drawn.is_used & np.isfinite(driving)
     values, origin = driving[is_shown], disturbance.reference
@@ -457,7 +456,7 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
     first, last = float(values.min(initial=origin)), float(values.max(initial=origin))
     plot = _wide(10, 190, (first, max(last, first + 1e-9)), (low - margin, high + margin))
     parts = [plot.grid(8), *(plot.dots(kind, values, row) for kind, row in zip(("before", "after"), rows, strict=True))]
-    parts.append(plot.level(drawn.view.shown.strength, "aim"))
+    parts.append(plot.level(drawn.shown.strength, "aim"))
     parts.append(text(plot.middle, 236, with_unit(disturbance)))
     parts.append(text(14, plot.top + plot.height / 2, drawn.unit, is_turned=True))
     title = f"Strength of the corrected field over {disturbance.name}, before and after following it"

@@ -56,8 +56,8 @@ def of_fit(fit: Fit) -> RenderableType:
     copied into a firmware sooner or later. It says why, how to do better, and what is odd about the recording.
     """
     if fit.verdict != "refused":
-        found = numbers(fit.calibration, fit.offset_sigma, fit.noise)
-        return Group(page(_before_and_after(fit), found, _fit_verdict(fit)), _findings(fit.findings, movement(fit)))
+        result = numbers(fit.calibration, fit.offset_sigma, fit.noise)
+        return Group(page(_before_and_after(fit), result, _fit_verdict(fit)), _findings(fit.findings, movement(fit)))
     reasons = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
     return Group(page(_fit_verdict(fit)), _findings(reasons, movement(fit)))
 
@@ -113,9 +113,9 @@ def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float
     return page(table(headings, rows), Group(*said, basis))
 
 
-def of_several(found: Together, target_deg: float) -> RenderableType:
+def of_several(together: Together, target_deg: float) -> RenderableType:
     """Lay out magnetometers that were calibrated together: a row each, and what the others tell of it."""
-    upper = (f"axes of\n{found.reference}", "\nbut for", "\noff by")
+    upper = (f"axes of\n{together.reference}", "\nbut for", "\noff by")
     headings = (
         Column("\n"),
         Column("\nmagnetometer", overflow="fold", min_width=12),
@@ -123,13 +123,13 @@ def of_several(found: Together, target_deg: float) -> RenderableType:
         Column("\nverdict"),
     )
     rows = [
-        (str(number), member.name, _error(member.alone), _error(member.fit), *_axes_cells(found, member),
+        (str(number), member.name, _error(member.alone), _error(member.fit), *_axes_cells(together, member),
          _coloured(verdict_of(member.fit)))
-        for number, member in enumerate(found.members, 1)
+        for number, member in enumerate(together.members, 1)
     ]  # fmt: skip
-    reasons = [pair for number, member in enumerate(found.members, 1) for pair in _member_notes(number, member)]
+    reasons = [pair for number, member in enumerate(together.members, 1) for pair in _member_notes(number, member)]
     basis = f"heading: the worst error, 1 σ, held level; the target is {target_deg:g}°"
-    said = Group(notes(reasons), Text(f"{_agreed(found)}\n{basis}", "dim"))
+    said = Group(notes(reasons), Text(f"{_agreed(together)}\n{basis}", "dim"))
     return page(table(headings, rows), said)
 
 
@@ -259,21 +259,21 @@ def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
     entries = [f"S{row}{column}" for row in axes for column in axes]
     means = [f"mean H{axis}" for axis in turn.plane]
     names = (*means, "eigenvalues", "semi-axes", "axis ratio", "skew angle", *entries)
-    cells = (_ellipse_cells(found, unit) for found in (turn.recipe, turn.ellipse))
+    cells = (_ellipse_cells(ellipse, unit) for ellipse in (turn.recipe, turn.ellipse))
     return [("points", points, points), *zip(names, *cells, strict=True)]
 
 
-def _ellipse_cells(found: PlaneEllipse, unit: str) -> list[str]:
+def _ellipse_cells(ellipse: PlaneEllipse, unit: str) -> list[str]:
     """Write an ellipse as the recipe has it."""
-    first, second = (figures(value, 6) for value in found.eigenvalues.tolist())
-    long, short = (figures(axis, 6) for axis in found.semi_axes.tolist())
+    first, second = (figures(value, 6) for value in ellipse.eigenvalues.tolist())
+    long, short = (figures(axis, 6) for axis in ellipse.semi_axes.tolist())
     return [
-        *(f"{value:.4f} {unit}" for value in found.centre.tolist()),
+        *(f"{value:.4f} {unit}" for value in ellipse.centre.tolist()),
         f"{first}, {second}",
         f"{long}, {short} {unit}",
-        f"{found.ratio:.5f}",
-        f"{found.direction_deg + 0.0:+.3f}°",
-        *(f"{entry + 0.0:+.6f}" for entry in found.matrix.ravel().tolist()),
+        f"{ellipse.ratio:.5f}",
+        f"{ellipse.direction_deg + 0.0:+.3f}°",
+        *(f"{entry + 0.0:+.6f}" for entry in ellipse.matrix.ravel().tolist()),
     ]
 
 
@@ -333,10 +333,10 @@ def _coloured(verdict: Verdict) -> Text:
 
 def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...]:
     """Name, readings, share of the sphere, worst heading and verdict of one magnetometer."""
-    fit, found = _fit_of(outcome), verdict_of(outcome)
-    error = "" if fit is None or found == "refused" else degrees(fit.heading_error_deg.worst)
+    fit, quality = _fit_of(outcome), verdict_of(outcome)
+    error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
     cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
-    return name, *cells, error, _coloured(found)
+    return name, *cells, error, _coloured(quality)
 
 
 def _why_refused(outcome: Fit | FitError) -> str:
@@ -355,11 +355,11 @@ def _error(outcome: Fit | FlindersError) -> str:
     return "–" if fit is None else degrees(fit.heading_error_deg.worst)
 
 
-def _axes_cells(found: Together, member: Member) -> tuple[str, str, str]:
+def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
     """Which axes it has, how far it is off them, and what its readings are usually off."""
     if member.rotation is None:
         return "", "", ""
-    off = "" if member.name == found.reference else f"{member.off_axes_deg:.1f}°"
+    off = "" if member.name == together.reference else f"{member.off_axes_deg:.1f}°"
     if off and member.rotation_sigma_deg is not None:
         off = f"{member.off_axes_deg:.1f} ± {figures(float(member.rotation_sigma_deg.max()), 1)}°"
     return member.axes, off, degrees(member.scatter_deg) if member.scatter_deg else ""
@@ -376,12 +376,12 @@ def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
         yield finding.severity, f"{number} {finding.advice}"
 
 
-def _agreed(found: Together) -> str:
+def _agreed(together: Together) -> str:
     """Over how long they were compared with each other."""
-    over = f"{counted(found.agreement.moments, 'moment')} common to two or more"
-    seconds = f", over {written_time(found.agreement.seconds)}" if found.agreement.seconds else ""
-    axes = "of gyro and accelerometer" if found.in_body else f"of {found.reference}"
-    own = [member.name for member in found.members if member.is_kept]
+    over = f"{counted(together.agreement.moments, 'moment')} common to two or more"
+    seconds = f", over {written_time(together.agreement.seconds)}" if together.agreement.seconds else ""
+    axes = "of gyro and accelerometer" if together.in_body else f"of {together.reference}"
+    own = [member.name for member in together.members if member.is_kept]
     but = f", those of {' and '.join(own)} in their own" if own else ""
-    corrected = f"corrected readings are in the axes {axes}{but}\n" if found.is_joint else ""
+    corrected = f"corrected readings are in the axes {axes}{but}\n" if together.is_joint else ""
     return f"{corrected}{over}{seconds}; off by: readings averaged over a second, in degrees of heading, 1 σ"

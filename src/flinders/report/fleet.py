@@ -29,7 +29,7 @@ from flinders.report.script import joined
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.report.fleet_view import BatchDrift, Drift, Histogram, Overview, UnitDrift
+    from flinders.report.fleet_view import BatchDrift, FleetDrift, Histogram, Overview, UnitDrift
 
 START: Final = "m0.theming(() => {});"
 VERDICTS: Final = {
@@ -74,14 +74,14 @@ ADVICE: Final = {
 """What to do about errors, and about findings whose own advice names directions or rows of one unit."""
 
 
-def page(overview: Overview, drift: Drift | None = None, *, notes: Sequence[str] = ()) -> str:
+def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence[str] = ()) -> str:
     """Write a fleet as one HTML file.
 
     Parameters
     ----------
     overview : Overview
         Of the table.
-    drift : Drift, optional
+    drift : FleetDrift, optional
         How its units changed.
     notes : sequence of str
         What else to know, in sentences.
@@ -137,7 +137,7 @@ def chance(p_value: float) -> str:
 # ------------------------------------------------------------------------------------------------------------- words
 
 
-def _outcome(overview: Overview, drift: Drift | None) -> dict[str, str]:
+def _outcome(overview: Overview, drift: FleetDrift | None) -> dict[str, str]:
     """What matters most, in a title and a sentence."""
     if drift is None:
         return _calibrated(overview)
@@ -180,32 +180,32 @@ def _notes(overview: Overview) -> list[str]:
     return [f"{counted(summed, 'recording')} fitted from sums alone: {SUMS_ALONE}."] if summed else []
 
 
-def about_order(drift: Drift) -> list[str]:
+def about_order(drift: FleetDrift) -> list[str]:
     """Say of which units no dates or no order are known, and what was counted once; a sentence each."""
-    found = []
+    remarks = []
     if drift.undated.units:
-        found.append(
+        remarks.append(
             f"no dates are known of {counted(drift.undated.units, 'unit')}: recordings are taken in the order of their "
             "names, nothing is told by the day, and a step may be drift over a long time"
         )
     if count := drift.states["unordered"]:
         some = ", ".join(drift.unordered[:5]) + (" and others" if count > 5 else "")
-        found.append(
+        remarks.append(
             f"the order of recordings is not known of {counted(count, 'unit')} ({some}): nothing is told of them; put "
             "dates into the names of recordings"
         )
     if drift.passed_over:
-        found.append(
+        remarks.append(
             f"{counted(drift.passed_over, 'row')} passed over: the same recordings stand in a table named later, or "
             "further down, and count once"
         )
-    return found
+    return remarks
 
 
-def _numbers(overview: Overview, drift: Drift | None) -> list[tuple[str, str, str]]:
+def _numbers(overview: Overview, drift: FleetDrift | None) -> list[tuple[str, str, str]]:
     """What stands in large figures: name, number, what it is."""
     good, refused, failed = (overview.verdicts.get(name, 0) for name in ("good", "refused", "failed"))
-    found = [
+    rows = [
         ("Units", f"{overview.units:,}", counted(overview.rows, "recording")),
         ("Good", percent(good, overview.rows), counted(good, "recording")),
     ]
@@ -215,9 +215,9 @@ def _numbers(overview: Overview, drift: Drift | None) -> list[tuple[str, str, st
     errors = _median("Worst heading off by", overview.heading_deg, better)
     if drift is None:
         why = f"{refused:,} refused, {failed:,} could not be read" if refused or failed else "all gave one"
-        return [*found, ("No calibration", f"{refused + failed:,}", why), *errors]
+        return [*rows, ("No calibration", f"{refused + failed:,}", why), *errors]
     return [
-        *found,
+        *rows,
         *errors,
         ("To recalibrate", f"{drift.states['recalibrate']:,}", f"changed by more than {drift.target_deg:g}°"),
         ("Moved in a step", f"{drift.step_units:,}", f"{counted(drift.step_count, 'step')} in {drift.gaps:,} gaps"),
@@ -234,7 +234,7 @@ def _median(name: str, counts: Histogram, words: str) -> list[tuple[str, str, st
     return [(name, degrees(counts.quantile(0.5)), words)] if counts.total else []
 
 
-def _orders(drift: Drift) -> list[tuple[str, list[UnitDrift]]]:
+def _orders(drift: FleetDrift) -> list[tuple[str, list[UnitDrift]]]:
     """The listed units in each order that they can be seen in."""
     listed = list(drift.listed)
     return [
@@ -245,7 +245,7 @@ def _orders(drift: Drift) -> list[tuple[str, list[UnitDrift]]]:
     ]
 
 
-def _odd(drift: Drift) -> list[BatchDrift]:
+def _odd(drift: FleetDrift) -> list[BatchDrift]:
     """Batches that stand out by how their units changed."""
     return [one for one in drift.batches if {"changes", "steps"} & set(one.stands_out)]
 
@@ -255,7 +255,7 @@ def _meaning(code: str) -> str:
     return CATALOGUE[code].number if code in CATALOGUE else ""
 
 
-def _figures(overview: Overview, drift: Drift | None) -> dict[str, Any]:
+def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
     """Figures by name: numbers and words of our own, and names escaped."""
     shown: dict[str, Any] = {
         "verdicts": drawing.bar(overview.verdicts),

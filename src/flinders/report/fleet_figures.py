@@ -179,8 +179,8 @@ def _bad(counts: Mapping[str, int], fine: Container[str] = ("good",)) -> int:
 
 def _ends(histogram: Histogram) -> tuple[int, int]:
     """First class that holds something, and the one after the last; a third of a decade wide at the least."""
-    held = [place for place, count in enumerate(histogram.counts) if count]
-    low, high = (held[0], held[-1] + 1) if held else (0, len(histogram.counts))
+    filled = [place for place, count in enumerate(histogram.counts) if count]
+    low, high = (filled[0], filled[-1] + 1) if filled else (0, len(histogram.counts))
     least = math.ceil(len(histogram.counts) / math.log10(histogram.high / histogram.low) / 3.0)
     while high - low < min(least, len(histogram.counts)):
         low, high = max(low - 1, 0), min(high + 1, len(histogram.counts))

@@ -10,8 +10,7 @@ Counts add, so that a table of any length is gone through in parts:
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -72,8 +71,8 @@ class Histogram:
         """With more numbers; those that are not known are left out."""
         values = np.asarray(numbers, float)
         values = values[np.isfinite(values)].clip(self.low, self.high)
-        found, _ = np.histogram(values, np.array(self.edges))
-        return replace(self, counts=tuple((np.array(self.counts) + found).tolist()))
+        counts, _ = np.histogram(values, np.array(self.edges))
+        return replace(self, counts=tuple((np.array(self.counts) + counts).tolist()))
 
     def share_above(self, limit: float) -> float:
         """Share of the numbers above a limit, to the width of a class."""
@@ -106,7 +105,7 @@ class Histogram:
 
 
 @dataclass(frozen=True, slots=True)
-class Unit:
+class FleetUnit:
     """One row that a table of the report shows.
 
     Attributes
@@ -160,7 +159,7 @@ class Overview:
         Rows of each verdict in each hardware batch; empty where no batches are known.
     batch_of : str
         What tells the batch, in words.
-    worst : mapping of str to tuple of Unit
+    worst : mapping of str to tuple of FleetUnit
         Rows that have the largest ``heading error``, ``offset`` and ``noise``.
     target_deg : float
     """
@@ -178,7 +177,7 @@ class Overview:
     methods: Mapping[str, int]
     batches: Mapping[str, Mapping[str, int]]
     batch_of: str
-    worst: Mapping[str, tuple[Unit, ...]]
+    worst: Mapping[str, tuple[FleetUnit, ...]]
     target_deg: float
 
 
@@ -227,10 +226,6 @@ class UnitDrift:
     p_value: float
     unit_of_field: str
 
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return dataclasses.asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
 class UnitStep:
@@ -259,10 +254,6 @@ class UnitStep:
     moved: tuple[float, ...]
     p_value: float
     unit_of_field: str
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return dataclasses.asdict(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,10 +294,6 @@ class BatchDrift:
         count = sum(self.verdicts.values())
         return count - self.verdicts.get("good", 0), count
 
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return dataclasses.asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
 class Undated:
@@ -340,7 +327,7 @@ class Undated:
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class FleetDrift:
     """How a fleet changed.
 
     Attributes
@@ -424,13 +411,13 @@ class Drift:
             "pairs": self.pairs,
             "undated": self.undated.as_dict(),
             "unordered": list(self.unordered),
-            "listed": [one.as_dict() for one in self.listed],
+            "listed": [asdict(one) for one in self.listed],
             "steps": {
                 "count": self.step_count,
                 "units": self.step_units,
                 "gaps": self.gaps,
                 "gap_chance": self.step_chance,
-                "largest": [one.as_dict() for one in self.steps],
+                "largest": [asdict(one) for one in self.steps],
             },
-            "batches": {"told_by": self.batch_of, "each": [batch.as_dict() for batch in self.batches]},
+            "batches": {"told_by": self.batch_of, "each": [asdict(batch) for batch in self.batches]},
         }

@@ -377,13 +377,13 @@ def _file(file: SourceFile) -> dict[str, str]:
 def _figures(drawn: FigureData, fit: Fit | None, walk: Walk | None) -> dict[str, Any]:
     """Figures by name, numbers and words of our own; None of those that nothing is known for."""
     view, target = drawn.view, 1.0 if fit is None else fit.target_deg
-    found: dict[str, Any] = dict.fromkeys(FIGURES)
+    drawings: dict[str, Any] = dict.fromkeys(FIGURES)
     if len(drawn.raw):
-        found["before"] = drawing.projections(drawn, is_corrected=False)
-        found["pictures"] = drawing.pictures(drawn, target)
+        drawings["before"] = drawing.projections(drawn, is_corrected=False)
+        drawings["pictures"] = drawing.pictures(drawn, target)
     if view is None or view.shown is None:
-        return found
-    found |= {
+        return drawings
+    drawings |= {
         "after": drawing.projections(drawn, is_corrected=True),
         "error_map": drawing.error_map(view, target),
         "error_legend": drawing.error_legend(target),
@@ -395,9 +395,11 @@ def _figures(drawn: FigureData, fit: Fit | None, walk: Walk | None) -> dict[str,
         "offset_over_time": None if walk is None else drawing.offset_over_time(walk, drawn.unit, drawn.plane),
     }
     if fit is not None and fit.verdict != "refused":
-        found["correlation"] = None if claims_nothing(fit) else drawing.correlation(fit)
-        found["compensated"] = [drawing.compensated(drawn, disturbance) for disturbance in fit.calibration.disturbances]
-    return found
+        drawings["correlation"] = None if claims_nothing(fit) else drawing.correlation(fit)
+        drawings["compensated"] = [
+            drawing.compensated(drawn, disturbance) for disturbance in fit.calibration.disturbances
+        ]
+    return drawings
 
 
 def _data(drawn: FigureData, fit: Fit | None) -> str:

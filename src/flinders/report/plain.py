@@ -3,6 +3,8 @@
 It says what was found, how far off the compass was and will be, for which attitudes that holds, what is not known and
 why, what to do next, and the numbers to copy. Of a refusal it says why and how to move, and shows no numbers.
 
+>>> REFUSALS["unmoved"].remedy
+'Turn it slowly through all directions while recording.'
 >>> print(_paragraph("It is short."), _items(["One.", "Two."]), sep="")
 It is short.
 - One.
@@ -14,7 +16,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
@@ -24,7 +26,6 @@ from flinders.fitting.result import TILTS, Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
 from flinders.report.sections import mounting
-from flinders.report.words import REFUSALS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -45,6 +46,60 @@ AGAIN: Final = (
     "Calibrate again when anything of iron, or a current, has come near the sensor or gone from it. A new recording "
     "shows whether the calibration still holds: flinders check."
 )
+
+
+class Words(NamedTuple):
+    """What was found, and what to do about it, if there is anything."""
+
+    said: str
+    remedy: str = ""
+
+
+REFUSALS: Final = {
+    "too-few-samples": Words(
+        "The number of usable readings is {found:,}, and at least {needed:,} are needed.",
+        "Record for longer, while turning the sensor through all directions.",
+    ),
+    "stuck-axis": Words(
+        "Some of the sensor's axes never change.",
+        "Check the wiring and the columns that are read, and turn the sensor about all three of its axes.",
+    ),
+    "unmoved": Words(
+        "The sensor was hardly turned: all readings lie within {angle_deg:.2g}° of one direction.",
+        "Turn it slowly through all directions while recording.",
+    ),
+    "not-turned": Words(
+        "The sensor was held still while what disturbs it changed.",
+        "Give the calibration that this belongs to, or turn the sensor while recording.",
+    ),
+    "out-of-scale": Words(
+        "The readings are larger or smaller than those of any magnetometer.",
+        "Check which columns are read, and the unit.",
+    ),
+    "not-an-ellipsoid": Words(
+        "The readings cover too few directions to tell what they would be in the others.",
+        "Turn the sensor upside down and onto each of its sides.",
+    ),
+    "undetermined": Words(
+        "The sensor was turned in too few ways. For {unseen} of the 9 numbers of the correction the recording tells "
+        "nothing.",
+        "Turn the sensor about all three of its axes.",
+    ),
+    "constant-strength": Words(
+        "The field has nearly one and the same strength at all readings. The method that was asked for needs one that "
+        "varies.",
+        "Use another method.",
+    ),
+    "wrong-strength": Words(
+        "The strength of the field that the recording tells beside its readings cannot be right.",
+        "Check where that column comes from, or take it out.",
+    ),
+    "collapsed": Words(
+        "The method that was asked for finds no correction near these readings.",
+        "Use another method, or turn the sensor onto all of its sides.",
+    ),
+}
+"""Each refusal that has no fit in plain words, and what to do about it."""
 
 
 def page(outcome: Fit | FitError, provenance: Provenance) -> str:
@@ -99,9 +154,9 @@ def _without_a_fit(error: FitError) -> list[str]:
 
 
 def _refusal(why: Iterable[str], what: Iterable[str]) -> list[str]:
-    found = "No calibration can be given from this recording. Its numbers could not be trusted, and none are shown."
+    refusal = "No calibration can be given from this recording. Its numbers could not be trusted, and none are shown."
     return [
-        _section("WHAT WAS FOUND", _paragraph(found)),
+        _section("WHAT WAS FOUND", _paragraph(refusal)),
         _section("WHY", _items(why)),
         _section("WHAT TO DO NEXT", _items([*what, "After that, calibrate again."])),
     ]
@@ -127,11 +182,11 @@ def _how_far_off(fit: Fit) -> str:
     raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
     before = "any angle: the compass does not work" if raw.worst > 100.0 else f"up to {degrees(raw.worst)}"
     adds = mounting(fit).replace(" (1 σ)", "")
-    told = f" {adds[:1].upper()}{adds[1:]}." if adds else ""
+    mounted = f" {adds[:1].upper()}{adds[1:]}." if adds else ""
     return (
         f"Without the calibration headings are off by {before}. With it, expect them to be off by {degrees(error.rms)} "
         f"on average and by {degrees(error.worst)} at the worst heading; in 19 of 20 cases by no more than twice that. "
-        f"The target was {fit.target_deg:g}°.{told} This is for a vehicle that is level, where the field dips by "
+        f"The target was {fit.target_deg:g}°.{mounted} This is for a vehicle that is level, where the field dips by "
         f"{abs(error.dip_deg):.3g}°, and for as long as nothing magnetic near the sensor comes, goes or is switched on."
     )
 

@@ -39,7 +39,7 @@ CIRCLE: Final = np.stack([np.cos(AROUND), np.sin(AROUND)], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
-class Polar:
+class PolarAxes:
     """Rings around a place of the drawing, and how large what they hold is."""
 
     x: float
@@ -47,7 +47,7 @@ class Polar:
     rings: int
 
     @classmethod
-    def around(cls, x: float, points: Floats) -> Polar:
+    def around(cls, x: float, points: Floats) -> PolarAxes:
         """Rings that hold (n, 2) points."""
         largest = float(np.linalg.norm(points, axis=1).max())
         step = ring_step(largest)
@@ -112,7 +112,7 @@ def ring_step(largest: float) -> float:
 def _before(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
     """Points as recorded, the ellipse and its long axis, and the offset."""
     points, outline = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
-    polar = Polar.around(LEFT, np.concatenate([points, outline]))
+    polar = PolarAxes.around(LEFT, np.concatenate([points, outline]))
     angle = math.radians(loaded.direction_deg)
     along = loaded.semi_axes[0] * np.array([math.cos(angle), math.sin(angle)])
     ends = polar.places(np.array([loaded.centre - along, loaded.centre + along]))
@@ -126,7 +126,7 @@ def _before(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
 def _after(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
     """Points as corrected, and the circle that they should lie on."""
     points, outline = loaded.correct(thinned(turn.points, SHOWN)), loaded.radius * CIRCLE
-    polar = Polar.around(RIGHT, np.concatenate([points, outline]))
+    polar = PolarAxes.around(RIGHT, np.concatenate([points, outline]))
     edge = shape("outline after", polar.places(outline), is_closed=True)
     return polar.grid(turn.plane, unit) + edge + _points("after", polar.places(points))
 

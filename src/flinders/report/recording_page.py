@@ -40,7 +40,7 @@ ENOUGH_SEEN: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor:
+class RecordedSensor:
     """One magnetometer of a recording.
 
     Attributes
@@ -116,7 +116,7 @@ class Contents:
         Latitude and longitude in degrees, north and east positive, and altitude in metres.
     site : SiteField or None
         The field that the World Magnetic Model has there.
-    sensors : tuple of Sensor
+    sensors : tuple of RecordedSensor
     commands : tuple of str
         What to type next.
     notes : tuple of str
@@ -128,7 +128,7 @@ class Contents:
     begun: str | None
     position: tuple[float, float, float] | None
     site: SiteField | None
-    sensors: tuple[Sensor, ...]
+    sensors: tuple[RecordedSensor, ...]
     commands: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -146,7 +146,7 @@ def of_contents(contents: Contents) -> RenderableType:
     return Group(_block(_of_the_file(contents)), page(*sensors, said))
 
 
-def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -> tuple[str, ...]:
+def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence[str]) -> tuple[str, ...]:
     """The commands to type next: for the magnetometer that has seen most and, where there are several, for all.
 
     None for what looks like another sensor.
@@ -155,7 +155,7 @@ def commands_for(path: str, sensors: Sequence[Sensor], options: Sequence[str]) -
     ----------
     path : str
         Of the recording.
-    sensors : sequence of Sensor
+    sensors : sequence of RecordedSensor
     options : sequence of str
         Those with which it was read here.
     """
@@ -208,7 +208,7 @@ def _of_the_file(contents: Contents) -> list[tuple[str, str]]:
     return rows + [("·", note) for note in contents.notes]
 
 
-def _of_a_sensor(sensor: Sensor, site: SiteField | None) -> list[tuple[str, str]]:
+def _of_a_sensor(sensor: RecordedSensor, site: SiteField | None) -> list[tuple[str, str]]:
     unit = label(sensor.inside)
     known = f"in {sensor.unit}" + (f", shown in {unit}" if sensor.unit not in {sensor.inside, COUNTS} else "")
     rows = [(f"{sensor.number}  {sensor.name}", known)]
@@ -232,40 +232,40 @@ def _of_a_sensor(sensor: Sensor, site: SiteField | None) -> list[tuple[str, str]
     return rows + [("!", note) for note in _doubts(sensor, site)] + [("·", note) for note in sensor.notes]
 
 
-def _pace(sensor: Sensor) -> str:
+def _pace(sensor: RecordedSensor) -> str:
     words = f"{sensor.readings:,}"
     if sensor.rate_hz is not None and sensor.seconds is not None:
         words += f" at {figures(sensor.rate_hz, 3)} Hz over {written_time(sensor.seconds)}"
     return words if sensor.longest_gap_s is None else f"{words}; longest gap {written_time(sensor.longest_gap_s)}"
 
 
-def _doubts(sensor: Sensor, site: SiteField | None) -> list[str]:
+def _doubts(sensor: RecordedSensor, site: SiteField | None) -> list[str]:
     """What is odd about the readings; of a sensor that was hardly turned nothing that follows from that."""
-    found = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
+    doubts = [sensor.unmoved] if sensor.unmoved else _of_values(sensor)
     if sensor.backward_steps:
-        found.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
+        doubts.append(f"the clock goes back {counted(sensor.backward_steps, 'time')}")
     if sensor.strength is not None and sensor.inside != COUNTS:
         low, high = EARTH_WITH_ROOM_UT if site is None else ((1 - OFF) * site.strength, (1 + OFF) * site.strength)
         if not low <= sensor.strength <= high:
-            found.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
-    return found
+            doubts.append("that is no strength of the earth's field here: check unit, scale and iron nearby")
+    return doubts
 
 
-def _of_values(sensor: Sensor) -> list[str]:
+def _of_values(sensor: RecordedSensor) -> list[str]:
     """What is odd about the values of a sensor that was turned."""
-    found = []
+    doubts = []
     if sensor.likeness:
         names = sensor.name.removeprefix("columns ").replace(", ", ",")
         option = f"--columns {shlex.quote(names)}"
-        found.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
+        doubts.append(f"these look like {sensor.likeness}: if a magnetometer recorded them after all, add {option}")
     if sensor.repeats > STALE * sensor.readings:
-        found.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
+        doubts.append(f"{sensor.repeats / sensor.readings:.0%} of the readings repeat the one before: logged too often")
     if sensor.rails:
-        found.append(f"the sensor was at its limit: {', '.join(sensor.rails)}")
+        doubts.append(f"the sensor was at its limit: {', '.join(sensor.rails)}")
     stuck = [a for a, low, high in zip("xyz", sensor.lowest, sensor.highest, strict=True) if low == high]
     if stuck:
-        found.append(f"{' and '.join(stuck)} never {'changes' if len(stuck) == 1 else 'change'}: check the wiring")
-    return found
+        doubts.append(f"{' and '.join(stuck)} never {'changes' if len(stuck) == 1 else 'change'}: check the wiring")
+    return doubts
 
 
 def _block(rows: Sequence[tuple[str, str]]) -> RenderableType:

@@ -77,11 +77,11 @@ def _join(path: str, names: dict[str, str], parts: list[str]) -> None:
     if UNSAFE.search(text):
         raise NotJoined(f"{path} holds the end of a script")
     inside = {}
-    for found in IMPORT.finditer(text):
-        other = posixpath.normpath(posixpath.join(posixpath.dirname(path), found[2]))
+    for match in IMPORT.finditer(text):
+        other = posixpath.normpath(posixpath.join(posixpath.dirname(path), match[2]))
         if other not in names:
             _join(other, names, parts)
-        inside[found[2]] = names[other]
+        inside[match[2]] = names[other]
     names[path] = f"m{len(names)}"
     parts.append(_wrapped(names[path], text, inside))
 
@@ -93,8 +93,8 @@ def _wrapped(name: str, text: str, inside: dict[str, str]) -> str:
     ------
     NotJoined
     """
-    exported = [f"{found[1]}" for found in EXPORT.finditer(text)]
-    body = IMPORT.sub(lambda found: f"const {{{found[1].replace(' as ', ': ')}}} = {inside[found[2]]};", text)
+    exported = [f"{match[1]}" for match in EXPORT.finditer(text)]
+    body = IMPORT.sub(lambda match: f"const {{{match[1].replace(' as ', ': ')}}} = {inside[match[2]]};", text)
     body = EXPORT.sub("", body)
     listed = LIST.search(body)
     if listed:

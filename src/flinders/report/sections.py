@@ -72,10 +72,10 @@ def mounting(fit: Fit) -> str:
 
 def sources(fit: Fit) -> str:
     """The aiding sensors that are in the fit."""
-    kept = (
+    names = (
         [] if fit.aiding is None else [SOURCES[aid.name] for aid in fit.aiding.each if aid.kept and aid.name in SOURCES]
     )
-    return f"the {' and '.join(kept)}" if kept else "what was recorded beside"
+    return f"the {' and '.join(names)}" if names else "what was recorded beside"
 
 
 def aiding_rows(fit: Fit) -> list[AidingRow]:
@@ -157,8 +157,8 @@ def _offsets(fit: Fit, disturbance: Disturbance, place: int) -> tuple[tuple[str,
 
 def _other_motors(fit: Fit, disturbance: Disturbance) -> str:
     """Of one of several motors: how the others run where so much is left."""
-    beside = [motor(other.name)[1] for other in fit.calibration.disturbances if other is not disturbance]
-    return " and the other motors run along as they did then" if motor(disturbance.name)[1] and any(beside) else ""
+    others = [motor(other.name)[1] for other in fit.calibration.disturbances if other is not disturbance]
+    return " and the other motors run along as they did then" if motor(disturbance.name)[1] and any(others) else ""
 
 
 def _words(disturbance: Disturbance, taken_deg: float, estimate: DisturbanceEstimate | None, running: str) -> str:

@@ -75,24 +75,24 @@ def card(deviation: Deviation, step_deg: float) -> str:
 
 def limits(deviation: Deviation, target_deg: float) -> tuple[str, ...]:
     """What a curve falls short of, each with what to do; nothing of a good one that is known to `target_deg`."""
-    found = []
+    reasons = []
     if deviation.covariance is None:
-        found.append(
+        reasons.append(
             f"five coefficients go through any five headings: nothing tells how good they are. Swing on {ADVISED} "
             "headings, or say with --sigma how well each was read"
         )
     if deviation.widest_gap_deg > WIDEST_GAP_DEG:
-        found.append(
+        reasons.append(
             f"no heading in {deviation.widest_gap_deg:.0f}° of the circle: the curve is a guess there; swing all round"
         )
     sigma = _sigma(deviation)
     if sigma is not None and sigma > target_deg:
-        found.append(
+        reasons.append(
             f"the curve is known to {sigma:.2f}° (1 σ) at worst, the target is {target_deg:g}°: swing on more "
             "headings, or read them better"
         )
     if not deviation.is_one_to_one:
-        found.append(
+        reasons.append(
             "the curve falls faster than the heading grows: one magnetic heading has several by compass, and no card "
             "holds; compensate or calibrate first, then swing again"
         )
@@ -100,8 +100,8 @@ def limits(deviation: Deviation, target_deg: float) -> tuple[str, ...]:
     if worst is not None:
         place, ratio = worst
         heading = shown_heading(float(deviation.compass_deg[place]))
-        found.append(f"the heading {heading} is {ratio:.1f} σ off the curve: take it again")
-    return tuple(found)
+        reasons.append(f"the heading {heading} is {ratio:.1f} σ off the curve: take it again")
+    return tuple(reasons)
 
 
 def _worst(deviation: Deviation) -> tuple[int, float] | None:
@@ -183,9 +183,9 @@ def _sided(angle: float) -> str:
 def _swing_verdict(
     deviation: Deviation, site: SiteField | None, expected: Expected | None, target_deg: float
 ) -> RenderableType:
-    found = limits(deviation, target_deg)
-    name = "limited" if found else "good"
-    said = [("limits", limit) for limit in found]
+    reasons = limits(deviation, target_deg)
+    name = "limited" if reasons else "good"
+    said = [("limits", limit) for limit in reasons]
     said += [("note", note) for note in (*_notes(deviation), *_claims(deviation, expected))]
     return Group(verdict(name.upper(), name, _words(deviation), *([] if site is None else [str(site)])), notes(said))
 
@@ -218,10 +218,10 @@ def _claims(deviation: Deviation, expected: Expected | None) -> Iterator[str]:
     """What the calibration claims of B to E, and whether the swing bears it out."""
     if expected is None:
         return
-    held = expected.chance(deviation)
-    if held is not None and held[2] < CHANCE:
+    test = expected.chance(deviation)
+    if test is not None and test[2] < CHANCE:
         yield (
-            f"B to E are more than swing and calibration explain (χ² {held[0]:.0f} for {held[1]}): iron has come or "
+            f"B to E are more than swing and calibration explain (χ² {test[0]:.0f} for {test[1]}): iron has come or "
             "gone since it was made, or the known headings are off"
         )
     yield (
@@ -230,21 +230,21 @@ def _claims(deviation: Deviation, expected: Expected | None) -> Iterator[str]:
     )
 
 
-def _rests_table(found: Sequence[Rest]) -> Table:
+def _rests_table(rests: Sequence[Rest]) -> Table:
     rows = [
         (str(place), shown_heading(rest.heading_deg, 2), f"{rest.sigma_deg:.2f}°", f"{rest.spread_deg:.2f}°",
          f"{rest.stop - rest.start:,}")
-        for place, rest in enumerate(found, 1)
+        for place, rest in enumerate(rests, 1)
     ]  # fmt: skip
     return table(("rest", "heading", "1 σ", "scatter", "readings"), rows)
 
 
 def _blame(halves: Sequence[HalfTurn]) -> str:
     """Hard iron that half turns show, as far as they tell its direction."""
-    found = hard_iron(halves)
-    if found is None:
+    iron = hard_iron(halves)
+    if iron is None:
         return f"hard iron is left, {max(abs(half.off_deg) for half in halves) / 2.0:.1f}° of deviation on this heading"
-    return f"hard iron is left (B {found[0]:+.1f}°, C {found[1]:+.1f}°)"
+    return f"hard iron is left (B {iron[0]:+.1f}°, C {iron[1]:+.1f}°)"
 
 
 def _half_turns_table(halves: Sequence[HalfTurn]) -> Table:

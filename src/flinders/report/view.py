@@ -91,7 +91,7 @@ class Shown(Struct, frozen=True):
     strength: float
 
 
-class Residuals(Struct, frozen=True):
+class ResidualHistogram(Struct, frozen=True):
     """Distances of the readings used from the surface, counted.
 
     Attributes
@@ -105,7 +105,7 @@ class Residuals(Struct, frozen=True):
     counts: tuple[int, ...]
 
 
-class Turn(Struct, frozen=True):
+class LevelTurn(Struct, frozen=True):
     """A level turn of a vehicle.
 
     Attributes
@@ -145,7 +145,7 @@ class GuidanceView(Struct, frozen=True):
     goal: Literal["heading", "attitude"]
 
 
-class View(Struct, frozen=True):
+class View(Struct, frozen=True, kw_only=True):
     """One fit as it is drawn; what cannot be trusted is None.
 
     Attributes
@@ -178,8 +178,8 @@ class View(Struct, frozen=True):
         Readings used, by tile.
     rejected : list of (first, last)
         Runs of readings, counted from 0, that were left out.
-    residuals : Residuals or None
-    turn : Turn or None
+    residuals : ResidualHistogram or None
+    turn : LevelTurn or None
     guidance : GuidanceView or None
     shown : Shown or None
         Also of a refused fit.
@@ -189,26 +189,26 @@ class View(Struct, frozen=True):
     sentence: str
     method: str
     unit: str
-    field_strength: float | None
+    field_strength: float | None = None
     field_strength_known: bool
-    offset: Triple | None
-    offset_sigma: Triple | None
-    matrix: Matrix | None
-    matrix_sigma: Matrix | None
-    noise: float | None
+    offset: Triple | None = None
+    offset_sigma: Triple | None = None
+    matrix: Matrix | None = None
+    matrix_sigma: Matrix | None = None
+    noise: float | None = None
     samples: int
-    heading_error_deg: HeadingErrorView | None
-    uncorrected_heading_error_deg: ErrorView | None
-    attitude_limit_deg: float | None
-    any_attitude_deg: ErrorView | None
+    heading_error_deg: HeadingErrorView | None = None
+    uncorrected_heading_error_deg: ErrorView | None = None
+    attitude_limit_deg: float | None = None
+    any_attitude_deg: ErrorView | None = None
     findings: tuple[FindingView, ...]
     tiles_deg: tuple[float | None, ...]
     tiles_seen: tuple[int, ...]
     rejected: tuple[tuple[int, int], ...]
-    residuals: Residuals | None
-    turn: Turn | None
-    guidance: GuidanceView | None
-    shown: Shown | None
+    residuals: ResidualHistogram | None = None
+    turn: LevelTurn | None = None
+    guidance: GuidanceView | None = None
+    shown: Shown | None = None
 
 
 class TilesView(Struct, frozen=True):
@@ -268,24 +268,13 @@ def view(
         tiles_deg=tuple(round(angle, 4) if angle < LOST_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=_numbered(rejected.runs, numbered),
-        **(dict.fromkeys(COPIED) if fit.verdict == "refused" else _copied(fit)),
-        **(_flat(fit) if fit.is_flat else _claimed(fit, corrected, errors, goal, frame)),
+        **({} if fit.verdict == "refused" else _copied(fit)),
+        **({"sentence": sentence(fit)} if fit.is_flat else _claimed(fit, corrected, errors, goal, frame)),
     )
 
 
-COPIED: Final = (
-    "field_strength", "offset", "offset_sigma", "matrix", "matrix_sigma", "uncorrected_heading_error_deg",
-)  # fmt: skip
-"""What somebody could copy, and is not given of a refused fit."""
-
-CLAIMED: Final = (
-    "noise", "heading_error_deg", "attitude_limit_deg", "any_attitude_deg", "residuals", "turn", "guidance", "shown",
-)  # fmt: skip
-"""What rests on a surface, and is not known where all readings lie in one plane."""
-
-
 def _copied(fit: Fit) -> dict[str, Any]:
-    """`COPIED` of a fit that is not refused."""
+    """What somebody could copy: not given of a refused fit."""
     calibration, raw = fit.calibration, fit.uncorrected_heading_error_deg
     return {
         "field_strength": calibration.field_strength,
@@ -298,7 +287,7 @@ def _copied(fit: Fit) -> dict[str, Any]:
 
 
 def _claimed(fit: Fit, corrected: Floats, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
-    """`CLAIMED` of a fit that has a surface, and the sentence about it."""
+    """What rests on a surface: not known where all readings lie in one plane."""
     calibration, error, limit = fit.calibration, fit.heading_error_deg, fit.attitude_limit_deg
     return {
         "sentence": sentence(fit, limit),
@@ -311,10 +300,6 @@ def _claimed(fit: Fit, corrected: Floats, errors_deg: Floats, goal: Goal, frame:
         "guidance": guidance(fit, goal, frame),
         "shown": Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
     }
-
-
-def _flat(fit: Fit) -> dict[str, Any]:
-    return {"sentence": sentence(fit), **dict.fromkeys(CLAIMED)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -391,9 +376,9 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
         return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
     reach = "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
-    held = "held level" if limit < 1.0 else reach
+    attitudes = "held level" if limit < 1.0 else reach
     good = "are good to" if worst <= fit.target_deg else "may be off by"
-    return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {held}. {target}"
+    return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {attitudes}. {target}"
 
 
 def matrix_sigma(fit: Fit) -> Floats:
@@ -415,7 +400,7 @@ def matrix_sigma(fit: Fit) -> Floats:
     return sigma
 
 
-def turn(fit: Fit) -> Turn:
+def turn(fit: Fit) -> LevelTurn:
     """What a compass does over a level turn, before and after."""
     dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
     heading, directions = level_turn(dip, down)
@@ -428,16 +413,16 @@ def turn(fit: Fit) -> Turn:
     gradients = level_gradients(fit.ellipsoid, dip_deg=dip, down=down)
     variance = np.sum(gradients @ fit.covariance * gradients, axis=1).clip(min=0.0)
     sigma = np.hypot(np.rad2deg(np.sqrt(variance)), fit.structure_deg)
-    return Turn(*(tuple(column.round(4).tolist()) for column in (np.rad2deg(heading), np.rad2deg(before), sigma)))
+    return LevelTurn(*(tuple(column.round(4).tolist()) for column in (np.rad2deg(heading), np.rad2deg(before), sigma)))
 
 
-def residuals(fit: Fit, corrected: Floats) -> Residuals:
+def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
     """Count how far (N, 3) corrected readings are from the sphere; of one plane alone, from the circle in it."""
     widest = max(WIDEST * fit.noise, np.finfo(float).tiny)
     edges = np.linspace(-widest, widest, BINS + 1)
     lengths = lengths_off(corrected, fit.calibration.field_strength, fit.plane)
     counts, _ = np.histogram(lengths.clip(-widest, widest), edges)
-    return Residuals(tuple(edges.tolist()), tuple(counts.tolist()))
+    return ResidualHistogram(tuple(edges.tolist()), tuple(counts.tolist()))
 
 
 def lengths_off(corrected: Floats, strength: float, plane: Plane | None) -> Floats:
@@ -454,14 +439,14 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
 
     A turn in one plane, and a fit that no direction would help more than the others, get words without a direction.
     """
-    found = _guide(fit, goal)
-    if fit.plane or found.after_deg > (1.0 - WORTH_IT) * found.worst_deg:
+    guided = _guide(fit, goal)
+    if fit.plane or guided.after_deg > (1.0 - WORTH_IT) * guided.worst_deg:
         words = (
             movement(fit) if fit.plane else "turn it slowly through all directions, away from iron and from currents"
         )
-        return GuidanceView(None, words, found.worst_deg, found.after_deg, goal)
-    direction = _triple(rotation_of(fit) @ found.direction)
-    return GuidanceView(direction, found.words(frame), found.worst_deg, found.after_deg, goal)
+        return GuidanceView(None, words, guided.worst_deg, guided.after_deg, goal)
+    direction = _triple(rotation_of(fit) @ guided.direction)
+    return GuidanceView(direction, guided.words(frame), guided.worst_deg, guided.after_deg, goal)
 
 
 def _guide(fit: Fit, goal: Goal) -> Guidance:

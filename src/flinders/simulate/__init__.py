@@ -61,12 +61,12 @@ from flinders.simulate.directions import clump as clump
 from flinders.simulate.directions import clumped as clumped
 from flinders.simulate.directions import hemisphere as hemisphere
 from flinders.simulate.directions import uniform as uniform
-from flinders.simulate.disturbances import Disturbance as Disturbance
 from flinders.simulate.disturbances import Effect as Effect
 from flinders.simulate.disturbances import FieldStep as FieldStep
 from flinders.simulate.disturbances import MotorCurrent as MotorCurrent
 from flinders.simulate.disturbances import Motors as Motors
 from flinders.simulate.disturbances import PassingMagnet as PassingMagnet
+from flinders.simulate.disturbances import Perturbation as Perturbation
 from flinders.simulate.disturbances import Step as Step
 from flinders.simulate.disturbances import ThermalDrift as ThermalDrift
 from flinders.simulate.disturbances import stray_fields as stray_fields
@@ -77,7 +77,7 @@ from flinders.simulate.motions import SETTLING as SETTLING
 from flinders.simulate.motions import Course as Course
 from flinders.simulate.motions import Motion as Motion
 from flinders.simulate.motions import Path as Path
-from flinders.simulate.motions import Turning as Turning
+from flinders.simulate.motions import Trajectory as Trajectory
 from flinders.simulate.motions import drive as drive
 from flinders.simulate.motions import figure_eight as figure_eight
 from flinders.simulate.motions import flight as flight

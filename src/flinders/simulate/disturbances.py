@@ -65,7 +65,7 @@ class Effect:
     currents: Floats | None = None
 
 
-class Disturbance(Protocol):
+class Perturbation(Protocol):
     """Something that moves readings."""
 
     kind: ClassVar[str]

@@ -99,7 +99,7 @@ class Specimen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turned:
+class TurnedSensor:
     """A sensor that is turned, before anything goes wrong.
 
     Attributes
@@ -156,7 +156,7 @@ class Fault:
     words: str
     smaller: float
     larger: float
-    strike: Callable[[Turned, float, Generator], Floats] | None = None
+    strike: Callable[[TurnedSensor, float, Generator], Floats] | None = None
     lasting: Callable[[float, Generator], Floats] | None = None
     can_be_told: bool = True
 
@@ -222,7 +222,7 @@ def unit(
     return replace(made, fault=fault, severity=severity, amount=amount, lasting=lasting)
 
 
-def _recorded(number: int, turned: Turned, readings: Floats) -> Specimen:
+def _recorded(number: int, turned: TurnedSensor, readings: Floats) -> Specimen:
     """A unit with nothing wrong, or that is labelled next."""
     samples = Samples.of(readings, unit="uT", time=turned.time, source=f"unit {number:07d}")
     return Specimen(number, samples, turned.sensor, turned.field_strength)
@@ -296,7 +296,7 @@ def in_room(body: Floats, angles: Floats) -> Floats:
     )
 
 
-def _turned(rng: Generator, n: int) -> Turned:
+def _turned(rng: Generator, n: int) -> TurnedSensor:
     """Draw a sensor and how it is turned."""
     axes = turns(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
     matrix = axes @ np.diag(1.0 + rng.uniform(-SOFT, SOFT, 3)) @ axes.T
@@ -305,7 +305,7 @@ def _turned(rng: Generator, n: int) -> Turned:
     strength = rng.uniform(*FIELD_UT)
     time = np.arange(n) / RATE_HZ
     angles = (_by_jig if rng.random() < BY_JIG else _by_hand)(rng, np.linspace(0.0, READINGS / RATE_HZ, n))
-    return Turned(
+    return TurnedSensor(
         Sensor(matrix, offset, noise, STEP_UT), strength, time, angles, noise * rng.standard_normal((n, 3))
     )  # fmt: skip
 
@@ -333,7 +333,7 @@ def _last(n: int, amount: float) -> slice:
     return slice(n - round(amount * n), n)
 
 
-def _swapped(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _swapped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     readings = turned.read()
     first, second, _ = rng.permutation(3)
     part = _last(len(readings), amount)
@@ -341,20 +341,20 @@ def _swapped(turned: Turned, amount: float, rng: Generator) -> Floats:
     return readings
 
 
-def _flipped(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _flipped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     readings = turned.read()
     readings[_last(len(readings), amount), rng.integers(3)] *= -1.0
     return readings
 
 
-def _stuck(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _stuck(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     readings = turned.read()
     axis, part = rng.integers(3), _last(len(readings), amount)
     readings[part, axis] = readings[part.start, axis]
     return readings
 
 
-def _saturated(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _saturated(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     readings = turned.read()
     axis, sign = rng.integers(3), rng.choice([-1.0, 1.0])
     most = np.quantile(sign * readings[:, axis], 1.0 - amount, method="lower")
@@ -362,13 +362,13 @@ def _saturated(turned: Turned, amount: float, rng: Generator) -> Floats:
     return readings
 
 
-def _jumped(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _jumped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     share_before, direction = rng.uniform(0.2, 0.8), uniform(rng, 1)
     after = np.arange(len(turned.time)) >= share_before * len(turned.time)
     return turned.read(shift=amount * after[:, np.newaxis] * direction)
 
 
-def _magnet(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _magnet(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     across, along, _ = random_attitude(rng)
     pole = uniform(rng, 1)[0]
     passed = PAST_M_S * (turned.time - rng.uniform(0.3, 0.7) * turned.time[-1])
@@ -380,26 +380,26 @@ def _magnet(turned: Turned, amount: float, rng: Generator) -> Floats:
     return turned.read(room=(amount * (CLOSEST_M / distance) ** 3 * dipole).T)
 
 
-def _level(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _level(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     around = turned.angles[2] + rng.uniform(0.0, 2.0 * math.pi)
     lean = math.radians(amount) * np.sin(turned.angles[:2] * 1.7)
     return replace(turned, angles=np.stack([around, *lean])).read()
 
 
-def _unturned(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _unturned(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     rest = rng.uniform(0.0, 2.0 * math.pi, (3, 1))
     lean = math.radians(amount) * np.sin(turned.angles * 1.7)
     return replace(turned, angles=rest + lean).read()
 
 
-def _stale(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _stale(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     readings = turned.read()
     fresh = rng.random(len(readings)) >= amount
     fresh[0] = True
     return readings[np.maximum.accumulate(np.where(fresh, np.arange(len(readings)), 0))]
 
 
-def _spikes(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _spikes(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     readings = turned.read()
     struck = rng.choice(len(readings), round(amount * len(readings)), replace=False)
     lengths = turned.field_strength * rng.uniform(0.5, 3.0, (len(struck), 1))
@@ -407,7 +407,7 @@ def _spikes(turned: Turned, amount: float, rng: Generator) -> Floats:
     return readings
 
 
-def _warmed(turned: Turned, amount: float, rng: Generator) -> Floats:
+def _warmed(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
     progress = np.arange(len(turned.time)) / len(turned.time)
     warmer = np.expm1(-progress / 0.5) / math.expm1(-2.0)
     return turned.read(shift=amount * warmer[:, np.newaxis] * uniform(rng, 1))

@@ -62,7 +62,7 @@ TURNING_OVER: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Turning:
+class Trajectory:
     """How a body turns.
 
     Attributes
@@ -114,7 +114,7 @@ class Path:
     attitudes : (N, 3, 3) float, optional
     rate : (N, 3) float, rad/s, optional
     acceleration : (N, 3) float, m/s², optional
-        As those of `Turning`.
+        As those of `Trajectory`.
     """
 
     directions: Floats
@@ -166,7 +166,7 @@ def level_turn(rng: Generator, n: int) -> Floats:
 
 def hand_tumble(
     rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, speed: float = 1.5, smoothness: float = 0.6
-) -> Turning:
+) -> Trajectory:
     """Turn a body over and over, as a hand does: smooth, at random, slowly covering all directions.
 
     Body rates are white noise through two equal low-pass filters.
@@ -191,11 +191,10 @@ def hand_tumble(
     rate = _wandering(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
     rate *= speed / np.sqrt(np.mean(rate**2))
     attitudes = followed(random_attitude(rng), turns(rate * (1 / rate_hz)))
-    time: Floats = np.arange(n, dtype=np.float64) * (1 / rate_hz)
-    return Turning(time, attitudes, rate)
+    return Trajectory(_clock(n, rate_hz), attitudes, rate)
 
 
-def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, period: float = 3.0) -> Turning:
+def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, period: float = 3.0) -> Trajectory:
     """Wave a body in figures of eight, as phones ask for: over to either side, the nose twice up and down.
 
     Each eight rolls by about 110° to either side and pitches by about 55° at twice the pace, while the whole body
@@ -221,7 +220,7 @@ def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE
     roll = np.radians(110 + 20 * sway[:, 1]) * np.sin(phase)
     pitch = np.radians(55 + 15 * sway[:, 2]) * np.sin(2 * phase)
     heading = rng.uniform(0, 2 * np.pi) + 6 * np.pi * time / seconds
-    return _turning(posed(heading, pitch, roll), rate_hz)
+    return _trajectory(posed(heading, pitch, roll), rate_hz)
 
 
 def drive(
@@ -231,7 +230,7 @@ def drive(
     rate_hz: float = RATE_HZ,
     tilt_deg: float = 6.0,
     speed: float = 8.0,
-) -> Turning:
+) -> Trajectory:
     """Drive through bends and over hills: all headings in time, and never tilted by more than `tilt_deg`.
 
     Parameters
@@ -255,7 +254,7 @@ def drive(
     slope = math.radians(tilt_deg) * _limited(rng, n, rate_hz, seconds=4.0)
     heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bends) / rate_hz
     attitudes = posed(heading, 0.9 * slope[:, 0], 0.4 * slope[:, 1])
-    return _turning(attitudes, rate_hz, _to_the_right(heading, speed * bends))
+    return _trajectory(attitudes, rate_hz, _to_the_right(heading, speed * bends))
 
 
 def flight(
@@ -265,7 +264,7 @@ def flight(
     rate_hz: float = RATE_HZ,
     tilt_deg: float = 35.0,
     speed: float = 15.0,
-) -> Turning:
+) -> Trajectory:
     """Fly in banked turns, climbing and sinking, never tilted by more than `tilt_deg`.
 
     Turns are coordinated: at speed v and bank φ the heading turns by g tan φ / v, and the accelerometer feels no
@@ -290,7 +289,7 @@ def flight(
     bank, pitch = 0.85 * lean[:, 0], 0.45 * lean[:, 1]
     bends = GRAVITY * np.tan(bank) / speed
     heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bends) / rate_hz
-    return _turning(posed(heading, pitch, bank), rate_hz, _to_the_right(heading, speed * bends))
+    return _trajectory(posed(heading, pitch, bank), rate_hz, _to_the_right(heading, speed * bends))
 
 
 def swayed(
@@ -300,7 +299,7 @@ def swayed(
     rate_hz: float = RATE_HZ,
     tilt_deg: float = 35.0,
     turns_each: float = 2.0,
-) -> Turning:
+) -> Trajectory:
     """Turn a body through all headings while it leans to all sides: what `tilted` draws, in the order of time.
 
     A vehicle that can be pushed around and leant over, and not turned upside down. It turns on the spot, so that
@@ -329,7 +328,7 @@ def swayed(
     lean = smooth * (math.radians(tilt_deg) * np.tanh(far / 2) / np.maximum(far, 1e-12))[:, np.newaxis]
     heading = rng.uniform(0, 2 * np.pi) + 2 * np.pi * turns_each * _clock(n, rate_hz) / seconds + 0.3 * smooth[:, 2]
     attitudes = turns(np.outer(heading, [0.0, 0.0, 1.0])) @ turns(lean * [1.0, 1.0, 0.0])
-    return _turning(attitudes, rate_hz)
+    return _trajectory(attitudes, rate_hz)
 
 
 def rocked(
@@ -338,7 +337,7 @@ def rocked(
     seconds: float = 600.0,
     rate_hz: float = RATE_HZ,
     amplitudes_deg: Sequence[float] = (5.0, 45.0, 360.0),
-) -> Turning:
+) -> Trajectory:
     """Rock a body about each of its axes, each as a sine of its own: the motion of the MAGYC simulations.
 
     Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate: 0.05 … 0.08, 0.1 … 0.3 and
@@ -368,7 +367,7 @@ def rocked(
         fast, phase = rng.uniform(slowest, fastest), rng.uniform(0, 2 * np.pi)
         angles.append(amplitude * np.sin(fast / amplitude * time + phase))
     roll, pitch, heading = angles
-    return _turning(posed(heading, pitch, roll), rate_hz)
+    return _trajectory(posed(heading, pitch, roll), rate_hz)
 
 
 def planar_sweeps(
@@ -378,7 +377,7 @@ def planar_sweeps(
     rate_hz: float = RATE_HZ,
     planes: Sequence[str] = ("xy", "yz", "zx"),
     turns_each: float = 2.0,
-) -> Turning:
+) -> Trajectory:
     """Turn a body about its own axes, one after the other, each pointing down meanwhile.
 
     What the plain procedure for two-axis fits asks for: flat on the table around, on its side around, on its end
@@ -417,13 +416,7 @@ def planar_sweeps(
         if parts and over and len(flat):
             parts.append(_between(parts[-1][-1], flat[0], over))
         parts.append(flat)
-    return _turning(np.concatenate(parts), rate_hz)
-
-
-def _by_hand(rng: Generator, course: Course) -> Path:
-    """Tumble by hand for n readings."""
-    turning = hand_tumble(rng, seconds=course.n / course.rate_hz, rate_hz=course.rate_hz)
-    return Path(seen_from(turning.attitudes, course.world), turning.attitudes, turning.rate)
+    return _trajectory(np.concatenate(parts), rate_hz)
 
 
 def _spread(draw: Callable[[Generator, int], Floats]) -> Callable[[Generator, Course], Path]:
@@ -441,7 +434,7 @@ def _posed(draw: Callable[..., Floats]) -> Callable[[Generator, Course], Path]:
     return path
 
 
-def _followed(draw: Callable[..., Turning], **options: object) -> Callable[[Generator, Course], Path]:
+def _followed(draw: Callable[..., Trajectory], **options: object) -> Callable[[Generator, Course], Path]:
     """Make a motion of a function that follows a body in time."""
 
     def path(rng: Generator, course: Course) -> Path:
@@ -458,7 +451,7 @@ def _limits(course: Course) -> dict[str, float]:
 
 
 MOTIONS: Final[Mapping[str, Motion]] = {
-    "hand": Motion(_by_hand, 60.0),
+    "hand": Motion(_followed(hand_tumble), 60.0),
     "uniform": Motion(_spread(uniform)),
     "tilted": Motion(_posed(tilted), tilt_deg=35.0),
     "level": Motion(_posed(level_turn)),
@@ -483,9 +476,9 @@ def _clock(n: int, rate_hz: float) -> Floats:
     return time
 
 
-def _turning(attitudes: Floats, rate_hz: float, acceleration: Floats | None = None) -> Turning:
+def _trajectory(attitudes: Floats, rate_hz: float, acceleration: Floats | None = None) -> Trajectory:
     """Say when each attitude was taken, and how fast the body turns there."""
-    return Turning(_clock(len(attitudes), rate_hz), attitudes, rates(attitudes, rate_hz), acceleration)
+    return Trajectory(_clock(len(attitudes), rate_hz), attitudes, rates(attitudes, rate_hz), acceleration)
 
 
 def _limited(rng: Generator, n: int, rate_hz: float, *, seconds: float) -> Floats:

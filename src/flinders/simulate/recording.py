@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.simulate.disturbances import Disturbance
+    from flinders.simulate.disturbances import Perturbation
 
 ACCELERATION_NOISE: Final = 0.05
 """m/s², one σ per axis."""
@@ -127,7 +127,7 @@ def tumble(
     dip_deg: float = 60.0,
     noise: float | None = None,
     outliers: float = 0.0,
-    disturbances: Sequence[Disturbance] = (),
+    disturbances: Sequence[Perturbation] = (),
     imu: Imu | None = None,
 ) -> Simulated:
     """Record a sensor in motion.
@@ -158,7 +158,7 @@ def tumble(
         In place of the sensor's own, which is 0.5 for a random one.
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
-    disturbances : sequence of Disturbance
+    disturbances : sequence of Perturbation
         `MotorCurrent`, `Motors`, `ThermalDrift`, `Step`, `FieldStep`, `PassingMagnet`, or anything with their
         two names.
     imu : Imu, optional

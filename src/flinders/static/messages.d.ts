@@ -94,13 +94,13 @@ export interface FindingView {
 }
 
 /** Distances of the readings used from the surface, counted. */
-export interface Residuals {
+export interface ResidualHistogram {
   edges: Array<number>;
   counts: Array<number>;
 }
 
 /** A level turn of a vehicle. */
-export interface Turn {
+export interface LevelTurn {
   heading_deg: Array<number>;
   before_deg: Array<number>;
   sigma_deg: Array<number>;
@@ -144,8 +144,8 @@ export interface View {
   tiles_deg: Array<number | null>;
   tiles_seen: Array<number>;
   rejected: Array<[number, number]>;
-  residuals: Residuals | null;
-  turn: Turn | null;
+  residuals: ResidualHistogram | null;
+  turn: LevelTurn | null;
   guidance: GuidanceView | null;
   shown: Shown | null;
 }

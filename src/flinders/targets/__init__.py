@@ -18,15 +18,25 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError, UsageError
-from flinders.targets._export import Asked, Difference, Export, Written
-from flinders.targets._target import Reader, Target
+from flinders.targets._export import Difference, Export, ExportOptions, Written
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.core.calibration import Calibration
 
-__all__ = ["Asked", "Difference", "Export", "Reader", "Target", "Written", "find", "read_back", "registry"]
+__all__ = [
+    "Difference",
+    "Export",
+    "ExportOptions",
+    "Target",
+    "TargetReader",
+    "Written",
+    "find",
+    "read_back",
+    "registry",
+]
 
 FIRST: Final = (
     "ardupilot", "px4", "motioncal", "adafruit", "fusion", "rtimulib", "betaflight", "inav", "paparazzi", "vectornav",
@@ -41,7 +51,7 @@ HEAD: Final = 65536
 @cache
 def registry() -> Mapping[str, Target]:
     """All targets by name, in the order they are listed; the first call imports their modules."""
-    there = sorted(found.name for found in iter_modules(__path__) if not found.name.startswith("_"))
+    there = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
     ordered = [*(name for name in FIRST if name in there), *(name for name in there if name not in FIRST)]
     rows = (row for name in ordered for row in import_module(f"{__name__}.{name}").TARGETS)
     return {row.name: row for row in rows}

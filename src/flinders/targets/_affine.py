@@ -82,15 +82,15 @@ class Affine:
             matrix, offset = matrix @ back.T, back @ offset
         strength = calibration.field_strength / size
         with np.errstate(over="ignore"):
-            found = cls(matrix, offset / size, strength)
-        largest = max(float(np.abs(found.matrix).max()), float(np.abs(found.offset).max()), strength, 1 / strength)
+            affine = cls(matrix, offset / size, strength)
+        largest = max(float(np.abs(affine.matrix).max()), float(np.abs(affine.offset).max()), strength, 1 / strength)
         if not largest < BEYOND_ALL:
             raise NotExportable(
                 f"numbers like {largest:.2g} are not those of a magnetometer: check the unit of the recording, and "
                 "--field-strength where it was given",
                 beyond=("matrix", "offset"),
             )
-        return found
+        return affine
 
     @property
     def single(self) -> Self:
@@ -278,9 +278,11 @@ def whole(values: Floats, names: Sequence[str], *, lowest: int, highest: int, ad
     rounded = np.rint(values)
     beyond = [index for index, value in enumerate(rounded) if not lowest <= value <= highest]
     if beyond:
-        told = [f"{names[index]} would be {rounded[index]:,.6g} and holds {lowest} to {highest}" for index in beyond]
+        refusals = [
+            f"{names[index]} would be {rounded[index]:,.6g} and holds {lowest} to {highest}" for index in beyond
+        ]
         raise NotExportable(
-            f"{'; '.join(told)}: {advice}",
+            f"{'; '.join(refusals)}: {advice}",
             beyond=[names[index] for index in beyond],
             wanted={names[index]: float(values[index]) for index in beyond},
         )
@@ -300,9 +302,9 @@ def offset_and_radii(calibration: Calibration, *, who: str) -> tuple[Floats, Flo
     >>> of_radii(offset, radii).isclose(board)
     True
     """
-    found = Affine.of(calibration, COUNTS, who=who)
+    affine = Affine.of(calibration, COUNTS, who=who)
     with np.errstate(all="ignore"):
-        return found.offset, found.strength / nearest_diagonal(found.matrix)
+        return affine.offset, affine.strength / nearest_diagonal(affine.matrix)
 
 
 def of_radii(offset: Sequence[float] | Floats, radii: Floats, strength: float | None = None) -> Calibration:

@@ -74,9 +74,9 @@ def without_turn(matrix: Floats) -> tuple[Floats, float]:
     if np.array_equal(matrix, matrix.T):
         return matrix, 0.0
     left, sizes, right = np.linalg.svd(matrix)
-    held = right.T @ np.diag(sizes) @ right
+    root = right.T @ np.diag(sizes) @ right
     cosine = (np.trace(left @ right) - 1) / 2
-    return (held + held.T) / 2, float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
+    return (root + root.T) / 2, float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def angles_of(rotation: Floats) -> tuple[float, float, float]:
@@ -93,10 +93,10 @@ def angles_of(rotation: Floats) -> tuple[float, float, float]:
 
 def turn_of(matrix: Floats) -> Floats | None:
     """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None where it hardly turns."""
-    held, angle = without_turn(matrix)
+    root, angle = without_turn(matrix)
     if angle <= MOST_TURN_DEG:
         return None
-    rotation: Floats = matrix @ np.linalg.inv(held)
+    rotation: Floats = matrix @ np.linalg.inv(root)
     return rotation
 
 
@@ -119,7 +119,7 @@ def symmetric(matrix: Floats, who: str, beyond: str, *, by: str, lossy: bool = F
         For a matrix that turns readings by more than `MOST_TURN_DEG`, unless `lossy`; `by` is what sets the mounting
         instead.
     """
-    held, angle = without_turn(matrix)
+    root, angle = without_turn(matrix)
     if angle > MOST_TURN_DEG and not lossy:
         raise NotExportable(
             f"the calibration turns readings by {figures(angle)}°, and {who}'s symmetric matrix cannot: flinders "
@@ -127,7 +127,7 @@ def symmetric(matrix: Floats, who: str, beyond: str, *, by: str, lossy: bool = F
             beyond=(beyond,),
             turn_deg=angle,
         )
-    return held
+    return root
 
 
 # a symmetric matrix in six numbers
@@ -154,8 +154,8 @@ def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
     """Raise `NotExportable` for parameters, each with its value and what it would be, unless there are none."""
     if beyond:
         wanted = {name: value for name, (value, _) in beyond.items()}
-        told = "; ".join(f"{name} would be {words}" for name, (_, words) in beyond.items())
-        raise NotExportable(f"{told}{advice}", beyond=wanted, wanted=wanted)
+        clauses = "; ".join(f"{name} would be {words}" for name, (_, words) in beyond.items())
+        raise NotExportable(f"{clauses}{advice}", beyond=wanted, wanted=wanted)
 
 
 def inverse(matrix: Floats, words: str) -> Floats:
@@ -272,11 +272,11 @@ def chosen(there: Sequence[int], wanted: int | None, source: str, need: str) -> 
     """
     if not there:
         raise DocumentError(f"{source}: holds no offsets of a compass: need {need}")
-    held = " and ".join(map(str, there))
+    numbers = " and ".join(map(str, there))
     if wanted is None and len(there) > 1:
-        raise DocumentError(f"{source}: holds compass {held}: say which one with --compass")
+        raise DocumentError(f"{source}: holds compass {numbers}: say which one with --compass")
     if wanted is not None and wanted not in there:
-        raise DocumentError(f"{source}: holds compass {held} and not {wanted}: check --compass")
+        raise DocumentError(f"{source}: holds compass {numbers} and not {wanted}: check --compass")
     return there[0] if wanted is None else wanted
 
 

@@ -30,7 +30,7 @@ DIP_DEG = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ExportOptions:
     """What is asked of a target besides the calibration.
 
     Attributes
@@ -48,7 +48,7 @@ class Asked:
     name: str | None = None
 
 
-NOTHING_MORE = Asked()
+NOTHING_MORE = ExportOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,14 +134,14 @@ class Difference:
         strength, expected = calibration.field_strength, fibonacci(DIRECTIONS)
         with np.errstate(all="ignore"):
             raw = calibration.unapply(strength * expected)
-            found = target(raw if acts == "mapped" else raw @ back.T) / strength
+            corrected = target(raw if acts == "mapped" else raw @ back.T) / strength
             if acts == "recorded":
-                found = calibration.axes.apply(found)
+                corrected = calibration.axes.apply(corrected)
             if relative:
-                found = found * (np.sum(found * expected) / np.sum(found**2))
-            across = np.linalg.norm(np.cross(found, expected), axis=1)
-            angle = float(np.rad2deg(np.arctan2(across, np.sum(found * expected, axis=1))).max())
-            share = float(np.linalg.norm(found - expected, axis=1).max())
+                corrected = corrected * (np.sum(corrected * expected) / np.sum(corrected**2))
+            across = np.linalg.norm(np.cross(corrected, expected), axis=1)
+            angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * expected, axis=1))).max())
+            share = float(np.linalg.norm(corrected - expected, axis=1).max())
         deviation = cls(DIRECTIONS, strength * share, angle)
         if lacks:
             if not math.isfinite(share) or (deviation.heading_deg > COARSEST_DEG and not lossy):

@@ -49,15 +49,15 @@ def keyed(text: str, source: str, separator: str = "=") -> dict[str, str]:
     DocumentError
         Where a key stands twice with two values.
     """
-    found: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     for line in text.splitlines():
         key, between, value = line.partition(separator)
         key, value = key.strip(), value.split("#")[0].strip()
         if not between or key.startswith(("#", ";")):
             continue
-        if found.setdefault(key, value) != value:
-            raise DocumentError(f"{source}: {key} is {found[key]} and again {value}: keep one of them")
-    return found
+        if pairs.setdefault(key, value) != value:
+            raise DocumentError(f"{source}: {key} is {pairs[key]} and again {value}: keep one of them")
+    return pairs
 
 
 def loaded(content: bytes, source: str) -> dict[str, object]:
@@ -99,10 +99,10 @@ def listed(values: Mapping[str, object], name: str, length: int, source: str) ->
     DocumentError
         For one that is missing, or has another length, or holds what is no finite number.
     """
-    found = values.get(name)
-    if not isinstance(found, list) or len(found) != length:
-        raise DocumentError(f"{source}: {name} is {_short(found)}: need a list of {length} numbers")
-    return np.array([_number(value, f"{name}[{place}]", source) for place, value in enumerate(found)])
+    entries = values.get(name)
+    if not isinstance(entries, list) or len(entries) != length:
+        raise DocumentError(f"{source}: {name} is {_short(entries)}: need a list of {length} numbers")
+    return np.array([_number(value, f"{name}[{place}]", source) for place, value in enumerate(entries)])
 
 
 def settings(content: bytes, source: str, names: Sequence[str]) -> dict[str, str]:
@@ -118,8 +118,8 @@ def settings(content: bytes, source: str, names: Sequence[str]) -> dict[str, str
     >>> settings(b"# dump\nset magzero_x = -7\nset p_roll = 45\n", "dump.txt", ["magzero_x", "magzero_y"])
     {'magzero_x': '-7'}
     """
-    found = map(SETTING.fullmatch, decoded(content, source).splitlines())
-    lines = [f"{line[1].lower()}={line[2]}" for line in found if line and line[1].lower() in names]
+    matches = map(SETTING.fullmatch, decoded(content, source).splitlines())
+    lines = [f"{line[1].lower()}={line[2]}" for line in matches if line and line[1].lower() in names]
     return keyed("\n".join(lines), source)
 
 
@@ -138,11 +138,11 @@ def counts(
     >>> counts({"magzero_x": "-7"}, ["magzero_x"], "dump.txt")
     (-7,)
     """
-    found = numbers(words, names, source)
-    for name, value in zip(names, found, strict=True):
+    values = numbers(words, names, source)
+    for name, value in zip(names, values, strict=True):
         if not (value.is_integer() and lowest <= value <= highest):
             raise DocumentError(f"{source}: {name} is {words[name]}: need a whole number, {lowest} to {highest}")
-    return tuple(int(value) for value in found)
+    return tuple(int(value) for value in values)
 
 
 def _number(value: object, name: str, source: str) -> float:

@@ -26,7 +26,7 @@ from flinders.core.units import label
 from flinders.errors import figures
 from flinders.targets._affine import OWN, RECORDED, VEHICLE, Acts, acting, in_recorded_axes, per_unit, refuse_mounted
 from flinders.targets._autopilot import followed
-from flinders.targets._export import DIP_DEG, NOTHING_MORE, Asked, Difference, Export, Written
+from flinders.targets._export import DIP_DEG, NOTHING_MORE, Difference, Export, ExportOptions, Written
 from flinders.targets._text import HASH, Comment
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ EXACT: Final = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Reader:
+class TargetReader:
     """How a target's file is read back.
 
     Attributes
@@ -112,7 +112,7 @@ class Target:
         Where that stands.
     write : callable
         ``write(calibration, asked)`` gives the calibration in the numbers of the target.
-    reader : Reader, optional
+    reader : TargetReader, optional
         Where such a file can be read back.
     acts : str
         A key of `WHERE`.
@@ -147,8 +147,8 @@ class Target:
     keeps: Keeps
     storage: str
     source: str
-    write: Callable[[Calibration, Asked], Written]
-    reader: Reader | None = None
+    write: Callable[[Calibration, ExportOptions], Written]
+    reader: TargetReader | None = None
     acts: Acts = "recorded"
     fed: bool = False
     follows: Literal["", "motors", "all"] = ""
@@ -181,7 +181,9 @@ class Target:
         """Whether it refuses readings in the axes of the vehicle: it acts before the mounting, on what it reads."""
         return self.acts == "recorded" and not self.fed
 
-    def render(self, calibration: Calibration, *, about: Sequence[str] = (), asked: Asked = NOTHING_MORE) -> Export:
+    def render(
+        self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions = NOTHING_MORE
+    ) -> Export:
         """Write a calibration for the target, and try the target's own formula on what is written.
 
         Parameters
@@ -189,7 +191,7 @@ class Target:
         calibration : Calibration
         about : sequence of str
             Lines that tell where it comes from.
-        asked : Asked
+        asked : ExportOptions
             Which compass, and what else there is to choose.
 
         Raises
@@ -278,13 +280,13 @@ class Target:
     def _loses(self, calibration: Calibration) -> bool:
         """Whether the matrix has more to it than the target holds."""
         matrix = calibration.matrix if acting(self.acts, calibration) == "mapped" else in_recorded_axes(calibration)[0]
-        kept = {
+        reduced = {
             "all": matrix,
             "symmetric": matrix.T,
             "diagonal": np.diag(np.diag(matrix)),
             "offset": np.eye(3) * matrix[0, 0],
         }[self.keeps]
-        return bool(np.abs(matrix - kept).max() > EXACT * np.abs(matrix).max())
+        return bool(np.abs(matrix - reduced).max() > EXACT * np.abs(matrix).max())
 
     def _warnings(self, deviation: Difference, lacks: str) -> Iterable[str]:
         """What it costs, and what nobody could verify."""

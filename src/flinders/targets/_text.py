@@ -74,9 +74,9 @@ class Comment:
     def _harmless(self, remark: str) -> str:
         """ASCII that can be printed, and ends no comment."""
         text = plain_ascii(remark)
-        for found, written in self.ends:
-            while found in text:
-                text = text.replace(found, written)
+        for unsafe, written in self.ends:
+            while unsafe in text:
+                text = text.replace(unsafe, written)
         return text
 
 

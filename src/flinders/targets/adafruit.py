@@ -20,25 +20,25 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import listed, loaded, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the file; gyroscope and accelerometer stay uncorrected; a calibration in counts raises `UnitError`."""
-    found = Affine.of(calibration, "uT", who="SensorLab").single
+    affine = Affine.of(calibration, "uT", who="SensorLab").single
     fields = {
-        "mag_hardiron": [float(f"{value:.9g}") for value in found.offset],
-        "mag_softiron": [float(f"{value:.9g}") for value in found.matrix.ravel()],
-        "mag_field": float(f"{found.strength:.9g}"),
+        "mag_hardiron": [float(f"{value:.9g}") for value in affine.offset],
+        "mag_softiron": [float(f"{value:.9g}") for value in affine.matrix.ravel()],
+        "mag_field": float(f"{affine.strength:.9g}"),
         "gyro_zerorate": [0.0, 0.0, 0.0],
         "accel_zerog": [0.0, 0.0, 0.0],
     }
-    return Written(found.apply, json.dumps(fields, indent=1).splitlines(), fields)
+    return Written(affine.apply, json.dumps(fields, indent=1).splitlines(), fields)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -69,6 +69,6 @@ TARGETS: Final = (
         source="Adafruit_Sensor_Calibration_SDFat.cpp",
         comment=None,
         write=write,
-        reader=Reader(rb'"mag_(?:hard|soft)iron"', read, "sensor_calib.json"),
+        reader=TargetReader(rb'"mag_(?:hard|soft)iron"', read, "sensor_calib.json"),
     ),
 )

@@ -39,7 +39,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
 from flinders.targets._affine import in_recorded_axes
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 
 if TYPE_CHECKING:
@@ -135,9 +135,9 @@ class Registers:
                 "…), or with --scale 0.01 where a count is the 0.1 mG of x_MAGN_OUT"
             )
         wanted = _wanted(calibration)
-        held = np.clip(np.rint(wanted), LOWEST, HIGHEST)
-        registers = cls(tuple(int(code) for code in held))
-        if not np.array_equal(held, np.rint(wanted)):
+        codes = np.clip(np.rint(wanted), LOWEST, HIGHEST)
+        registers = cls(tuple(int(code) for code in codes))
+        if not np.array_equal(codes, np.rint(wanted)):
             raise _refused(calibration, wanted, registers)
         return registers
 
@@ -259,10 +259,10 @@ def _loss(index: int, wanted: float) -> str:
 def _largest_error(calibration: Calibration, registers: Registers) -> float:
     """µT: a bound of how far corrected readings would be off; with field F u, of |F (W' W⁻¹ − I) u + W' b + H|."""
     matrix, offset = in_recorded_axes(calibration)
-    held = np.eye(3) + registers.soft_iron
+    effective = np.eye(3) + registers.soft_iron
     with np.errstate(all="ignore"):
-        stretch = calibration.field_strength * (held @ np.linalg.inv(matrix) - np.eye(3))
-        shift = held @ offset + MG * registers.hard_iron
+        stretch = calibration.field_strength * (effective @ np.linalg.inv(matrix) - np.eye(3))
+        shift = effective @ offset + MG * registers.hard_iron
         if not (np.isfinite(stretch).all() and np.isfinite(shift).all()):
             return float("inf")
         return float(np.linalg.norm(stretch, 2) + np.linalg.norm(shift))
@@ -277,7 +277,7 @@ def _advice(calibration: Calibration) -> str:
     return "Take away or demagnetise what is near the sensor, or correct its readings outside the device"
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the twelve registers.
 
     Raises

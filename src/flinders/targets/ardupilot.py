@@ -8,14 +8,14 @@ it. Ours is corrected = A (raw − b), so
 
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
->>> for name, value in Parameters.of(found, compass=2).rows()[:5]:
+>>> for name, value in ArduPilotParameters.of(found, compass=2).rows()[:5]:
 ...     print(f"{name},{value:g}")
 COMPASS_OFS2_X,-100
 COMPASS_OFS2_Y,200
 COMPASS_OFS2_Z,0
 COMPASS_DIA2_X,1.1
 COMPASS_DIA2_Y,1
->>> Parameters.of(found).apply([[100.0, -200.0, 500.0]])            # in mG: 10, −20 and 50 µT
+>>> ArduPilotParameters.of(found).apply([[100.0, -200.0, 500.0]])            # in mG: 10, −20 and 50 µT
 array([[  0.,   0., 450.]])
 
 Offsets are added here, and act after the mounting: PX4 and most others subtract them, in the axes of the sensor.
@@ -56,9 +56,9 @@ from flinders.targets._autopilot import (
     symmetric,
     turn_of,
 )
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -95,7 +95,7 @@ COMPENSATED: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
+class ArduPilotParameters:
     """The parameters of one compass.
 
     Attributes
@@ -183,14 +183,14 @@ class Parameters:
         matrix, centre = in_recorded_axes(plain)
         turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
         by = "COMPASS_ORIENT or a custom rotation"
-        held = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by=by, lossy=lossy) @ turn.T
+        symmetrical = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by=by, lossy=lossy) @ turn.T
         if motor is None and follows is not None:
-            motor = -held @ turn @ driver_in_recorded_axes(calibration, follows) / MG
+            motor = -symmetrical @ turn @ driver_in_recorded_axes(calibration, follows) / MG
             motor_by = MOTORS[follows.name]
         motor = np.zeros(3) if motor is None else vectors(motor, "motor")
         if motor.any() and motor_by not in MOTORS.values():
             raise UsageError("a motor term needs what it depends on: motor_by=1 for throttle, 2 for current")
-        scale = float(np.trace(held) / 3)
+        scale = float(np.trace(symmetrical) / 3)
         if not 0 < scale < np.inf:
             raise NotExportable(
                 f"COMPASS_SCALE would be {figures(scale, 4)}, and needs to be positive: the calibration turns an axis "
@@ -198,8 +198,8 @@ class Parameters:
                 beyond=(f"COMPASS_SCALE{digit}",),
                 wanted={f"COMPASS_SCALE{digit}": scale},
             )
-        diagonal, off_diagonal = in_six(held / scale)
-        found = cls(
+        diagonal, off_diagonal = in_six(symmetrical / scale)
+        parameters = cls(
             offset=-(turn @ centre) / MG,
             diagonal=diagonal,
             off_diagonal=off_diagonal,
@@ -210,8 +210,8 @@ class Parameters:
             external=external,
             compass=compass,
         )
-        found.refuse_beyond()
-        return found
+        parameters.refuse_beyond()
+        return parameters
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 1) -> Self:
@@ -221,14 +221,14 @@ class Parameters:
 
         Examples
         --------
-        >>> Parameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
+        >>> ArduPilotParameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
         1.1
         """
         _known(compass)
 
         def one(group: str, axis: str = "", default: float = 0.0) -> float:
-            found = (float(values.get(name, np.nan)) for name in names(group, compass, axis))
-            return next((value for value in found if np.isfinite(value)), default)
+            given = (float(values.get(name, np.nan)) for name in names(group, compass, axis))
+            return next((value for value in given if np.isfinite(value)), default)
 
         def three(group: str, default: float = 0.0) -> Floats:
             return np.array([one(group, axis, default) for axis in ("_X", "_Y", "_Z")])
@@ -311,7 +311,8 @@ class Parameters:
 
         Examples
         --------
-        >>> set_up = Parameters(offset=np.array([-100.0, 0, 50]), off_diagonal=np.array([0.1, 0, 0]), scale=1.2)
+        >>> offset, off_diagonal = np.array([-100.0, 0, 50]), np.array([0.1, 0, 0])
+        >>> set_up = ArduPilotParameters(offset=offset, off_diagonal=off_diagonal, scale=1.2)
         >>> set_up.unapply(set_up.apply([1.0, 2.0, 3.0])).round(9)
         array([1., 2., 3.])
         """
@@ -380,20 +381,20 @@ class Parameters:
     def words(self) -> str:
         """Write what is in force on one line, with its names.
 
-        >>> Parameters(offset=np.array([-12.0, 40.5, -93.0]), compass=2).words()
+        >>> ArduPilotParameters(offset=np.array([-12.0, 40.5, -93.0]), compass=2).words()
         'COMPASS_OFS2 -12, 40.5, -93 mG'
         """
         digit = _digit(self.compass)
-        told = [f"COMPASS_OFS{digit} {listed(self.offset)} mG"]
+        parts = [f"COMPASS_OFS{digit} {listed(self.offset)} mG"]
         if not np.array_equal(self.iron, np.eye(3)):
-            told.append(f"COMPASS_DIA{digit} {listed(np.diag(self.iron))}")
-            told.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
+            parts.append(f"COMPASS_DIA{digit} {listed(np.diag(self.iron))}")
+            parts.append(f"COMPASS_ODI{digit} {listed(self.off_diagonal)}")
         if self.gain != 1.0:
-            told.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
+            parts.append(f"COMPASS_SCALE{digit} {self.gain:.6g}")
         if self.has_disturbances:
             unit = "mG/A" if self.motor_by == BY_CURRENT else "mG at full throttle"
-            told.append(f"COMPASS_MOT{digit} {listed(self.motor)} {unit}")
-        return "; ".join(told)
+            parts.append(f"COMPASS_MOT{digit} {listed(self.motor)} {unit}")
+        return "; ".join(parts)
 
     def refuse_beyond(self) -> None:
         """Raise `NotExportable` for values that ArduPilot ignores, does not arm with, or its calibrator refuses."""
@@ -568,7 +569,7 @@ def _rotation_matrix(mounting: ArrayLike) -> Floats:
 # the file
 
 
-def write(calibration: Calibration, asked: Asked) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the parameters of one compass, the first unless another is asked for.
 
     Raises
@@ -583,7 +584,7 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     compass = 1 if asked.compass is None else asked.compass
     in_place = in_vehicle_axes(calibration)
     Affine.of(in_place, "mG", who="ArduPilot")  # refuses counts, and numbers beyond all bounds
-    parameters = Parameters.of(in_place, compass=compass, lossy=asked.lossy).as_held()
+    parameters = ArduPilotParameters.of(in_place, compass=compass, lossy=asked.lossy).as_held()
     values = dict(parameters.rows())
     body = [f"{name},{value:.9g}" for name, value in values.items()]
     left_out = _left_out(in_place, compass)
@@ -602,7 +603,7 @@ def _left_out(calibration: Calibration, compass: int) -> tuple[str, ...]:
     if turn is None:
         return ()
     digit = _digit(compass)
-    then = Parameters.of(calibration, compass=compass, mounting=turn, lossy=True).as_held()
+    then = ArduPilotParameters.of(calibration, compass=compass, mounting=turn, lossy=True).as_held()
     rows = ", ".join(f"{name} {value:.6g}" for name, value in then.rows() if "MOT" not in name)
     note = (
         f"left out: a rotation of {said(turn)}. It belongs into the mounting (COMPASS_ORIENT{digit} 101, "
@@ -624,7 +625,7 @@ def read(content: bytes, source: str, *, strength: float | None = None, compass:
         For lines that are no parameters, or none of such a compass.
     """
     values, wanted = _chosen(content, source, compass)
-    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
+    return ArduPilotParameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
 
 
 def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
@@ -655,6 +656,6 @@ TARGETS: Final = (
         compasses=range(1, 4),
         write=write,
         # pins that Betaflight calls so are none
-        reader=Reader(rb"(?s)\A(?!.*resource COMPASS_).*COMPASS1?_", read, "parameters of ArduPilot", which),
+        reader=TargetReader(rb"(?s)\A(?!.*resource COMPASS_).*COMPASS1?_", read, "parameters of ArduPilot", which),
     ),
 )

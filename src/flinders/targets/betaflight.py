@@ -1,7 +1,7 @@
 """Betaflight's ``mag_calibration``: ``m = aligned − magZero``, three whole numbers of raw counts, and no soft iron.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.eye(3), [120.4, -31.6, 7.0], 400.0), Asked())
+>>> found = write(Calibration(np.eye(3), [120.4, -31.6, 7.0], 400.0), ExportOptions())
 >>> found.body[0], found.apply([520.0, -32.0, 7.0])
 ('set mag_calibration = 120,-32,7', array([400.,   0.,   0.]))
 >>> read(b"set mag_calibration = 120,-32,7", "dump.txt", strength=400.0).offset
@@ -23,9 +23,9 @@ from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._affine import VEHICLE, Affine, acting, in_16_bits
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -34,7 +34,7 @@ SETTING: Final = "mag_calibration"
 NAMES: Final = tuple(f"{SETTING} {axis}" for axis in "xyz")
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the offset in the axes of the board; a recording that was not in raw counts raises `UnitError`.
 
     Raises
@@ -71,8 +71,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
             f"{source}: holds an offset of {zero} counts, and nothing tells how long readings are: give "
             "--field-strength in counts, the length of a reading less the offset"
         )
-    found = Affine(np.eye(3), floats(zero), strength).to_calibration(COUNTS, known=True)
-    return replace(found, frame=VEHICLE)
+    calibration = Affine(np.eye(3), floats(zero), strength).to_calibration(COUNTS, known=True)
+    return replace(calibration, frame=VEHICLE)
 
 
 TARGETS: Final = (
@@ -89,6 +89,6 @@ TARGETS: Final = (
         acts="mapped",
         lengths="as long as the sensor makes them",
         write=write,
-        reader=Reader(rb"(?i)\bset\s+mag_calibration\b", read, "a dump of Betaflight"),
+        reader=TargetReader(rb"(?i)\bset\s+mag_calibration\b", read, "a dump of Betaflight"),
     ),
 )

@@ -13,7 +13,7 @@ bits, b in 2⁻⁸ or 2⁻⁴ of a unit.
 >>> code.apply([440, -32, 7])                                           # 1.25 · 319.6 = 399.5, −0.4, 0
 array([400.,   0.,   0.])
 >>> module: dict[str, object] = {}
->>> exec(chr(10).join(write_micropython(found, Asked()).body), module)
+>>> exec(chr(10).join(write_micropython(found, ExportOptions()).body), module)
 >>> module["correct"]((520.4, -31.6, 7))
 (500.0, 0.0, 0.0)
 """
@@ -29,7 +29,7 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.errors import NotExportable
 from flinders.targets._affine import OWN, RECORDED, Affine, driver_in_recorded_axes, single, whole
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import BLOCK, HASH, begun, digits, float32s, guarded
 
@@ -45,7 +45,7 @@ ADVICE: Final = "readings are too large for this format: use the one in single p
 
 
 @dataclass(frozen=True, slots=True)
-class Format:
+class FixedPointFormat:
     """A format of fixed point.
 
     Attributes
@@ -66,8 +66,8 @@ class Format:
     largest: int
 
 
-Q15: Final = Format("Q15", 16, 8, 2**15 - 1)
-Q31: Final = Format("Q31", 32, 4, 2**23 - 1)
+Q15: Final = FixedPointFormat("Q15", 16, 8, 2**15 - 1)
+Q31: Final = FixedPointFormat("Q31", 32, 4, 2**23 - 1)
 
 USUAL: Final = "flinders"
 """What names in C begin with, unless another name is asked for."""
@@ -179,7 +179,7 @@ class FixedPoint:
 
     Attributes
     ----------
-    format : Format
+    format : FixedPointFormat
     entries : (3, 3) int
         Of the matrix, in units of 2^-shift.
     offset : (3,) int
@@ -188,13 +188,13 @@ class FixedPoint:
         Bits of an entry behind the point: as many as the largest entry leaves.
     """
 
-    format: Format
+    format: FixedPointFormat
     entries: tuple[tuple[int, int, int], ...]
     offset: tuple[int, ...]
     shift: int
 
     @classmethod
-    def of(cls, calibration: Calibration, form: Format) -> Self:
+    def of(cls, calibration: Calibration, form: FixedPointFormat) -> Self:
         """Round a calibration.
 
         Raises
@@ -202,8 +202,8 @@ class FixedPoint:
         NotExportable
             For a matrix or an offset beyond the format.
         """
-        found = Affine.of(calibration, RECORDED, who=WHO, acts="across")
-        largest = float(np.abs(found.matrix).max())
+        affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
+        largest = float(np.abs(affine.matrix).max())
         shift = form.bits - 1 - max(math.floor(math.log2(largest)) + 1, 0) if largest > 0 else form.bits - 1
         if np.rint(largest * 2.0**shift) >= 2 ** (form.bits - 1):
             shift -= 1
@@ -212,11 +212,11 @@ class FixedPoint:
                 f"the matrix has an entry of {largest:.3g}, {form.name} holds up to {2 ** (form.bits - 2)}: {ADVICE}",
                 beyond=("matrix",),
             )
-        entries = np.rint(found.matrix * 2.0**shift).astype(np.int64)
+        entries = np.rint(affine.matrix * 2.0**shift).astype(np.int64)
         edge = (form.largest + 1) << form.fraction
         names = ("offset x", "offset y", "offset z")
         with np.errstate(over="ignore"):
-            scaled = found.offset * 2.0**form.fraction
+            scaled = affine.offset * 2.0**form.fraction
         offset = whole(scaled, names, lowest=-edge, highest=edge, advice=ADVICE)
         return cls(form, tuple(tuple(row) for row in entries.tolist()), offset, shift)
 
@@ -226,17 +226,17 @@ class FixedPoint:
         read = np.clip(np.nan_to_num(np.rint(vectors(field, finite=False))), -edge - 1, edge).astype(np.int64)
         moved = (read << form.fraction) - np.array(self.offset, np.int64)
         places = self.shift + form.fraction
-        found = (moved @ np.array(self.entries, np.int64).T + (1 << (places - 1))) >> places
-        return floats(np.clip(found, -edge - 1, edge))
+        sums = (moved @ np.array(self.entries, np.int64).T + (1 << (places - 1))) >> places
+        return floats(np.clip(sums, -edge - 1, edge))
 
 
 def single_precision(calibration: Calibration) -> Affine:
     """(A, b) for readings in the recorded unit, in single precision; what comes out is in µT, or in counts."""
-    found = Affine.of(calibration, RECORDED, who=WHO, acts="across")
-    return Affine(found.matrix * calibration.raw.scale, found.offset, calibration.field_strength).single
+    affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
+    return Affine(affine.matrix * calibration.raw.scale, affine.offset, calibration.field_strength).single
 
 
-def write_header(calibration: Calibration, asked: Asked) -> Written:
+def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``.
 
     Raises
@@ -249,7 +249,7 @@ def write_header(calibration: Calibration, asked: Asked) -> Written:
     return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
 
 
-def write_sketch(calibration: Calibration, asked: Asked) -> Written:
+def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place.
 
     Raises
@@ -262,7 +262,7 @@ def write_sketch(calibration: Calibration, asked: Asked) -> Written:
     return _filled(SKETCH, calibration, constant=constant, function=function)
 
 
-def write_micropython(calibration: Calibration, _asked: Asked) -> Written:
+def write_micropython(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
     return _filled(MODULE, calibration, suffix="", row="    ({}),")
 
@@ -307,7 +307,7 @@ def _driven(calibration: Calibration, name: str) -> Iterator[str]:
     yield "}"
 
 
-def write_q15(calibration: Calibration, asked: Asked) -> Written:
+def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for whole readings of 16 bits.
 
     Raises
@@ -320,12 +320,12 @@ def write_q15(calibration: Calibration, asked: Asked) -> Written:
     return _fixed(calibration, Q15, "int16_t", asked)
 
 
-def write_q31(calibration: Calibration, asked: Asked) -> Written:
+def write_q31(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header for whole readings of 24 bits in 32; raises as `write_q15`."""
     return _fixed(calibration, Q31, "int32_t", asked)
 
 
-def _fixed(calibration: Calibration, form: Format, whole: str, asked: Asked) -> Written:
+def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: ExportOptions) -> Written:
     """Code in whole numbers; `whole` is the type of a reading."""
     code, name = FixedPoint.of(calibration, form), begun(USUAL, asked.name)
     unit, places = calibration.raw.name, code.shift + form.fraction

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import digits
 
@@ -24,18 +24,18 @@ SENSOR: Final = r"""  - platform: template
            + {z};"""
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write three template sensors; a calibration in counts raises `UnitError`."""
-    found = Affine.of(calibration, "uT", who="ESPHome").single
+    affine = Affine.of(calibration, "uT", who="ESPHome").single
     body = ["sensor:"]
-    for axis, row in zip("xyz", found.matrix, strict=True):
+    for axis, row in zip("xyz", affine.matrix, strict=True):
         terms = {
             name: f"{digits(entry, 'f')} * (id(field_strength_{name}).state - ({digits(offset, 'f')}))"
-            for name, entry, offset in zip("xyz", row, found.offset, strict=True)
+            for name, entry, offset in zip("xyz", row, affine.offset, strict=True)
         }
         body += SENSOR.format(axis=axis, **terms).splitlines()
     notes = ["give the sensors of your magnetometer the ids field_strength_x, field_strength_y and field_strength_z"]
-    return Written(found.apply, body, {"matrix": found.matrix, "offset": found.offset}, notes)
+    return Written(affine.apply, body, {"matrix": affine.matrix, "offset": affine.offset}, notes)
 
 
 TARGETS: Final = (

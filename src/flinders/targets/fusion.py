@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._affine import OWN, Affine, single
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import BLOCK, HASH, float32s
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the constants for FusionModelMagnetic (FusionCalibrationMagnetic before 1.3), from 1.2.0 on."""
     model = _model(calibration).single
     note = "use: FusionModelMagnetic(u, softIronMatrix, hardIronOffset); before 1.3 it is FusionCalibrationMagnetic"
@@ -41,7 +41,7 @@ def write(calibration: Calibration, _asked: Asked) -> Written:
     return Written(model.apply, body, values, [note])
 
 
-def write_old(calibration: Calibration, _asked: Asked) -> Written:
+def write_old(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the constants for FusionCalibrationMagnetic up to 1.1, whose offset is W b."""
     model = _model(calibration)
     with np.errstate(all="ignore"):
@@ -51,7 +51,7 @@ def write_old(calibration: Calibration, _asked: Asked) -> Written:
     return Written(lambda raw: raw @ matrix.T - offset, body, values, [note])
 
 
-def write_python(calibration: Calibration, _asked: Asked) -> Written:
+def write_python(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the arrays for imufusion.model_magnetic."""
     model = _model(calibration).single
     rows = [f"        [{float32s(row)}]," for row in model.matrix]

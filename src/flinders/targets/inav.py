@@ -4,7 +4,7 @@ A gain is the radius of its axis in counts, so that corrected readings are 1024 
 nearest to the matrix and F the length of corrected readings in counts, gain = F / D.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), Asked())
+>>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
 >>> print(*found.body, sep=chr(10))
 set magzero_x = 120
 set magzero_y = -32
@@ -31,9 +31,9 @@ from flinders.arrays import Floats, floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._affine import in_16_bits, of_radii, offset_and_radii
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -44,7 +44,7 @@ ZEROS: Final = ("magzero_x", "magzero_y", "magzero_z")
 GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the lines; a recording that was not in raw counts raises `UnitError`.
 
     Raises
@@ -75,14 +75,14 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     DocumentError
         Where one is missing, stands there with two values, or is none that INAV holds.
     """
-    found = settings(content, source, [*ZEROS, *GAINS])
-    missing = [name for name in (*ZEROS, *GAINS) if name not in found]
+    pairs = settings(content, source, [*ZEROS, *GAINS])
+    missing = [name for name in (*ZEROS, *GAINS) if name not in pairs]
     if missing:
         raise DocumentError(
             f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
             "at its default: save what dump prints"
         )
-    zero, gain = counts(found, ZEROS, source), counts(found, GAINS, source, lowest=1)
+    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, lowest=1)
     return of_radii(zero, floats(gain), strength)
 
 
@@ -99,6 +99,6 @@ TARGETS: Final = (
         source="sensors/compass.c at 005b1ee7",
         lengths="1024 long",
         write=write,
-        reader=Reader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
+        reader=TargetReader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
     ),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from flinders.targets._affine import RECORDED, Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import PERCENT, begun
 
@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 
-def write(calibration: Calibration, asked: Asked) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the function; A is transposed, as readings are rows. What comes out has the unit of what goes in."""
-    found = Affine.of(calibration, RECORDED, who="MATLAB and Octave", acts="across")
-    rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in found.matrix.T)
+    affine = Affine.of(calibration, RECORDED, who="MATLAB and Octave", acts="across")
+    rows = "; ".join(" ".join(f"{value:.17g}" for value in row) for row in affine.matrix.T)
     body = [
         f"function C = {begun('flinders', asked.name)}_correct(D)",
-        "  b = [" + " ".join(f"{value:.17g}" for value in found.offset) + "];",
+        "  b = [" + " ".join(f"{value:.17g}" for value in affine.offset) + "];",
         f"  A = [{rows}];",
         "  C = bsxfun(@minus, D, b) * A;",
         "end",
     ]
-    return Written(found.apply, body, {"A": found.matrix.T, "b": found.offset})
+    return Written(affine.apply, body, {"A": affine.matrix.T, "b": affine.offset})
 
 
 TARGETS: Final = (

@@ -6,10 +6,10 @@ endian, with zeros for accelerometer and gyroscope and a CRC at the end.
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> packet = Packet.of(found).encode()
+>>> packet = MotionCalPacket.of(found).encode()
 >>> packet[:2].hex(), len(packet), crc16(packet)                   # over all of it the CRC is 0
 ('7554', 68, 0)
->>> Packet.decode(packet).apply([10.0, -20.0, 80.0]).round(3)
+>>> MotionCalPacket.decode(packet).apply([10.0, -20.0, 80.0]).round(3)
 array([ 0.,  0., 40.])
 
 Source: PaulStoffregen/MotionCal, ``rawdata.c`` (send_calibration) and ``visualize.c``; the sketches of NXPMotionSense
@@ -27,8 +27,8 @@ import numpy as np
 from flinders.arrays import Floats, vectors
 from flinders.errors import DocumentError
 from flinders.targets._affine import Affine, single, symmetric_root
-from flinders.targets._export import Asked, Written
-from flinders.targets._target import Reader, Target
+from flinders.targets._export import ExportOptions, Written
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -43,7 +43,7 @@ BEFORE_OFFSET: Final = 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Packet:
+class MotionCalPacket:
     """What the packet says of the magnetometer.
 
     Attributes
@@ -69,11 +69,11 @@ class Packet:
         UnitError
             For a calibration in counts.
         """
-        found = Affine.of(calibration, "uT", who="MotionCal")
+        affine = Affine.of(calibration, "uT", who="MotionCal")
         with np.errstate(all="ignore"):
-            size = float(np.exp(np.linalg.slogdet(found.matrix)[1] / 3))
-            strength = float(single(found.strength / size))
-            return cls(single(found.offset), strength, single(symmetric_root(found.matrix) / size))
+            size = float(np.exp(np.linalg.slogdet(affine.matrix)[1] / 3))
+            strength = float(single(affine.strength / size))
+            return cls(single(affine.offset), strength, single(symmetric_root(affine.matrix) / size))
 
     @classmethod
     def decode(cls, content: bytes, source: str = "packet") -> Self:
@@ -143,7 +143,7 @@ def crc16(content: bytes) -> int:
     return crc
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the bytes; the text shows them in hexadecimal.
 
     Raises
@@ -153,7 +153,7 @@ def write(calibration: Calibration, _asked: Asked) -> Written:
     NotExportable
         Where a rotation in the matrix would be lost, of more than a degree of heading.
     """
-    packet = Packet.of(calibration)
+    packet = MotionCalPacket.of(calibration)
     data = packet.encode()
     values = {"offset": packet.offset, "field": packet.strength, "matrix": packet.matrix, "hex": data.hex()}
     body = [data[start : start + 16].hex(" ") for start in range(0, len(data), 16)]
@@ -167,7 +167,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     ------
     DocumentError, ArrayError, UsageError
     """
-    return Packet.decode(content, source).to_calibration(strength=strength)
+    return MotionCalPacket.decode(content, source).to_calibration(strength=strength)
 
 
 MOTIONCAL: Final = Target(
@@ -183,6 +183,6 @@ MOTIONCAL: Final = Target(
     lengths="B long, as they are in the middle of the ellipsoid: the matrix has determinant 1",
     comment=None,
     write=write,
-    reader=Reader(rb"\A" + SIGNATURE, read, "a MotionCal packet"),
+    reader=TargetReader(rb"\A" + SIGNATURE, read, "a MotionCal packet"),
 )
 TARGETS: Final = (MOTIONCAL, replace(MOTIONCAL, name="adafruit-eeprom", use="Adafruit EEPROM image"))

@@ -4,7 +4,7 @@ Corrected readings are 2048 long, 1 in fixed point with eleven bits; with D the 
 matrix and F the length of corrected readings in counts, sens = 2048 D / F.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), Asked())
+>>> found = write(Calibration(np.diag([1.25, 1.0, 0.8]), [120.4, -31.6, 7.0], 400.0), ExportOptions())
 >>> found.values["MAG_Y_NEUTRAL"], found.values["MAG_Y_SENS"]
 (-32, 5.12)
 >>> found.apply([440.0, -32.0, 7.0])
@@ -27,9 +27,9 @@ from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._affine import of_radii, offset_and_radii, whole
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import counts, decoded, keyed, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 from flinders.targets._text import MARKUP
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ DEFINE: Final = re.compile(r"<define\b([^<>]*)>")
 ATTRIBUTE: Final = re.compile(r"""\b(name|value)\s*=\s*("[^"]*"|'[^']*')""")
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
 
     Raises
@@ -82,15 +82,15 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     DocumentError
         Where one is missing, stands there with two values or is no such number, and where an axis is turned over.
     """
-    found = _defines(decoded(content, source), source)
-    turned = [name for name in SIGNS if found.get(name, "1").strip() not in {"1", "+1"}]
+    defines = _defines(decoded(content, source), source)
+    turned = [name for name in SIGNS if defines.get(name, "1").strip() not in {"1", "+1"}]
     if turned:
         raise DocumentError(
-            f"{source}: {turned[0]} is {found[turned[0]]}: whether the numbers stand before or after that change of "
+            f"{source}: {turned[0]} is {defines[turned[0]]}: whether the numbers stand before or after that change of "
             "sign is not known here; take the axes of IMU_MAG_RAW, and define no sign but 1"
         )
-    neutral = counts(found, NEUTRALS, source, lowest=LOWEST, highest=HIGHEST)
-    sensitivity = numbers(found, SENSITIVITIES, source)
+    neutral = counts(defines, NEUTRALS, source, lowest=LOWEST, highest=HIGHEST)
+    sensitivity = numbers(defines, SENSITIVITIES, source)
     if not np.all(sensitivity > 0):
         raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or turned over")
     return of_radii(neutral, UNITY / sensitivity, strength)
@@ -124,6 +124,6 @@ TARGETS: Final = (
         unverified=("that it acts in the axes of the IMU_MAG_RAW messages, before the mounting",),
         comment=MARKUP,
         write=write,
-        reader=Reader(rb"(?s)\A(?=.*<define).*MAG_[XYZ]_(?:NEUTRAL|SENS)", read, "an airframe of Paparazzi"),
+        reader=TargetReader(rb"(?s)\A(?=.*<define).*MAG_[XYZ]_(?:NEUTRAL|SENS)", read, "an airframe of Paparazzi"),
     ),
 )

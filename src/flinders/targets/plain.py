@@ -15,9 +15,9 @@ from flinders.core.disturbance import BY_KEY, Disturbance
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
 from flinders.targets._affine import OWN, Affine, driver_in_recorded_axes
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import listed, loaded, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 from flinders.targets._text import HASH
 
 if TYPE_CHECKING:
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 FORMULA: Final = "corrected = matrix (raw - offset)"
 
 
-def write_json(calibration: Calibration, _asked: Asked) -> Written:
+def write_json(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write one JSON object."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     values = _values(calibration, correction)
     return Written(correction.apply, json.dumps(values, indent=1).splitlines(), values)
 
 
-def write_yaml(calibration: Calibration, _asked: Asked) -> Written:
+def write_yaml(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the same as YAML; values are written as JSON has them, which YAML reads too."""
     correction = Affine.of(calibration, OWN, who="plain JSON", acts="across")
     values = _values(calibration, correction)
@@ -95,9 +95,9 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
         raise DocumentError(f"{source}: matrix needs three lists of three numbers")
     entries = listed({"matrix": [entry for row in rows for entry in row]}, "matrix", 9, source)
     (length,) = numbers(fields, ["field_strength"], source)
-    found = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
+    affine = Affine(entries.reshape(3, 3), listed(fields, "offset", 3, source), float(length))
     known = fields.get("field_strength_known") is True
-    return replace(found.to_calibration(str(unit), known=known, strength=strength), disturbances=_read(fields, source))
+    return replace(affine.to_calibration(str(unit), known=known, strength=strength), disturbances=_read(fields, source))
 
 
 def _read(fields: dict[str, Any], source: str) -> tuple[Disturbance, ...]:
@@ -132,7 +132,7 @@ JSON: Final = Target(
     follows="all",
     comment=None,
     write=write_json,
-    reader=Reader(rb'(?s)\A\s*\{.*"corrected = matrix \(raw - offset\)"', read, ""),
+    reader=TargetReader(rb'(?s)\A\s*\{.*"corrected = matrix \(raw - offset\)"', read, ""),
 )
 TARGETS: Final = (
     JSON,

@@ -9,13 +9,13 @@ CAL_MAG_COMP_TYP says. Ours is corrected = A (raw − b), so
 
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
->>> for name, value in Parameters.of(found, compass=1).rows()[:4]:
+>>> for name, value in Px4Parameters.of(found, compass=1).rows()[:4]:
 ...     print(f"{name} {value:g}")
 CAL_MAG1_XOFF 0.1
 CAL_MAG1_YOFF -0.2
 CAL_MAG1_ZOFF 0
 CAL_MAG1_XSCALE 1.1
->>> turned_over = Parameters.of(found, rotation=8)                  # ROLL_180
+>>> turned_over = Px4Parameters.of(found, rotation=8)                  # ROLL_180
 >>> turned_over.apply([[0.1, -0.2, 0.5]])                           # in gauss: 10, −20 and 50 µT
 array([[ 0.  ,  0.  , -0.45]])
 
@@ -58,9 +58,9 @@ from flinders.targets._autopilot import (
     symmetric,
     turn_of,
 )
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -89,7 +89,7 @@ MOUNTINGS: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameters:
+class Px4Parameters:
     """The parameters of one compass.
 
     Attributes
@@ -174,10 +174,10 @@ class Parameters:
         if compensation is None and follows is not None:
             per_unit = DRIVE_UNITS[follows.name]
             compensation = -driver_in_recorded_axes(calibration, follows) * per_unit / GAUSS
-        held = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROLL, PITCH and YAW", lossy=lossy)
+        symmetrical = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROLL, PITCH and YAW", lossy=lossy)
         mounting(rotation)
-        diagonal, off_diagonal = in_six(held)
-        found = cls(
+        diagonal, off_diagonal = in_six(symmetrical)
+        parameters = cls(
             offset=centre / GAUSS,
             diagonal=diagonal,
             off_diagonal=off_diagonal,
@@ -188,8 +188,8 @@ class Parameters:
             priority=priority,
             compass=_known(compass),
         )
-        found.refuse_beyond()
-        return found
+        parameters.refuse_beyond()
+        return parameters
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 0) -> Self:
@@ -197,7 +197,7 @@ class Parameters:
 
         Examples
         --------
-        >>> Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
+        >>> Px4Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
         array([ 0.  , -0.25,  0.  ])
         """
         name = f"CAL_MAG{_known(compass)}_"
@@ -281,7 +281,7 @@ class Parameters:
 
         Examples
         --------
-        >>> set_up = Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
+        >>> set_up = Px4Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
         >>> set_up.unapply(set_up.apply([0.1, 0.2, 0.3])).round(9)
         array([0.1, 0.2, 0.3])
         """
@@ -349,17 +349,17 @@ class Parameters:
     def words(self) -> str:
         """Write what is in force on one line, with its names.
 
-        >>> Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
+        >>> Px4Parameters(offset=np.array([0.0282, -0.2002, -0.1369]), compass=1).words()
         'CAL_MAG1_OFF 0.0282, -0.2002, -0.1369 G'
         """
-        told = [f"CAL_MAG{self.compass}_OFF {listed(self.offset)} G"]
+        parts = [f"CAL_MAG{self.compass}_OFF {listed(self.offset)} G"]
         if not np.all(self.diagonal == 1):
-            told.append(f"SCALE {listed(self.diagonal)}")
+            parts.append(f"SCALE {listed(self.diagonal)}")
         if self.off_diagonal.any():
-            told.append(f"ODIAG {listed(self.off_diagonal)}")
+            parts.append(f"ODIAG {listed(self.off_diagonal)}")
         if self.compensation.any():
-            told.append(f"COMP {listed(self.compensation)}")
-        return ", ".join(told)
+            parts.append(f"COMP {listed(self.compensation)}")
+        return ", ".join(parts)
 
     def refuse_beyond(self) -> None:
         """Raise `NotExportable` for values out of the ranges that PX4's parameters have."""
@@ -426,7 +426,7 @@ def compasses(values: Iterable[str]) -> tuple[int, ...]:
     return tuple(n for n in COMPASSES if any(name.startswith(f"CAL_MAG{n}_") for name in there))
 
 
-def of_device(values: Mapping[str, float], device_id: int) -> Parameters | None:
+def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | None:
     """The parameters that PX4 uses for the compass with this number, or None where there are none.
 
     >>> of_device({"CAL_MAG2_ID": 396809, "CAL_MAG2_XOFF": 0.5}, 396809).offset
@@ -434,14 +434,14 @@ def of_device(values: Mapping[str, float], device_id: int) -> Parameters | None:
     """
     if device_id == 0:
         return None
-    known = (Parameters.read(values, compass) for compass in compasses(values))
+    known = (Px4Parameters.read(values, compass) for compass in compasses(values))
     return next((one for one in known if one.device_id is not None and one.device_id % 2**32 == device_id), None)
 
 
 def _compensated_by(values: Mapping[str, float]) -> int:
     """CAL_MAG_COMP_TYP; 0 for what PX4 does not know, or for ESC currents, of which a calibration has no column."""
-    found = float(values.get("CAL_MAG_COMP_TYP", 0.0))
-    return int(found) if found in MOTORS.values() else 0
+    kind = float(values.get("CAL_MAG_COMP_TYP", 0.0))
+    return int(kind) if kind in MOTORS.values() else 0
 
 
 def _known(compass: int) -> int:
@@ -469,7 +469,7 @@ LEFT_OUT: Final = (
 )
 
 
-def write(calibration: Calibration, asked: Asked) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the five columns that QGroundControl loads: vehicle, component, name, value, type.
 
     Raises
@@ -484,16 +484,16 @@ def write(calibration: Calibration, asked: Asked) -> Written:
     return _written(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{_type(name)}", asked)
 
 
-def write_shell(calibration: Calibration, asked: Asked) -> Written:
+def write_shell(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write lines for the shell of the vehicle; raises as `write`."""
     return _written(calibration, lambda name, value: f"param set {name} {value}", asked)
 
 
-def _written(calibration: Calibration, line: Callable[[str, str], str], asked: Asked) -> Written:
+def _written(calibration: Calibration, line: Callable[[str, str], str], asked: ExportOptions) -> Written:
     """The parameters of one compass, the first unless another is asked for, each as a line."""
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
-    parameters = Parameters.of(calibration, compass=compass, rotation=INTERNAL, lossy=asked.lossy).as_held()
+    parameters = Px4Parameters.of(calibration, compass=compass, rotation=INTERNAL, lossy=asked.lossy).as_held()
     values: dict[str, float] = dict(parameters.rows())
     compensated: Callable[[Floats, float], Floats] | None = None
     if (motor := followed(calibration)[1]) is not None:
@@ -529,13 +529,13 @@ def read(content: bytes, source: str, *, strength: float | None = None, compass:
         For lines that are no parameters, or none of such a compass.
     """
     values, wanted = _chosen(content, source, compass)
-    return Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
+    return Px4Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
 
 
 def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
     """Number, and device id where the file has it, of the compass that `read` takes; raises as `read`."""
     values, wanted = _chosen(content, source, compass)
-    device = Parameters.read(values, wanted).device_id
+    device = Px4Parameters.read(values, wanted).device_id
     return wanted, device % 2**32 if device else None
 
 
@@ -560,7 +560,7 @@ PX4: Final = Target(
     follows="motors",
     compasses=range(4),
     write=write,
-    reader=Reader(rb"CAL_MAG", read, "parameters of PX4", which),
+    reader=TargetReader(rb"CAL_MAG", read, "parameters of PX4", which),
 )
 TARGETS: Final = (
     PX4,

@@ -28,9 +28,9 @@ import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded, keyed, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -42,7 +42,7 @@ INITIAL_BIAS: Final = tuple(f"initial_{name}" for name in BIAS)
 INITIAL_MATRIX: Final = "initial_mag_scaling_matrix"
 
 
-def write_madgwick(calibration: Calibration, _asked: Asked) -> Written:
+def write_madgwick(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write a file of parameters for ROS 2, for a node of any name: it subtracts a bias, and knows no soft iron.
 
     Raises
@@ -60,15 +60,15 @@ def write_madgwick(calibration: Calibration, _asked: Asked) -> Written:
     return Written(lambda raw: raw - bias, ["/**:", "  ros__parameters:", "    use_mag: true", *named], values)
 
 
-def write_pipeline(calibration: Calibration, _asked: Asked) -> Written:
+def write_pipeline(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the parameters of bias_remover, for rosparam; a calibration in counts raises `UnitError`."""
     exact = Affine.of(calibration, "T", who="magnetometer_pipeline")
-    found = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)
-    named = [f"{name}: {_yaml(value)}" for name, value in zip(INITIAL_BIAS, found.offset, strict=True)]
-    rows = [f"  {', '.join(map(_yaml, row))}" for row in found.matrix]
-    values = {"initial_mag_bias": found.offset, INITIAL_MATRIX: found.matrix}
+    affine = Affine(_ten_digits(exact.matrix), _ten_digits(exact.offset), exact.strength)
+    named = [f"{name}: {_yaml(value)}" for name, value in zip(INITIAL_BIAS, affine.offset, strict=True)]
+    rows = [f"  {', '.join(map(_yaml, row))}" for row in affine.matrix]
+    values = {"initial_mag_bias": affine.offset, INITIAL_MATRIX: affine.matrix}
     notes = ["the name of the matrix is that of the code; the package's README has another"]
-    return Written(found.apply, [*named, f"{INITIAL_MATRIX}: [", ",\n".join(rows), "  ]"], values, notes)
+    return Written(affine.apply, [*named, f"{INITIAL_MATRIX}: [", ",\n".join(rows), "  ]"], values, notes)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -83,10 +83,10 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     """
     text = decoded(content, source)
     offset = numbers(keyed(text, source, ":"), INITIAL_BIAS, source)
-    found = re.search(rf"{INITIAL_MATRIX}\s*:\s*\[([^\]]*)\]", text)
-    if found is None:
+    match = re.search(rf"{INITIAL_MATRIX}\s*:\s*\[([^\]]*)\]", text)
+    if match is None:
         raise DocumentError(f"{source}: no {INITIAL_MATRIX}: [...] with nine numbers")
-    words = [word.strip() for word in found[1].split(",")]
+    words = [word.strip() for word in match[1].split(",")]
     if len(words) != 9:
         raise DocumentError(f"{source}: {INITIAL_MATRIX} has {len(words)} numbers: need nine")
     names = [f"{INITIAL_MATRIX}[{place}]" for place in range(9)]
@@ -131,6 +131,6 @@ TARGETS: Final = (
         fed=True,
         source="ctu-vras magnetometer_pipeline, bias_remover.cpp",
         write=write_pipeline,
-        reader=Reader(INITIAL_BIAS[0].encode(), read, "parameters of magnetometer_pipeline"),
+        reader=TargetReader(INITIAL_BIAS[0].encode(), read, "parameters of magnetometer_pipeline"),
     ),
 )

@@ -6,7 +6,7 @@ them unless the extremes are valid too.
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> lines = write(found, Asked()).body
+>>> lines = write(found, ExportOptions()).body
 >>> print(*lines[:3], lines[-1], sep=chr(10))
 CompassCalValid=true
 CompassCalMinX=-50.000000
@@ -27,9 +27,9 @@ import numpy as np
 
 from flinders.errors import DocumentError
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded, keyed, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -44,17 +44,17 @@ OFFSET: Final = tuple(f"compassCalOffset{axis}" for axis in "XYZ")
 MATRIX: Final = tuple(f"compassCalCorr{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the lines that replace those of the same names; a calibration in counts raises `UnitError`."""
-    found = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
-    reach = max(round(found.strength, PLACES), 10.0**-PLACES)
+    affine = Affine.of(calibration, "uT", who="RTIMULib").decimals(PLACES)
+    reach = max(round(affine.strength, PLACES), 10.0**-PLACES)
     extremes: dict[str, float] = {}
     for low, high in zip(LOWEST, HIGHEST, strict=True):
         extremes |= {low: -reach, high: reach}
-    ellipsoid = dict(zip((*OFFSET, *MATRIX), (*found.offset, *found.matrix.ravel()), strict=True))
+    ellipsoid = dict(zip((*OFFSET, *MATRIX), (*affine.offset, *affine.matrix.ravel()), strict=True))
     lines = [f"{VALID}=true", *_lines(extremes), f"{ELLIPSOID_VALID}=true", *_lines(ellipsoid)]
     notes = ["replaces the lines of the same names in RTIMULib.ini; acts after the driver's own exchange of axes"]
-    return Written(found.apply, lines, dict(line.split("=") for line in lines), notes)
+    return Written(affine.apply, lines, dict(line.split("=") for line in lines), notes)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -67,16 +67,16 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     DocumentError
         Where the extremes are not valid, or numbers are missing.
     """
-    found = keyed(decoded(content, source), source)
-    if found.get(VALID) != "true":
-        raise DocumentError(f"{source}: {VALID} is {found.get(VALID, 'missing')}: RTIMULib uses no calibration then")
-    lowest, highest = numbers(found, LOWEST, source), numbers(found, HIGHEST, source)
+    pairs = keyed(decoded(content, source), source)
+    if pairs.get(VALID) != "true":
+        raise DocumentError(f"{source}: {VALID} is {pairs.get(VALID, 'missing')}: RTIMULib uses no calibration then")
+    lowest, highest = numbers(pairs, LOWEST, source), numbers(pairs, HIGHEST, source)
     if np.any(lowest >= highest):
         raise DocumentError(f"{source}: {', '.join(LOWEST)} must be below {', '.join(HIGHEST)}")
     offset: Floats = np.zeros(3)
     matrix: Floats = np.eye(3)
-    if found.get(ELLIPSOID_VALID) == "true":
-        offset, matrix = numbers(found, OFFSET, source), numbers(found, MATRIX, source).reshape(3, 3)
+    if pairs.get(ELLIPSOID_VALID) == "true":
+        offset, matrix = numbers(pairs, OFFSET, source), numbers(pairs, MATRIX, source).reshape(3, 3)
     ranges = highest - lowest
     scale = ranges.max() / ranges
     composed = Affine(matrix * scale, (lowest + highest) / 2 + offset / scale, float(ranges.max() / 2))
@@ -100,6 +100,6 @@ TARGETS: Final = (
         storage="six decimals, read as float32",
         source="RTIMUSettings.cpp, RTIMU.cpp",
         write=write,
-        reader=Reader(rb"CompassCalValid|compassCalOffsetX", read, "RTIMULib.ini"),
+        reader=TargetReader(rb"CompassCalValid|compassCalOffsetX", read, "RTIMULib.ini"),
     ),
 )

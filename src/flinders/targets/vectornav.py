@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError
 from flinders.targets._affine import Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._parsing import decoded, numbers
-from flinders.targets._target import Reader, Target
+from flinders.targets._target import Target, TargetReader
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -36,7 +36,7 @@ HEADS: Final = ("$VNWRG,23,", "$VNRRG,23,")
 """Of the sentence that writes the register, and of the answer to one that reads it."""
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the sentence with its checksum; a calibration in counts raises `UnitError`."""
     register = Affine.of(calibration, "G", who="register 23").decimals(PLACES)
     values = ",".join(f"{value + 0.0:.{PLACES}f}" for value in (*register.matrix.ravel(), *register.offset))
@@ -92,6 +92,6 @@ TARGETS: Final = (
         source="VN-100 user manual UM001, section 6.2.1",
         comment=None,
         write=write,
-        reader=Reader(rb"\A\s*\$VN", read, "VectorNav's register 23"),
+        reader=TargetReader(rb"\A\s*\$VN", read, "VectorNav's register 23"),
     ),
 )

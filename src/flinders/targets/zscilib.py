@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.targets._affine import OWN, Affine
-from flinders.targets._export import Asked, Written
+from flinders.targets._export import ExportOptions, Written
 from flinders.targets._target import Target
 from flinders.targets._text import BLOCK, float32s
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 
-def write(calibration: Calibration, _asked: Asked) -> Written:
+def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the arrays and how to use them."""
-    found = Affine.of(calibration, OWN, who="zscilib").single
-    bias = np.negative(found.offset)
+    affine = Affine.of(calibration, OWN, who="zscilib").single
+    bias = np.negative(affine.offset)
     body = [
         "static zsl_real_t magn_K[9] = {",
-        *(f"    {float32s(row)}," for row in found.matrix),
+        *(f"    {float32s(row)}," for row in affine.matrix),
         "};",
         f"static zsl_real_t magn_b[3] = {{ {float32s(bias)} }};",
     ]
     notes = ["use: zsl_mtx_from_arr(&K, magn_K); zsl_vec_from_arr(&b, magn_b); zsl_fus_cal_corr_vec(&v, &K, &b, &out);"]
-    return Written(found.apply, body, {"K": found.matrix, "b": bias}, notes)
+    return Written(affine.apply, body, {"K": affine.matrix, "b": bias}, notes)
 
 
 TARGETS: Final = (
