@@ -454,7 +454,7 @@ def test_comments_say_what_it_is_and_cannot_be_ended_from_outside(row: Target) -
     assert export.text.isascii()
     assert "\x1b" not in export.text
     clean = row.render(given, about=["from x"])
-    if export.told:
+    if export.has_comments:
         assert "checked: its own formula" in export.text
         assert row.formula.split()[0] in export.text
         assert all(len(line) < 130 for line in export.text.splitlines() if "evil" in line)

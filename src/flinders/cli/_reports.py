@@ -108,7 +108,7 @@ def listings(judged: Judged) -> list[Listing]:
         except FlindersError:
             continue
         if export.data is None:
-            notes = () if export.told else tuple(about(judged))
+            notes = () if export.has_comments else tuple(about(judged))
             found.append(Listing(row.use, f"{name}{row.suffix}", export.text, (*notes, *export.warnings)))
     return found
 

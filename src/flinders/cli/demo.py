@@ -52,8 +52,8 @@ def _write(path: str, simulated: Simulated, *, force: bool) -> None:
     from flinders.core.files import refuse_existing
     from flinders.simulate import truth, write_csv
 
-    beside = truth.beside(path)
-    refuse_existing(beside, force=force)
+    truth_file = truth.truth_path(path)
+    refuse_existing(truth_file, force=force)
     write_csv(simulated.samples, path, force=force)
-    truth.write(truth.Truth.of(simulated), beside, force=force)
-    say(f"the recording is in {path}, the truth in {beside}")
+    truth.write(truth.Truth.of(simulated), truth_file, force=force)
+    say(f"the recording is in {path}, the truth in {truth_file}")

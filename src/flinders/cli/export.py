@@ -90,7 +90,7 @@ def command(
         print_json(export.fields)
     elif not path:
         show(export)
-    if path or as_json or not export.told:
+    if path or as_json or not export.has_comments:
         _tell(export, judged)
     for line in told:
         say(line if compass is None else f"! {line}")
@@ -158,7 +158,7 @@ def rendered(
 def _tell(export: Export, judged: Judged) -> None:
     """Say what is known of it; what stands in the file already is left out."""
     say(export.checked)
-    for note in () if export.told else export.fields["notes"]:
+    for note in () if export.has_comments else export.fields["notes"]:
         say(note)
     for warning in (*_limits(judged), *export.warnings):
         say(f"! {warning}")

@@ -373,7 +373,7 @@ def _check(output: str, truth: str | None, sensor: str | None, *others: str | No
         Where a file is in the way, or could not be written.
     """
     from flinders.core.files import refuse_existing
-    from flinders.simulate.truth import beside
+    from flinders.simulate.truth import truth_path
 
     if output == "-" and as_json:
         raise UsageError("--json and the recording would both go to standard output: name a file with -o")
@@ -381,7 +381,7 @@ def _check(output: str, truth: str | None, sensor: str | None, *others: str | No
         raise UsageError("standard output is for the recording: name a file for --truth and --polar")
     if truth and not output:
         raise UsageError("--truth goes with a recording: name a file for that with -o")
-    named = [output, truth or (beside(output) if output not in ("", "-") else None), *others]
+    named = [output, truth or (truth_path(output) if output not in ("", "-") else None), *others]
     files = [path for path in named if path and path != "-"]
     places = [Path(path).resolve() for path in files]
     for path, place in zip(files, places, strict=True):
@@ -392,14 +392,14 @@ def _check(output: str, truth: str | None, sensor: str | None, *others: str | No
 
 
 def _write(simulated: Simulated, output: str, truth: str | None, *, force: bool, bare: bool) -> None:
-    """Write the recording, and its truth beside it; say what it is."""
+    """Write the recording, and its truth next to it; say what it is."""
     from dataclasses import replace
 
     from flinders.simulate.table import lines, write_csv
-    from flinders.simulate.truth import Truth, beside, write
+    from flinders.simulate.truth import Truth, truth_path, write
 
     samples = replace(simulated.samples, acceleration=None, rate=None) if bare else simulated.samples
-    where = truth or (beside(output) if output != "-" else None)
+    where = truth or (truth_path(output) if output != "-" else None)
     if output == "-":
         sys.stdout.writelines(f"{line}\n" for line in lines(samples))
     else:
@@ -427,9 +427,9 @@ def _summary(simulated: Simulated) -> str:
 
 def _print_truth(simulated: Simulated, output: str, truth: str | None) -> None:
     """Print what is true, and where it is."""
-    from flinders.simulate.truth import Truth, beside
+    from flinders.simulate.truth import Truth, truth_path
 
-    print_json({"recording_file": output, "truth_file": truth or beside(output), **Truth.of(simulated).as_dict()})
+    print_json({"recording_file": output, "truth_file": truth or truth_path(output), **Truth.of(simulated).as_dict()})
 
 
 def _write_polar(found: _Swung, path: str, *, force: bool) -> None:

@@ -49,12 +49,12 @@ class Axes:
             Unless each of x, y and z is named once.
         """
         parts = [part.strip().casefold() for part in text.split(",")]
-        found = [re.fullmatch(r"([+-]?)([xyz])", part) for part in parts]
-        letters = [match[2] for match in found if match]
+        matches = [re.fullmatch(r"([+-]?)([xyz])", part) for part in parts]
+        letters = [match[2] for match in matches if match]
         if len(parts) != 3 or sorted(letters) != list(NAMES):
             raise AxesError(f"axes {text!r}: need x, y and z once each with signs, such as 'x,-y,-z' or '-y,x,z'")
         x, y, z = (NAMES.index(letter) for letter in letters)
-        a, b, c = (-1 if match and match[1] == "-" else 1 for match in found)
+        a, b, c = (-1 if match and match[1] == "-" else 1 for match in matches)
         return cls((x, y, z), (a, b, c))
 
     @property

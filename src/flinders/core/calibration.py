@@ -326,8 +326,8 @@ class Calibration:
                 raise UsageError(f"the calibration does not follow {name}: it follows {', '.join(ours) or 'nothing'}")
             if not np.isfinite(value):
                 raise UsageError(f"{name} is {value:g}: need a number")
-        held = [ours[name] for name in values]
-        shift, gain = effect(held, {name: np.asarray(value, float) for name, value in values.items()})
+        fixed = [ours[name] for name in values]
+        shift, gain = effect(fixed, {name: np.asarray(value, float) for name, value in values.items()})
         left = tuple(disturbance for disturbance in self.disturbances if disturbance.name not in values)
         return replace(self, offset=self.offset + shift, matrix=self.matrix / float(gain), disturbances=left)
 

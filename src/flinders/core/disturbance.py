@@ -51,7 +51,7 @@ class Kind(NamedTuple):
     unit : str
         What stands behind its numbers.
     per : str
-        What one of it is, where an offset is told.
+        One unit of it, as an offset per unit names it.
     least : float
         A recording over which it changes by less tells nothing of it.
     plausible : (2,) float
@@ -218,8 +218,8 @@ def motor(name: str) -> tuple[str, int]:
     >>> motor("current12"), motor("current"), motor("current0")
     (('current', 12), ('current', 0), ('current0', 0))
     """
-    found = _NUMBERED.fullmatch(name)
-    return (found[1], int(found[2])) if found else (name, 0)
+    match = _NUMBERED.fullmatch(name)
+    return (match[1], int(match[2])) if match else (name, 0)
 
 
 def motors(of: str, count: int) -> tuple[str, ...]:
@@ -274,14 +274,14 @@ def named(**columns: ArrayLike | None) -> dict[str, ArrayLike]:
     >>> named(current=None, throttle=0.5, currents=[1.0, 2.0])
     {'throttle': 0.5, 'current1': array(1.), 'current2': array(2.)}
     """
-    found: dict[str, ArrayLike] = {name: values for name, values in columns.items() if values is not None}
+    given: dict[str, ArrayLike] = {name: values for name, values in columns.items() if values is not None}
     for of, many in MOTORS.items():
-        if many in found:
-            table = np.atleast_1d(floats(found.pop(many), many))
-            found |= {name: table[..., place] for place, name in enumerate(motors(of, table.shape[-1]))}
-    for name in found:
+        if many in given:
+            table = np.atleast_1d(floats(given.pop(many), many))
+            given |= {name: table[..., place] for place, name in enumerate(motors(of, table.shape[-1]))}
+    for name in given:
         known(name)
-    return found
+    return given
 
 
 def effect(disturbances: Sequence[Disturbance], values: Mapping[str, ArrayLike | None]) -> tuple[Floats, Floats]:
@@ -321,18 +321,18 @@ def lagged(values: Floats, time: Floats | None, lag_s: float) -> Floats:
     >>> lagged(np.array([0.0, 1.0, np.nan, 3.0]), np.array([0.0, 1.0, 2.0, 3.0]), 0.5)
     array([0. , 0.5, 1.5, 2.5])
     """
-    told = np.isfinite(values)
+    is_known = np.isfinite(values)
     if time is None:
-        if told.all() or not told.any():
+        if is_known.all() or not is_known.any():
             return values
         rows = np.arange(len(values), dtype=float)
-        bridged: Floats = np.interp(rows, rows[told], values[told])
+        bridged: Floats = np.interp(rows, rows[is_known], values[is_known])
         return bridged
-    told &= np.isfinite(time)
-    if not told.any() or (lag_s == 0.0 and told.all()):
+    is_known &= np.isfinite(time)
+    if not is_known.any() or (lag_s == 0.0 and is_known.all()):
         return values
-    order = np.argsort(time[told], kind="stable")
-    known_at, known_values = time[told][order], values[told][order]
-    found = np.interp(time - lag_s, known_at, known_values)
-    earlier: Floats = np.where(np.isfinite(time), found, values)
+    order = np.argsort(time[is_known], kind="stable")
+    known_at, known_values = time[is_known][order], values[is_known][order]
+    shifted = np.interp(time - lag_s, known_at, known_values)
+    earlier: Floats = np.where(np.isfinite(time), shifted, values)
     return earlier

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pygeomag import GeoMag
 
 FIRST_YEAR, LAST_YEAR = 2010.0, 2030.0
-"""Between these a model is held."""
+"""A model is available between these."""
 
 LOWEST_M, HIGHEST_M = -1000.0, 850_000.0
 """Altitudes for which the models are made, in metres."""
@@ -59,7 +59,7 @@ class SiteField:
         Dip below the horizon, negative in the south.
     horizontal, strength : float, µT
     declination_sigma_deg, inclination_sigma_deg, strength_sigma : float or None
-        The model's published uncertainty, 1 σ, crust and all, in degrees and µT. Of WMM-2010 none is held: None.
+        The model's published uncertainty, 1 σ, crust and all, in degrees and µT. None for WMM-2010.
     """
 
     model: str
@@ -91,10 +91,10 @@ class SiteField:
     @property
     def doubt(self) -> str:
         """What to know where the field is nearly vertical; nothing elsewhere."""
-        found = f"the horizontal field at this site is {1e3 * self.horizontal:,.0f} nT"
+        words = f"the horizontal field at this site is {1e3 * self.horizontal:,.0f} nT"
         if self.is_blackout:
-            return f"{found}, below 2,000 nT: no compass can be trusted here, and the declination hardly at all"
-        return f"{found}, below 6,000 nT: a compass is unreliable here" if self.is_caution else ""
+            return f"{words}, below 2,000 nT: no compass can be trusted here, and the declination hardly at all"
+        return f"{words}, below 6,000 nT: a compass is unreliable here" if self.is_caution else ""
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""
@@ -125,7 +125,7 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
     Raises
     ------
     UsageError
-        For a place that there is not, or a time for which no model is held.
+        For a place that there is not, or a time without a model.
 
     Notes
     -----
@@ -134,21 +134,21 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
     """
     _refuse_nowhere(latitude_deg, longitude_deg, altitude_m)
     model = _model(year)
-    found: Any = model.calculate(latitude_deg, longitude_deg, altitude_m / 1000.0, year)
-    sigma: Any = found.calculate_uncertainty() if year >= 2015.0 else None
+    elements: Any = model.calculate(latitude_deg, longitude_deg, altitude_m / 1000.0, year)
+    sigma: Any = elements.calculate_uncertainty() if year >= 2015.0 else None
     return SiteField(
         str(model.model),
         float(latitude_deg),
         float(longitude_deg),
         float(altitude_m),
         float(year),
-        north=found.x * _NANOTESLA,
-        east=found.y * _NANOTESLA,
-        down=found.z * _NANOTESLA,
-        declination_deg=float(found.d),
-        inclination_deg=float(found.i),
-        horizontal=found.h * _NANOTESLA,
-        strength=found.f * _NANOTESLA,
+        north=elements.x * _NANOTESLA,
+        east=elements.y * _NANOTESLA,
+        down=elements.z * _NANOTESLA,
+        declination_deg=float(elements.d),
+        inclination_deg=float(elements.i),
+        horizontal=elements.h * _NANOTESLA,
+        strength=elements.f * _NANOTESLA,
         declination_sigma_deg=None if sigma is None else float(min(sigma.d, 180.0)),
         inclination_sigma_deg=None if sigma is None else float(sigma.i),
         strength_sigma=None if sigma is None else sigma.f * _NANOTESLA,
@@ -192,7 +192,7 @@ def year_of(day: datetime.date | str | float) -> float:
     Raises
     ------
     UsageError
-        For what is no day, or one for which no model is held.
+        For what is no day, or one without a model.
 
     Examples
     --------

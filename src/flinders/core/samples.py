@@ -218,7 +218,7 @@ class Samples:
         )
 
     def driving(self, name: str) -> Floats | None:
-        """(N,) what stands beside the readings of a disturbance; None where nothing does.
+        """(N,) values of a recorded disturbance; None where the recording lacks it.
 
         >>> flown = Samples.of([[1, 2, 3]], current=[9.0], currents=[[4.0, 5.0]])
         >>> flown.driving("current"), flown.driving("current2"), flown.driving("current3")
@@ -233,7 +233,7 @@ class Samples:
 
     @property
     def disturbances(self) -> tuple[str, ...]:
-        """Names of the disturbances that stand beside the readings, those of each motor among them."""
+        """Names of the disturbances that were recorded with the readings, those of each motor among them."""
         each = {of: getattr(self, many) for of, many in MOTORS.items()}
         numbered = [name for of, table in each.items() if table is not None for name in motors(of, table.shape[1])]
         there = [name for name in KINDS if getattr(self, name) is not None]
@@ -422,7 +422,7 @@ def singles(recording: Recording) -> Iterator[Recording]:
 
 
 def _beside(values: ArrayLike, rows: int, name: str) -> Floats:
-    """Let through an (N, 3) column that stands beside N readings; its gaps are its own affair."""
+    """Let through an (N, 3) column of N readings; it may have gaps of its own."""
     array = table(values, name, finite=False)
     column(array[:, 0], rows, name)
     return array

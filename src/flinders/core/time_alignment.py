@@ -51,7 +51,7 @@ MANY: Final = 4000
 """Moments that a delay is looked for in."""
 
 FEWEST: Final = 50
-"""Moments that a delay can be told from."""
+"""Moments from which a delay can be estimated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

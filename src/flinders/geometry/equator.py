@@ -1,4 +1,4 @@
-"""What a sensor reads that is turned about one of its axes: an ellipse, whatever of its ellipsoid is known beside it.
+"""What a sensor reads that is turned about one of its axes: an ellipse, whatever else is known of its ellipsoid.
 
 With the field u = (cos I cos ψ, −cos I sin ψ, sin I), in the order of the plane, it is
 

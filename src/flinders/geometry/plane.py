@@ -256,7 +256,7 @@ class Turn:
 
     @classmethod
     def of(cls, plane: Plane, points: Floats, ellipse: PlaneEllipse) -> Self:
-        """Look at (N, 2) points beside the ellipse of least squares through them."""
+        """Compare (N, 2) points with the least-squares ellipse through them."""
         recipe = PlaneEllipse.of_points(points)
         return cls(plane, points, recipe, ellipse, Spacing.of(ellipse.angles(points)))
 
@@ -279,5 +279,5 @@ def root(square: Floats) -> Floats:
     """
     half = np.sqrt(max(float(np.linalg.det(square)), 0.0))
     trace = float(np.trace(square)) + 2.0 * half
-    found: Floats = (square + half * np.eye(2)) / np.sqrt(trace) if trace > 0.0 else np.zeros((2, 2))
-    return found
+    square_root: Floats = (square + half * np.eye(2)) / np.sqrt(trace) if trace > 0.0 else np.zeros((2, 2))
+    return square_root

@@ -137,8 +137,8 @@ def of_matrix(matrix: Floats) -> Floats:
     four = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
     largest = np.argmax(np.diagonal(four, axis1=-2, axis2=-1), axis=-1)
     best = np.take_along_axis(four, largest[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]
-    found: Floats = best / np.linalg.norm(best, axis=-1, keepdims=True)
-    return np.where(found[..., :1] < 0, -found, found)
+    unit: Floats = best / np.linalg.norm(best, axis=-1, keepdims=True)
+    return np.where(unit[..., :1] < 0, -unit, unit)
 
 
 def between(first: Floats, second: Floats, share: Floats) -> Floats:
@@ -166,5 +166,5 @@ def between(first: Floats, second: Floats, share: Floats) -> Floats:
     start = np.where(straight, 1.0 - share, np.sin((1.0 - share) * half) / sine)
     end = np.where(straight, share, np.sin(share * half) / sine)
     mixed = start[:, np.newaxis] * first + end[:, np.newaxis] * second
-    found: Floats = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
-    return found
+    unit: Floats = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+    return unit

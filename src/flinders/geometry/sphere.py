@@ -93,12 +93,12 @@ def tile_of(directions: ArrayLike) -> NDArray[np.intp]:
     """
     vectors = table(directions)
     centres = tiles().centres.T.astype(np.float32)
-    found = np.empty(len(vectors), np.intp)
+    tile = np.empty(len(vectors), np.intp)
     for start in range(0, len(vectors), BLOCK):
         block = vectors[start : start + BLOCK]
         lengths = np.linalg.norm(block, axis=1, keepdims=True).clip(min=np.finfo(float).tiny)
-        found[start : start + BLOCK] = np.argmax((block / lengths).astype(np.float32) @ centres, axis=1)
-    return found
+        tile[start : start + BLOCK] = np.argmax((block / lengths).astype(np.float32) @ centres, axis=1)
+    return tile
 
 
 def _icosahedron() -> tuple[Floats, NDArray[np.intp]]:
@@ -134,9 +134,9 @@ def _rings(vertices: Floats, triangles: NDArray[np.intp]) -> NDArray[np.intp]:
     around = np.split(order // 3, np.cumsum(np.bincount(triangles.ravel()))[:-1])
     middles = vertices[triangles].sum(axis=1)
     rings = np.empty((len(vertices), 6), np.intp)
-    for vertex, found in enumerate(around):
+    for vertex, ring in enumerate(around):
         x, y = _across(vertices[vertex])
-        turned = found[np.argsort(np.arctan2(middles[found] @ y, middles[found] @ x))]
+        turned = ring[np.argsort(np.arctan2(middles[ring] @ y, middles[ring] @ x))]
         rings[vertex] = turned if len(turned) == 6 else [*turned, turned[-1]]
     return rings
 

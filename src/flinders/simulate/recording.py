@@ -39,7 +39,7 @@ PAUSES: Final = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """The gyro and the accelerometer beside a magnetometer, both in its axes.
+    """The gyro and the accelerometer next to a magnetometer, both in its axes.
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ def _paused(
 def _recorded(
     raw: Floats, time: Floats, path: Path, imu: Imu, effects: Sequence[Effect], rng: Generator, *, source: str
 ) -> Samples:
-    """The readings, and what other instruments say beside them."""
+    """The readings, and those of the other instruments."""
     return Samples.of(
         raw,
         unit="uT",

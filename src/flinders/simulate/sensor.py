@@ -25,7 +25,7 @@ SOFT_IRON: Final = 0.25
 """How far a scale of a random sensor is from 1 at most."""
 
 ACROSS: Final = 0.6
-"""What stands beside the diagonal, as a share of that."""
+"""Largest off-diagonal entry, as a share of that."""
 
 STRONGEST: Final = 0.4545
 """From 1/2.2 on such a matrix may be singular."""
@@ -190,7 +190,7 @@ class Sensor:
 
 
 def soft_iron(rng: Generator, *, scale: float = 0.25, across: float = 0.15) -> Floats:
-    """(3, 3) symmetric matrix: 1 ± `scale` on the diagonal, ± `across` beside it, all uniform.
+    """(3, 3) symmetric matrix: 1 ± `scale` on the diagonal, ± `across` off it, all uniform.
 
     >>> soft_iron(np.random.default_rng(1), scale=0.0, across=0.0).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]

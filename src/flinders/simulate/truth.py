@@ -1,4 +1,4 @@
-"""What is true of a simulated recording, as a file beside it.
+"""The truth of a simulated recording, as a file next to it.
 
 >>> from flinders.simulate.recording import tumble
 >>> truth = Truth.of(tumble(seed=1, n=100))
@@ -181,10 +181,10 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
         return plain
 
 
-def beside(recording: str | os.PathLike[str]) -> str:
+def truth_path(recording: str | os.PathLike[str]) -> str:
     """Where the truth of a recording stands unless someone says otherwise.
 
-    >>> beside("data/tumble.csv"), beside("tumble")
+    >>> truth_path("data/tumble.csv"), truth_path("tumble")
     ('data/tumble.truth.json', 'tumble.truth.json')
     """
     path = Path(recording)

@@ -157,7 +157,7 @@ class Difference:
             )
         return deviation
 
-    def beside(self, other: Difference) -> Difference:
+    def worse(self, other: Difference) -> Difference:
         """The worse of two trials."""
         return Difference(self.vectors, max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
 
@@ -197,7 +197,7 @@ class Export:
         What to see to before it is used.
     data : bytes, optional
         Content of the file where it is no text.
-    told : bool
+    has_comments : bool
         The text says what is known of it in comments; otherwise that has to be said beside it.
     """
 
@@ -207,4 +207,4 @@ class Export:
     checked: str
     warnings: tuple[str, ...] = ()
     data: bytes | None = None
-    told: bool = True
+    has_comments: bool = True

@@ -214,7 +214,7 @@ class Target:
             end = motor.farthest
             far = calibration.at(**{motor.name: end})
             tried = self._tried(far, lambda raw: compensated(raw, end), lacks=lacks, lossy=asked.lossy)
-            deviation = deviation.beside(tried)
+            deviation = deviation.worse(tried)
         warnings = (*self._warnings(deviation, lacks), *self._left_out(calibration, motor))
         return self._laid_out(plain, written, deviation, about, warnings)
 
@@ -243,7 +243,7 @@ class Target:
             "unverified": list(self.unverified),
         }
         text = "\n".join([*comments, *written.body, ""])
-        return Export(self.name, text, fields, checked, warnings, written.data, told=bool(comments))
+        return Export(self.name, text, fields, checked, warnings, written.data, has_comments=bool(comments))
 
     def _tried(
         self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, lossy: bool
