@@ -471,8 +471,8 @@ class Calibration:
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
-        if self.disturbances:
-            content["drivers"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
+        if content.pop("drivers", None):  # their name in files, which the struct translates
+            content["disturbances"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
         raw = Recorded(unit=unit, scale=self.raw.scale, axes=str(self.axes), sensor=self.sensor, frame=self.frame)
         return Document(calibration=Correction(**content), raw=raw, fit=fit, provenance=provenance)
