@@ -19,6 +19,7 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import figures
+from flinders.findings import CATALOGUE
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.sphere import tile_of, tiles
@@ -289,3 +290,15 @@ def test_every_widget_of_the_views_is_on_the_page() -> None:
     assert listed
     assert sorted(listed[1].split(", ")) == sorted(rows)
     assert len(set(rows.values())) == len(rows)
+
+
+def test_the_page_has_titles_for_codes_that_there_are() -> None:
+    package = files("flinders")
+    words = package.joinpath("static", "views", "words.js").read_text("utf-8")
+    listed = re.search(r"REASONS = Object.freeze\(\{(.*?)\}\)", words, re.DOTALL)
+    assert listed
+    titled = set(re.findall(r'^ {4}"?([\w-]+)"?:', listed[1], re.MULTILINE))
+    sources = [package.joinpath("live", f"{name}.py").read_text("utf-8") for name in ("evaluation", "page_state")]
+    own = {code for text in sources for code in re.findall(r'Reason\(\s*"([\w-]+)"', text)}
+    assert len(titled) > 10
+    assert not titled - set(CATALOGUE) - own - {"stuck-axis"}

@@ -176,7 +176,7 @@ export const REASONS = Object.freeze({
     "wrong-unit": "The unit seems wrong.",
     "field-changed": "The field has changed.",
     noise: "There is too much noise.",
-    strays: "Many readings do not belong to the rest.",
+    outliers: "Many readings do not belong to the rest.",
     structure: "The readings do not fit an ellipsoid.",
     "axis-ratio": "One axis reads much more than another.",
 });
