@@ -206,7 +206,7 @@ def codes_of(attack: Attack) -> tuple[str, ...]:
             findings = refusal.fit.findings
         except FitError as refusal:
             return (f"refused: {type(refusal).__name__}",)
-        return tuple(finding.code for finding in findings if finding.code.startswith("driver"))
+        return tuple(finding.code for finding in findings if finding.code.startswith("disturbance"))
     try:
         _, aiding = aided_by(attack.samples, attack.aiding, site=attack.site)
     except FitError as refusal:
