@@ -133,7 +133,7 @@ def test_what_stays_in_the_body_is_a_bias_of_the_accelerometer_and_no_slope(slop
     assert claims[1] == pytest.approx(claims[0], rel=0.05)
 
 
-@pytest.mark.parametrize("aids", [("dip",), ("rate",), ("rate", "dip"), "auto"])
+@pytest.mark.parametrize("aiding", [("dip",), ("rate",), ("rate", "dip"), "auto"])
 def test_aids_of_a_level_turn_are_left_out_and_named(aiding: str | tuple[str, ...]) -> None:
     truth, site = Turned(mounted_deg=2.0).record(2, 300)
     fit = flinders.fit(truth.samples, aiding=aiding, site=site)
