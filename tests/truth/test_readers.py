@@ -539,7 +539,7 @@ def log_of(path: Path, beginning: float = 50.0) -> Log:
 @pytest.fixture
 def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A log of a format that the table of readers has for the length of a test."""
-    row = Reader("test", "log of tests", (".test",), lambda head: head == b"TEST", log=lambda file: log_of(file.path))
+    row = Reader("test", "log of tests", (".test",), (b"TEST",), log=lambda file: log_of(file.path))
     monkeypatch.setattr(flinders.readers, "READERS", (row, *READERS))
     path = tmp_path / "flight.test"
     path.write_bytes(b"TEST")

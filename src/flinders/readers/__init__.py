@@ -12,7 +12,8 @@ tumble.csv: columns mag_x_mG, mag_y_mG, mag_z_mG in mG, time in t_s; comma-separ
 >>> read(tumble).field[0]
 array([ 21.7,   0.4, -58.6])
 
-A reader is a row of `READERS`: a new format adds a file and a row.
+A reader is one file with its row at the end. A new format adds its file, its place in `READERS`, a sample to
+tests/truth/test_readers.py and a section to docs/formats.md, without which tests fail.
 """
 
 from __future__ import annotations
@@ -22,31 +23,26 @@ import os
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
+from flinders.readers import arrays, dataflash, hdf5, parquet, ros, text, tlog, ulog, zipped
 from flinders.readers._kinds import foreign_kind
 from flinders.readers._log import FIRST, Choice, Instrument, Log, Position, Stored
+from flinders.readers._reader import Reader
 from flinders.readers._skipping import added
 from flinders.readers._source import File, Progress, Source, find, on_disk
 from flinders.readers._span import Span
 from flinders.readers._table import TableRecording
-from flinders.readers.arrays import open_mat, open_npy, open_npz, sniff_mat, sniff_npy, sniff_npz
-from flinders.readers.dataflash import open_dataflash, sniff_dataflash
-from flinders.readers.hdf5 import open_hdf5, sniff_hdf5
-from flinders.readers.parquet import open_arrow, open_parquet, sniff_arrow, sniff_parquet
-from flinders.readers.ros import METADATA, is_bag_folder, open_ros, sniff_ros
-from flinders.readers.text import TextRecording, open_text, sniff_text
-from flinders.readers.tlog import open_tlog, sniff_tlog
-from flinders.readers.ulog import open_ulog, sniff_ulog
-from flinders.readers.zipped import open_zip, sniff_zip
+from flinders.readers.ros import METADATA, is_bag_folder
+from flinders.readers.text import TextRecording, open_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from flinders.arrays import Floats
     from flinders.readers._columns import Columns
@@ -72,88 +68,18 @@ FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
 
-class Open(Protocol):
-    """How a reader opens a file: it recognises at once, and reads when asked."""
-
-    def __call__(
-        self,
-        file: File,
-        /,
-        *,
-        columns: str | None,
-        unit: str | None,
-        scale: float | None,
-        axes: Axes,
-        flat: str | None,
-        choice: Choice,
-        progress: Progress | None,
-    ) -> TextRecording | TableRecording:
-        """As `open_recording`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reader:
-    """One row of the table of formats.
-
-    Attributes
-    ----------
-    name : str
-        In one word.
-    title : str
-        For people.
-    suffixes : tuple of str
-        Endings that such files usually have; the content decides.
-    sniff : callable
-        Tells from the first bytes, unpacked, whether this reader should try.
-    open : callable, optional
-        Opens a table that `sniff` accepted: a magnetometer in columns, or one of several.
-    log : callable, optional
-        Or opens a log: several instruments, which know their units.
-    extra : str
-        The optional dependency it needs, or nothing.
-    takes_topic : bool
-        Of a table: it has several, and takes the name of one.
-    takes_unit : bool
-        Of a log: it may hold readings whose unit it does not know, and takes one.
-    """
-
-    name: str
-    title: str
-    suffixes: tuple[str, ...]
-    sniff: Callable[[bytes], bool]
-    open: Open | None = None
-    log: Callable[..., Log] | None = None
-    extra: str = ""
-    takes_topic: bool = False
-    takes_unit: bool = False
-
-
-def _sniff_ros(head: bytes) -> bool:
-    """Tell a recording of ROS, or the description in the folder of one."""
-    return sniff_ros(head) or head.startswith(b"rosbag2_bagfile_information:")
-
-
-def _open_ros(file: File, *, unit: str | None = None) -> Log:
-    """Open a recording of ROS; one in a folder goes by its description."""
-    is_folder = file.path.name == METADATA
-    return open_ros(replace(file, path=file.path.parent) if is_folder else file, unit=unit)
-
-
-READERS: Final = (
-    Reader("npy", "NumPy array", (".npy",), sniff_npy, open_npy),
-    Reader("npz", "NumPy archive", (".npz",), sniff_npz, open_npz),
-    Reader("mat", "MATLAB 5 to 7", (".mat",), sniff_mat, open_mat, extra="scipy"),
-    Reader("hdf5", "HDF5, MATLAB 7.3", (".h5", ".hdf5", ".mat"), sniff_hdf5, open_hdf5, extra="hdf5"),
-    Reader("parquet", "Parquet", (".parquet",), sniff_parquet, open_parquet, extra="parquet"),
-    Reader("arrow", "Arrow, Feather 2", (".arrow", ".feather"), sniff_arrow, open_arrow, extra="parquet"),
-    Reader("dataflash", "ArduPilot DataFlash", (".bin", ".log"), sniff_dataflash, log=open_dataflash),
-    Reader("tlog", "MAVLink telemetry", (".tlog",), sniff_tlog, log=open_tlog, extra="mavlink"),
-    Reader("ros", "ROS bag, MCAP", (".bag", ".mcap", ".db3"), _sniff_ros, log=_open_ros, extra="ros", takes_unit=True),
-    Reader("ulog", "PX4 ULog", (".ulg",), sniff_ulog, log=open_ulog, extra="px4"),
-    Reader("zip", "phone logger's archive", (".zip",), sniff_zip, open_zip, takes_topic=True),
-    Reader("text", "text", (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"), sniff_text, open_text),
+READERS: Final[tuple[Reader, ...]] = (
+    *arrays.READERS,
+    hdf5.READER,
+    *parquet.READERS,
+    dataflash.READER,
+    tlog.READER,
+    ros.READER,
+    ulog.READER,
+    zipped.READER,
+    text.READER,
 )
-"""Asked in this order."""
+"""Asked in this order: text last, which is whatever is nothing else."""
 
 
 def open_recording(
@@ -423,7 +349,7 @@ def _found(path: AnyPath, *, once: bool = False) -> Source:
 def _reader_of(file: Source) -> Reader:
     head = file.head()
     for reader in READERS:
-        if reader.sniff(head):
+        if reader.accepts(head):
             return reader
     kind = foreign_kind(head)
     found = f"{kind.name}: {kind.advice}" if kind else "of no known kind: give a text recording"
@@ -453,7 +379,8 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
         raise UsageError(f"{file.name} is no text ({reader.title}): leave --pattern out")
     else:
         disk = on_disk(file)
-        recording = reader.open(disk, **options)  # type: ignore[misc]
+        assert reader.open is not None
+        recording = cast("TextRecording | TableRecording", reader.open(disk, **options))
         if isinstance(recording, TableRecording):
             recording.file, recording.kept = file, (*recording.kept, disk)
     recording.span = asked.span

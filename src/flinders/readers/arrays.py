@@ -27,6 +27,7 @@ import numpy as np
 
 from flinders.errors import UnreadableInput
 from flinders.readers._extras import needs, reading
+from flinders.readers._reader import Reader
 from flinders.readers._source import spooled
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.zipped import ZIP, member_chunks, members
@@ -57,20 +58,10 @@ DEEPEST: Final = 3
 """Structures within structures that are looked into."""
 
 
-def sniff_npy(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is a NumPy array."""
-    return head.startswith(NPY)
-
-
-def sniff_npz(head: bytes) -> bool:
+def _sniff_npz(head: bytes) -> bool:
     """Tell whether a file with these first bytes is an archive whose first member is a NumPy array."""
     name = head[30 : 30 + int.from_bytes(head[26:28], "little")]
     return head.startswith(ZIP) and name.endswith(b".npy")
-
-
-def sniff_mat(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is one of MATLAB 5 to 7; that of version 7.3 is `hdf5`."""
-    return head.startswith(MAT)
 
 
 def open_npy(file: File, **options: Any) -> TableRecording:
@@ -231,3 +222,10 @@ def _mapped(file: File, name: str) -> NDArray[Any] | None:
             return np.zeros(shape, dtype)
         mapped: NDArray[Any] = np.load(file.path, mmap_mode="r", allow_pickle=False)
         return mapped
+
+
+READERS: Final = (
+    Reader("npy", "NumPy array", (".npy",), starts=(NPY,), open=open_npy),
+    Reader("npz", "NumPy archive", (".npz",), sniff=_sniff_npz, open=open_npz),
+    Reader("mat", "MATLAB 5 to 7", (".mat",), starts=(MAT,), open=open_mat, extra="scipy"),  # of 7.3: `hdf5`
+)

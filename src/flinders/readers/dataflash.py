@@ -48,6 +48,7 @@ from flinders.readers._beside import Beside, Turning, shares
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._reader import Reader
 from flinders.readers._source import refusal
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, device_id
 
@@ -647,3 +648,6 @@ def _seconds(table: Table) -> Floats:
     """(N,) s since the vehicle was turned on."""
     label = "TimeUS" if "TimeUS" in table.labels else "TimeMS"
     return table.column(label) * (1e-6 if label == "TimeUS" else 1e-3)
+
+
+READER: Final = Reader("dataflash", "ArduPilot DataFlash", (".bin", ".log"), sniff=sniff_dataflash, log=open_dataflash)

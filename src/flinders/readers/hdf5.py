@@ -40,6 +40,7 @@ from flinders.readers._columns import names_magnetometer
 from flinders.readers._extras import needs, reading
 from flinders.readers._kinds import MATLAB_7_3, is_hdf5
 from flinders.readers._lines import shown
+from flinders.readers._reader import Reader
 from flinders.readers._table import MOST_NAMED, WIDEST, Table, TableRecording, named_part, open_table
 from flinders.readers._unpacking import is_bomb, too_large
 
@@ -82,11 +83,6 @@ MOST_TEXT: Final = 1 << 20
 """Bytes of a text of any length in an attribute that is read."""
 HEAP: Final = b"GCOL\x01"
 """First bytes of a global heap, which holds texts of any length."""
-
-
-def sniff_hdf5(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is HDF5, also behind a block of MATLAB's or of its user's."""
-    return is_hdf5(head)
 
 
 def open_hdf5(file: File, **options: Any) -> TableRecording:
@@ -525,3 +521,8 @@ def _with_left_out(columns: Columns, reasons: Sequence[str]) -> Columns:
 
 def _name_of(path: Sequence[bytes]) -> str:
     return ".".join(part.decode("utf-8", "replace") for part in path)
+
+
+READER: Final = Reader(
+    "hdf5", "HDF5, MATLAB 7.3", (".h5", ".hdf5", ".mat"), sniff=is_hdf5, open=open_hdf5, extra="hdf5"
+)

@@ -13,6 +13,7 @@ import numpy as np
 from flinders.core.samples import BLOCK
 from flinders.readers._extras import needs, reading
 from flinders.readers._names import TIME, meaning
+from flinders.readers._reader import Reader
 from flinders.readers._table import WIDEST, Table, TableRecording, open_table
 
 if TYPE_CHECKING:
@@ -29,16 +30,6 @@ ISO: Final = (
     r"(Z|[+-]\d{2}(:?\d{2})?)?$"
 )
 """Dates that are read of texts."""
-
-
-def sniff_parquet(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is a Parquet table."""
-    return head.startswith(PARQUET)
-
-
-def sniff_arrow(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is an Arrow file."""
-    return head.startswith(ARROW)
 
 
 def open_parquet(file: File, **options: Any) -> TableRecording:
@@ -187,3 +178,9 @@ def _cast_each(texts: Any, kind: Any) -> Any:  # noqa: ANN401
 def _every_third(part: int, length: int) -> Any:  # noqa: ANN401
     arrow = needs("pyarrow", "parquet", "a table")
     return arrow.array(np.arange(part, 3 * length, 3))
+
+
+READERS: Final = (
+    Reader("parquet", "Parquet", (".parquet",), starts=(PARQUET,), open=open_parquet, extra="parquet"),
+    Reader("arrow", "Arrow, Feather 2", (".arrow", ".feather"), starts=(ARROW,), open=open_arrow, extra="parquet"),
+)

@@ -44,6 +44,7 @@ from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
 from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._reader import Reader
 from flinders.readers._salvage import BAG, KIND, MCAP, MOST_UNPACKED, SQLITE, salvaged
 
 if TYPE_CHECKING:
@@ -67,11 +68,6 @@ IDENTIFIER: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
 """What types and fields are called in ROS."""
 LEAST_FIX: Final = 0
 """``NavSatStatus.STATUS_FIX``."""
-
-
-def sniff_ros(head: bytes) -> bool:
-    """Tell whether a file with these first bytes may be a recording of ROS."""
-    return head.startswith((BAG, MCAP, SQLITE))
 
 
 def is_bag_folder(path: Path) -> bool:
@@ -568,3 +564,20 @@ def _position(topics: Sequence[_Topic]) -> Position | None:
             if status >= LEAST_FIX and abs(latitude) <= 90 and abs(longitude) <= 180:
                 return Position(latitude, longitude, altitude if np.isfinite(altitude) else 0.0)
     return None
+
+
+def _opened(file: File, *, unit: str | None = None) -> Log:
+    """Open a recording of ROS; one in a folder goes by its description."""
+    is_folder = file.path.name == METADATA
+    return open_ros(replace(file, path=file.path.parent) if is_folder else file, unit=unit)
+
+
+READER: Final = Reader(
+    "ros",
+    "ROS bag, MCAP",
+    (".bag", ".mcap", ".db3"),
+    starts=(BAG, MCAP, SQLITE, b"rosbag2_bagfile_information:"),
+    log=_opened,
+    extra="ros",
+    takes_unit=True,
+)

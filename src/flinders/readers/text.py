@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._numbers import Rows, rows_of
+from flinders.readers._reader import Reader
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
 from flinders.readers._sniff import COMMENTS, TRIED, Layout, sniff
@@ -395,11 +396,6 @@ def _not_raw(name: str, layout: Layout) -> UnreadableInput:
     )
 
 
-def sniff_text(head: bytes) -> bool:
-    """Tell whether a file with these first bytes may be text."""
-    return foreign_kind(head) is None
-
-
 def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
     """Choose the unit between what the header says and what the user says; UnitError where they contradict."""
     if unit is not None:
@@ -413,3 +409,12 @@ def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) 
     if scale is not None:
         return Unit.of(columns.unit if columns.stated else COUNTS, scale)
     return Unit.of(columns.unit or COUNTS, columns.scale)
+
+
+READER: Final = Reader(
+    "text",
+    "text",
+    (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"),
+    sniff=lambda head: foreign_kind(head) is None,
+    open=open_text,
+)

@@ -43,6 +43,7 @@ from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told,
 from flinders.readers._beside import Beside, Turning, numbered, shares
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._reader import Reader
 from flinders.readers._source import refusal
 from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses, device_id
 
@@ -520,3 +521,6 @@ def _mapped(file: File) -> Iterator[mmap.mmap]:
         except (OSError, ValueError) as error:
             raise refusal(file.name, error) from None
         yield content
+
+
+READER: Final = Reader("tlog", "MAVLink telemetry", (".tlog",), sniff=sniff_tlog, log=open_tlog, extra="mavlink")

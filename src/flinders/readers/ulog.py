@@ -44,6 +44,7 @@ from flinders.geometry.quaternions import of_matrix, product
 from flinders.readers._beside import Beside, Turning, along, numbered, shares
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.readers._reader import Reader
 from flinders.targets import px4
 
 if TYPE_CHECKING:
@@ -83,11 +84,6 @@ MOST_STAGES: Final = 100
 MUCH_MORE: Final = 1.5
 """How many times the readings of ``sensor_mag`` another topic needs, so that it is worth un-applying."""
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
-
-
-def sniff_ulog(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is a ULog."""
-    return head.startswith(MAGIC)
 
 
 def open_ulog(file: File) -> Log:
@@ -641,3 +637,6 @@ def _damage(file: File, flight: _Flight) -> Iterator[str]:
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)
         yield f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}"
+
+
+READER: Final = Reader("ulog", "PX4 ULog", (".ulg",), starts=(MAGIC,), log=open_ulog, extra="px4")

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
 from flinders.readers._extras import reading
 from flinders.readers._lines import shown
+from flinders.readers._reader import Reader
 from flinders.readers._source import spooled
 from flinders.readers._unpacking import MOST_UNPACKED, is_bomb, too_large
 from flinders.readers.text import open_text
@@ -88,11 +89,6 @@ def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) ->
             if done > MOST_UNPACKED or (ratio and is_bomb(done, member.compress_size)):
                 raise too_large(f"{member.filename} in {file.name}", done, member.compress_size)
             yield chunk
-
-
-def sniff_zip(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is a ZIP archive."""
-    return head.startswith(ZIP)
 
 
 def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRecording:
@@ -165,3 +161,6 @@ def _is_aside(path: str) -> bool:
 def _listed(members: list[zipfile.ZipInfo]) -> str:
     names = [shown(member.filename) for member in members]
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") or "nothing"
+
+
+READER: Final = Reader("zip", "phone logger's archive", (".zip",), starts=(ZIP,), open=open_zip, takes_topic=True)
