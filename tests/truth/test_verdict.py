@@ -456,7 +456,9 @@ def test_plain_words_of_each_finding_take_its_number(code: str) -> None:
     assert not re.search(JARGON, said + words.remedy)
 
 
-@pytest.mark.parametrize("recording", dict.fromkeys(case[2] for case in CASES), ids=lambda recording: recording.__name__)
+@pytest.mark.parametrize(
+    "recording", dict.fromkeys(case[2] for case in CASES), ids=lambda recording: recording.__name__
+)
 def test_the_page_of_plain_words(recording: Callable[[], Fit]) -> None:
     fit = recording()
     text = page(Refused(fit) if fit.verdict == "refused" else fit, READ)
