@@ -14,7 +14,7 @@ from benchmarks.wrong_use import CASES, codes_of
 
 import flinders
 from flinders import simulate
-from flinders.cli.calibrate import recorded
+from flinders.cli._fit_options import recorded
 from flinders.diagnostics.instruments import circular, elsewhere, of_instruments, one_axis
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve

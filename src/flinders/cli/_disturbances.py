@@ -65,14 +65,14 @@ def holding(calibration: Calibration, fixed: Iterable[str]) -> Calibration:
             away = disturbance.farthest - value
             cost = calibration.disturbance_deg(disturbance, disturbance.reference + away)
             say(
-                f"taken at {disturbance.amount(value)} of {disturbance.name}: at {disturbance.amount(disturbance.farthest)}, which it was "
-                f"made for too, headings are off by up to {figures(min(cost, 180.0))}° (dip 60°)"
+                f"taken at {disturbance.amount(value)} of {disturbance.name}: at "
+                f"{disturbance.amount(disturbance.farthest)}, which it was made for too, headings are off by up to {figures(min(cost, 180.0))}° (dip 60°)"
             )
     return calibration.holding(**values)
 
 
 def say_beyond(settler: Compensator | None) -> dict[str, Any]:
-    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are disturbances."""
+    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are any."""
     from flinders.fitting.verdict import of_extrapolation
 
     if settler is None or not settler.calibration.disturbances:
@@ -88,8 +88,8 @@ def say_references(judged: Judged) -> None:
     for disturbance in judged.calibration.disturbances:
         cost = figures(min(judged.calibration.disturbance_deg(disturbance), 180.0))
         say(
-            f"{judged.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; what it "
-            f"follows is up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
+            f"{judged.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
+            f"what it follows is up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
         )
 
 
@@ -200,7 +200,8 @@ def _save(calibration: Calibration, known: Judged, outputs: Outputs) -> None:
     if output is None:
         say("nothing was written: name a file with -o calibration.json")
     elif output != "-":
-        say(f"written to {output}: {known.name}, which follows {' and '.join(d.name for d in calibration.disturbances)} now")
+        names = " and ".join(each.name for each in calibration.disturbances)
+        say(f"written to {output}: {known.name}, which follows {names} now")
 
 
 def seen(recording: Recording, settler: Compensator) -> Compensator:

@@ -10,8 +10,8 @@ from flinders.cli._program import LIMITED
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.cli._fit_options import Estimation, Files
     from flinders.cli._options import Reading
-    from flinders.cli.calibrate import Estimation, Files
     from flinders.heading.smoothing import Filter
 
 

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 from flinders.cli._inputs import Counted, provenance, saying_what_was_skipped
 from flinders.cli._output import Outputs, print_json, progress, say, show
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli.calibrate import fitted
 from flinders.errors import FitError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rich.console import RenderableType
 
-    from flinders.cli.calibrate import Files, Sensors
+    from flinders.cli._fit_options import Files, Sensors
     from flinders.comparison.multi_sensor import Together
+    from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.readers import Log
 
+Fitting: TypeAlias = "Callable[[Sequence[Recording], Filter | None, dict[str, Any]], Fit]"
 Outcome: TypeAlias = "Fit | FlindersError"
 
 PLACE: Final = "{sensor}"
@@ -32,7 +33,13 @@ OF_JOINT_FITS: Final = ("target_deg", "dip_deg", "field_strength", "prior", "aid
 
 
 def calibrate(
-    path: str, sensors: Sensors, by: Filter | None, files: Files, reading: dict[str, Any], options: dict[str, Any]
+    path: str,
+    sensors: Sensors,
+    by: Filter | None,
+    files: Files,
+    reading: dict[str, Any],
+    options: dict[str, Any],
+    fit: Fitting,
 ) -> int:
     """Calibrate each magnetometer of a log or table, or all of them jointly, and print a table of the results.
 
@@ -54,7 +61,7 @@ def calibrate(
             multi = _fitted_jointly(log, parts, sensors.reference, options)
             outcomes: list[tuple[str, Outcome]] = [(member.name, member.fit) for member in multi.members]
         else:
-            outcomes = [(name, _fitted(name, part, by, options)) for name, part in parts.items()]
+            outcomes = [(name, _fitted(name, part, by, options, fit)) for name, part in parts.items()]
         written = [
             target if target and _saved(outcome, part, target, force=files.force) else None
             for target, part, (_, outcome) in zip(paths, parts.values(), outcomes, strict=True)
@@ -134,11 +141,11 @@ def _fitted_jointly(log: Log, parts: dict[str, Counted], reference: str | None, 
     return fit_multi(parts, reference=chosen, **asked)
 
 
-def _fitted(name: str, part: Counted, by: Filter | None, options: dict[str, Any]) -> Outcome:
+def _fitted(name: str, part: Counted, by: Filter | None, options: dict[str, Any], fit: Fitting) -> Outcome:
     """Fit one magnetometer; a refusal is a result like any other, and so is a dead one."""
     try:
         with saying_what_was_skipped([part]):
-            return fitted([part], by, {**options, "sensor": name})
+            return fit([part], by, {**options, "sensor": name})
     except (FitError, InputError) as refusal:
         return refusal
 

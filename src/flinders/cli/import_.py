@@ -126,7 +126,8 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
     for disturbance in calibration.disturbances:
         cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
         words.append(
-            f"it follows {disturbance} ({unit}): up to {cost}° of heading at {disturbance.amount(disturbance.farthest)} (dip 60°)"
+            f"it follows {disturbance} ({unit}): up to {cost}° of heading at "
+            f"{disturbance.amount(disturbance.farthest)} (dip 60°)"
         )
     if find(name).acts == "mapped":
         words.append("! for readings in the axes of the vehicle or board, after the mounting")
