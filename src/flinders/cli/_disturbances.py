@@ -66,7 +66,8 @@ def holding(calibration: Calibration, fixed: Iterable[str]) -> Calibration:
             cost = calibration.disturbance_deg(disturbance, disturbance.reference + away)
             say(
                 f"taken at {disturbance.amount(value)} of {disturbance.name}: at "
-                f"{disturbance.amount(disturbance.farthest)}, which it was made for too, headings are off by up to {figures(min(cost, 180.0))}° (dip 60°)"
+                f"{disturbance.amount(disturbance.farthest)}, which it was made for too, "
+                f"headings are off by up to {figures(min(cost, 180.0))}° (dip 60°)"
             )
     return calibration.holding(**values)
 
