@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.truth.test_report import fitted, flat
 
-from flinders.cli._reports import BROWSERS, printed
+from flinders.cli.report import BROWSERS, printed
 from flinders.report.formatting import degrees
 from flinders.report.html import page as report
 

@@ -57,7 +57,8 @@ def test_a_recovery_of_a_two_axis_compass(golden: Golden) -> None:
 def test_a_recording_with_everything_and_its_truth(golden: Golden) -> None:
     words = (
         "simulate three-axis -o rough.csv --motion flight --readings 60 --rate 10 --tilt 20 --noise 0.3 "
-        "--resolution 0.15 --limit 90 --outliers 0.1 --held 0.2 --motor 0.2 --drift 0.1 --step 3 --magnet 100 "
+        "--resolution 0.15 --saturation 90 --outliers 0.1 --stationary 0.2 --motor 0.2 --drift 0.1 --step 3 "
+        "--magnet 100 "
         "--gyro-bias 0.01,0,-0.02 --soft-iron 0.1 --hard-iron 40 --field-strength 48 --dip 65 --seed 3"
     )
     assert CliRunner().invoke(main, words.split()).exit_code == 0

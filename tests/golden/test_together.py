@@ -1,4 +1,4 @@
-"""What `flinders calibrate --sensor all --together` prints, to the letter."""
+"""What `flinders calibrate --sensor all --joint` prints, to the letter."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def boat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_three_together(golden: Golden) -> None:
-    line = "flinders calibrate boat.csv --sensor all --together -o compass-{sensor}.json"
+    line = "flinders calibrate boat.csv --sensor all --joint -o compass-{sensor}.json"
     golden("cli/together.txt", session(line, code=3))
     for number in (1, 2, 3):
         assert Path(f"compass-{number}.json").exists()
 
 
 def test_as_json(golden: Golden) -> None:
-    line = "calibrate boat.csv --sensor all --together --reference 2 --json"
+    line = "calibrate boat.csv --sensor all --joint --reference 2 --json"
     ended = CliRunner().invoke(main, line.split())
     found = json.loads(ended.stdout)
     kept = ("sensor", "verdict", "together")
@@ -66,10 +66,10 @@ def coarse(value: object) -> object:
 @pytest.mark.parametrize(
     ("name", "line"),
     [
-        ("one", "flinders calibrate boat.csv --together"),
+        ("one", "flinders calibrate boat.csv --joint"),
         ("reference", "flinders calibrate boat.csv --sensor all --reference 2"),
-        ("method", "flinders calibrate boat.csv --sensor all --together --method sphere"),
-        ("nobody", "flinders calibrate boat.csv --sensor all --together --reference 9"),
+        ("method", "flinders calibrate boat.csv --sensor all --joint --method sphere"),
+        ("nobody", "flinders calibrate boat.csv --sensor all --joint --reference 9"),
     ],
 )
 def test_what_does_not_go_with_it(name: str, line: str, golden: Golden) -> None:

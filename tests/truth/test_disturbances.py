@@ -289,15 +289,15 @@ def test_commands_settle_what_they_read(tmp_path: Path, monkeypatch: pytest.Monk
     lacking = run("apply", "c.json", "calm.csv", code=5)
     assert "has no current" in lacking
     assert "up to 24° at 19.6 A" in lacking
-    assert "24°" in run("apply", "c.json", "calm.csv", "--hold", "current=0", "-o", "calm-out.csv")
+    assert "24°" in run("apply", "c.json", "calm.csv", "--fix", "current=0", "-o", "calm-out.csv")
     harder = run("check", "c.json", "harder.csv", "--drift")
     assert "HOLDS" in harder
     assert "its range beyond" in harder
     assert "drift: the offset stayed where it was" in harder
     assert "current goes" in run("heading", "c.json", "harder.csv", "-o", "h.csv")
-    assert "takes away" not in run("check", "c.json", "calm.csv", "--hold", "current=0")
+    assert "takes away" not in run("check", "c.json", "calm.csv", "--fix", "current=0")
     run("calibrate", "flight.csv", "--with", "voltage", code=2)
-    run("apply", "c.json", "calm.csv", "--hold", "voltage=3", code=2)
+    run("apply", "c.json", "calm.csv", "--fix", "voltage=3", code=2)
     run("merge", "c.json", "c.json", code=2)
 
 
@@ -556,7 +556,7 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     assert page.exit_code == 0, page.output
     both = CliRunner().invoke(main, ["apply", saved, str(tmp_path / "two.csv")])
     assert "has no current3 and current4, which the calibration corrects for" in both.output
-    held = CliRunner().invoke(main, ["apply", saved, three, "--hold", "current4=2", "-o", str(tmp_path / "out.csv")])
+    held = CliRunner().invoke(main, ["apply", saved, three, "--fix", "current4=2", "-o", str(tmp_path / "out.csv")])
     assert held.exit_code == 0, held.output
     none = CliRunner().invoke(main, ["calibrate", three, "--with", "throttles"])
     assert "has no throttles: record it beside the readings (current, current1, current2, current3 were)" in none.output

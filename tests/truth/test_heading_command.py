@@ -521,7 +521,7 @@ SWINGS: dict[str, tuple[str, str, int, str]] = {
     "no half turn": ("calibration.json log.csv", "", 4, "no turn by 180°"),
     "a place without headings": ("calibration.json log.csv --at 47,8 --date 2026", "", 2, "give --headings too"),
     "a card without headings": ("calibration.json turn.csv -o card.csv", "", 2, "without known headings"),
-    "two results to one place": ("- --json -o -", HO226, 2, "would go to standard output"),
+    "two results to one place": ("- --json -o -", HO226, 2, "would both go to standard output"),
     "card and curve in one": ("- --svg x -o x", HO226, 2, "give them two names"),
     "over the table": ("swing.csv -o swing.csv --force", "", 2, "would be written over"),
     "sigma of nothing": ("- --sigma 0", HO226, 2, "above 0"),

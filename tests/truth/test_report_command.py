@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from flinders import simulate
-from flinders.cli import _reports, main
+from flinders.cli import main, report
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -257,7 +257,7 @@ def drawn_lines(monkeypatch: pytest.MonkeyPatch, encoding: str) -> list[str]:
     stream.encoding = encoding
     monkeypatch.setattr(sys, "stdout", stream)
     monkeypatch.setattr(click, "echo", lambda text="", err=False: shown.write(f"{text}\n" if not err else ""))
-    _reports.plot(flinders.fit(samples), samples)
+    report.plot(flinders.fit(samples), samples)
     return shown.getvalue().splitlines()
 
 

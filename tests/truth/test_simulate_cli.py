@@ -87,8 +87,8 @@ def test_a_seed_means_the_same_as_in_python() -> None:
 
 def test_all_options_arrive() -> None:
     words = (
-        "--motion flight --readings 60 --rate 10 --tilt 20 --noise 0 --resolution 0.5 --limit 90 --outliers 0.1 "
-        "--held 0.2 --motor 0.2 --drift 0.1 --step 3 --magnet 100 --gyro-bias 0.01,0,-0.02 --soft-iron 0 "
+        "--motion flight --readings 60 --rate 10 --tilt 20 --noise 0 --resolution 0.5 --saturation 90 --outliers 0.1 "
+        "--stationary 0.2 --motor 0.2 --drift 0.1 --step 3 --magnet 100 --gyro-bias 0.01,0,-0.02 --soft-iron 0 "
         "--hard-iron 0 --field-strength 48 --dip -65 --seed 3"
     )
     found = flinders_("simulate", "three-axis", "-o", "all.csv", "--json", *words.split()).json
@@ -159,7 +159,7 @@ def test_nothing_is_overwritten_without_force_and_nothing_is_left_half_done(ther
         ("three-axis -o a.csv --outliers 3", "'3': need a share of the readings, 0 to 1"),
         ("three-axis -o a.csv --gyro-bias 1,2", "'1,2': need three numbers"),
         ("three-axis -o a.csv --tilt 10", "tilt goes with the motions tilted, drive, flight"),
-        ("three-axis -o a.csv --truth a.csv", "a.csv is named for two files"),
+        ("three-axis -o a.csv --truth a.csv", "a.csv is named for the recording and for the truth"),
         ("three-axis -o a.csv --truth -", "standard output is for the recording"),
         ("three-axis --json", "--json and the recording would both go to standard output"),
         ("two-axis --truth t.json", "--truth goes with a recording"),

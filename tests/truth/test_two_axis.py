@@ -653,7 +653,7 @@ def test_a_turn_that_was_not_made_with_it_loaded_is_refused(
         ("other.csv --after c.json --dip 50", 2, "was made for 60°"),
         ("other.csv --after c.json --field-strength 40", 2, "leave --field-strength out"),
         ("counts.csv --after c.json --unit counts", 2, "counts.csv is in counts, c.json in uT"),
-        ("turn.csv -o - --json", 2, "two results would go to standard output"),
+        ("turn.csv -o - --json", 2, "--json and the calibration would both go to standard output"),
         ("turn.csv -o a.svg --polar a.svg", 2, "give them two names"),
         ("turn.csv --polar rose.csv", 2, "--polar rose.csv: need a name that ends in .svg (a drawing)"),
         ("turn.csv -o turn.csv --force", 2, "would be written over"),

@@ -14,7 +14,7 @@ from benchmarks.wrong_use import CASES, codes_of
 
 import flinders
 from flinders import simulate
-from flinders.cli._aids import taken
+from flinders.cli._fit_options import recorded
 from flinders.diagnostics.instruments import circular, elsewhere, of_instruments, one_axis
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
@@ -146,4 +146,4 @@ def test_a_current_that_only_has_noise_is_named(trials: Choose) -> None:
 
 def test_with_needs_a_name() -> None:
     with pytest.raises(UsageError, match="names nothing"):
-        taken([""])
+        recorded([""])

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import click
 
-from flinders.cli._lazy import Commands
-from flinders.cli._program import EXIT_CODES, Program
+from flinders.cli._program import EXIT_CODES, Commands, Program
 
 main = Program(
     name="flinders",

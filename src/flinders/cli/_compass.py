@@ -1,23 +1,21 @@
-"""Options of the commands that give headings, and what they open with them."""
+"""A recording as headings: what ``flinders heading`` and ``flinders swing`` share."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
-import click
-
-from flinders.cli import _aids, _drivers, _options
-from flinders.cli._calibration import agree, is_calibration, load
-from flinders.cli._site import site_of
-from flinders.cli._talk import say
+from flinders.cli import _disturbances
+from flinders.cli._inputs import agree, is_calibration, load, site_of
+from flinders.cli._output import bias_words, say
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from flinders.arrays import Floats
     from flinders.cli._filters import Smoother
+    from flinders.cli._options import Accelerometer, Place
     from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Samples
@@ -28,42 +26,6 @@ ENOUGH_TO_JUDGE: Final = 1000
 """Readings of a stream after which the axes are looked at for the first time; at its end fewer will do."""
 ENOUGH_TO_WEIGH: Final = 100
 """Readings of a block from which gravity is taken."""
-
-Function = TypeVar("Function", bound="Callable[..., Any]")
-
-
-def place(function: Function) -> Function:
-    """Where and when, for the declination."""
-    for option in (
-        click.option(
-            "--date", metavar="DAY",
-            help="Day of the recording, such as 2026-11-21, or today [default: by its clock, if from 1970].",
-        ),
-        click.option(
-            "--at", "place", metavar="LAT,LON[,ALT]",
-            help="Site: degrees, north and east positive, and metres; gives true headings (World Magnetic Model).",
-        ),
-    ):  # fmt: skip
-        function = option(function)
-    return function
-
-
-def sensors(function: Function) -> Function:
-    """Which columns and axes, and whether tilt is taken off."""
-    for option in (
-        _options.numbers,
-        click.option(
-            "--acceleration-axes", default="x,y,z", show_default=True, metavar="AXES",
-            help="Where each axis of the acceleration comes from.",
-        ),
-        click.option(
-            "--acceleration", metavar="X,Y,Z",
-            help="The accelerometer's columns: three names, or numbers counted from 1.",
-        ),
-        click.option("--level", "is_level", is_flag=True, help="Use x and y alone: the sensor is never tilted."),
-    ):  # fmt: skip
-        function = option(function)
-    return function
 
 
 @dataclass(slots=True, eq=False)
@@ -186,14 +148,11 @@ def open_log(
     calibration: str,
     recording: str,
     *,
-    is_level: bool,
-    formula: str,
-    acceleration: str | None,
-    acceleration_axes: str,
-    place: str | None,
-    date: str | None,
+    place: Place,
+    accelerometer: Accelerometer,
+    formula: str = "exact",
     declination_deg: float | None = None,
-    held: tuple[str, ...] = (),
+    fixed: tuple[str, ...] = (),
     **options: Any,
 ) -> Log:
     """Open a recording with a calibration, and find out where it was made.
@@ -209,13 +168,12 @@ def open_log(
     from flinders.heading.compass import LEVEL, Compass
     from flinders.readers import TextRecording, open_recording
 
-    _refuse_contradictions(
-        is_level=is_level, formula=formula, acceleration=acceleration, place=place, date=date, given=declination_deg
-    )
-    turned = Axes.of(acceleration_axes)
-    if place is not None and date is not None:
-        site_of(place, date)  # what is wrong with them is said before anything is read
-    judged, settler = _drivers.settler_of(load(command, calibration, [recording]), held)
+    _refuse_contradictions(place, accelerometer, formula, declination_deg)
+    acceleration, is_level = accelerometer.acceleration, accelerometer.is_level
+    turned = Axes.of(accelerometer.acceleration_axes)
+    if place.place is not None and place.date is not None:
+        site_of(place.place, place.date)  # what is wrong with them is said before anything is read
+    judged, settler = _disturbances.settler_of(load(command, calibration, [recording]), fixed)
     if is_calibration(recording):
         raise UsageError(f"{recording} is a calibration too: give a recording after it")
     opened = open_recording(recording, axes=str(judged.calibration.axes), once=True, **options)
@@ -224,11 +182,11 @@ def open_log(
             raise UsageError(f"{recording} is no text: its columns are known, leave --acceleration out")
         opened.name_acceleration(acceleration)
     agree(judged.calibration, opened)
-    site = None if place is None else site_of(place, date, opened)
+    site = None if place.place is None else site_of(place.place, place.date, opened)
     declination = declination_deg if site is None else site.declination_deg
     bias = None if is_level else judged.acceleration_bias
     if bias is not None:
-        say(f"{_aids.biased(bias)}, by {calibration}: taken off")
+        say(f"{bias_words(bias)}, by {calibration}: taken off")
     compass = Compass(judged.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
     return Log(judged, opened, compass, site, settler=settler)
 
@@ -274,7 +232,7 @@ def down(log: Log, voyage: Voyage) -> Floats:
 
 
 def _refuse_contradictions(
-    *, is_level: bool, formula: str, acceleration: str | None, place: str | None, date: str | None, given: float | None
+    place: Place, accelerometer: Accelerometer, formula: str, declination_deg: float | None
 ) -> None:
     """Refuse options of which one would be ignored.
 
@@ -283,11 +241,11 @@ def _refuse_contradictions(
     UsageError
         Naming both.
     """
-    if is_level and formula != "exact":
+    if accelerometer.is_level and formula != "exact":
         raise UsageError(f"--level takes no tilt off, --formula {formula} does: leave one of them out")
-    if is_level and acceleration is not None:
+    if accelerometer.is_level and accelerometer.acceleration is not None:
         raise UsageError("--level uses no accelerometer, --acceleration names one: leave one of them out")
-    if place is not None and given is not None:
+    if place.place is not None and declination_deg is not None:
         raise UsageError("--at and --declination both say where true north is: leave one of them out")
-    if date is not None and place is None:
+    if place.date is not None and place.place is None:
         raise UsageError("--date is for the declination at a place: give --at LAT,LON too")

@@ -1,12 +1,12 @@
-"""``--convergence``: how the estimate settles, as a drawing or a table beside the calibration."""
+"""``--convergence``: how the estimate converges, as a drawing or a table."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.cli._method_options import SITE
-from flinders.cli._talk import say
+from flinders.cli._output import say
+from flinders.cli.methods import SITE
 from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ OF_THE_FIT: Final = ("method", "target_deg", "alignment_sigma_deg", "disturbance
 """Options of `flinders.fit` that no method asks for."""
 
 
-def refuse(path: str | None, method: str) -> None:
+def refuse(path: str, method: str) -> None:
     """Find what cannot work before anything is read.
 
     Raises
@@ -30,8 +30,6 @@ def refuse(path: str | None, method: str) -> None:
     from flinders.estimators import METHODS
     from flinders.estimators.reference.trace import Watched
 
-    if path is None:
-        return
     watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
     if method not in watched:
         raise UsageError(
@@ -42,8 +40,8 @@ def refuse(path: str | None, method: str) -> None:
         raise UsageError(f"--convergence {path}: need a name that ends in {' (drawing) or '.join(KINDS)} (table)")
 
 
-def write(path: str | None, recording: Recording, options: dict[str, Any], *, force: bool) -> None:
-    """Follow the method through a recording, and write what was seen; also where nothing but the way is known.
+def write(path: str, recording: Recording, options: dict[str, Any], *, force: bool) -> None:
+    """Follow the method through a recording, and write the trace; also where the fit is refused.
 
     Raises
     ------
@@ -53,8 +51,6 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
     from flinders.core.files import write_text
     from flinders.report.convergence import Trace, drawing, table
 
-    if path is None:
-        return
     steps = _watched(recording, options)
     if steps is None or steps.last is None:
         say(f"{path} was not written: {options['method']} had nothing at any step")
@@ -72,7 +68,7 @@ def write(path: str | None, recording: Recording, options: dict[str, Any], *, fo
 
 
 def _watched(recording: Recording, options: dict[str, Any]) -> Convergence | None:
-    """What the method, with its options, gives on its way; None where there is nothing to follow."""
+    """The estimates of the method, with its options, step by step; None where there are none."""
     from flinders.estimators import Readings, within_range
     from flinders.estimators.reference.trace import Watched
     from flinders.fitting.calibrate import estimator_of

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-import click
+import numpy as np
 
-from flinders.cli._talk import say
-from flinders.errors import FitError, UsageError, counted, figures
+from flinders.cli._inputs import joined
+from flinders.cli._output import say
+from flinders.errors import FitError, counted, figures
+from flinders.findings import CATALOGUE, Record, by_severity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,31 +24,18 @@ if TYPE_CHECKING:
 UNKNOWN_DEG: Final = 180.0
 """What a filter may have moved the heading by, where there is nothing to hold it against."""
 
+UNCOMPARED: Final = (
+    "; without the filter there is no calibration to hold this one against, so nobody knows how far the filter has "
+    "moved it: record again, turning slowly"
+)
+BEYOND: Final = (
+    ", more than the {}° that are claimed. A filter takes spikes off, and pulls the readings of a turning sensor "
+    "inside the ellipsoid: turn more slowly, or use 'auto' without --filter, which leaves spikes out by itself"
+)
+"""What a filter did, in the finding."""
+
 HIDDEN: Final = ("saturated", "stale-repeats")
 """Findings about single readings, which a filter blurs, and a median invents: told of them as they were recorded."""
-
-
-def _filter(value: str) -> Filter:
-    """Read the value of ``--filter``."""
-    from flinders.heading.smoothing import Filter
-
-    try:
-        return Filter.of(value)
-    except UsageError as error:
-        raise click.BadParameter(str(error)) from None
-
-
-def _one(_context: click.Context, _option: click.Parameter, given: tuple[Filter, ...]) -> Filter | None:
-    """Take the filter, if there is one; two would come one after the other, in an order that nobody has stated."""
-    if len(given) > 1:
-        raise click.BadParameter(f"{given[0]}, and {given[1]}: give one filter")
-    return given[0] if given else None
-
-
-option = click.option(
-    "--filter", "by", type=_filter, multiple=True, callback=_one, metavar="NAME[:WIDTH]",
-    help="Filter the readings: moving-average, median or kalman, over WIDTH readings [default: 5].",
-)  # fmt: skip
 
 
 def fit_filtered(parts: Sequence[Recording], by: Filter, options: dict[str, Any]) -> Fit:
@@ -79,14 +69,10 @@ def fit_filtered(parts: Sequence[Recording], by: Filter, options: dict[str, Any]
 
 
 def _with_findings(found: Fit, plain: Fit | None, filtered: Finding) -> Fit:
-    """Add what the filter did, and tell of single readings what was recorded, gravest first."""
-    from dataclasses import replace
-
-    from flinders.findings import by_severity
-
-    seen = [finding for finding in found.findings if finding.code not in HIDDEN]
+    """Add what the filter did, and state of single readings what was recorded, by severity."""
+    fitted = [finding for finding in found.findings if finding.code not in HIDDEN]
     recorded = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
-    return replace(found, findings=by_severity([*seen, *recorded, filtered]))
+    return replace(found, findings=by_severity([*fitted, *recorded, filtered]))
 
 
 def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:
@@ -102,49 +88,41 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
     dropped : int
         Readings that it dropped.
     """
-    import numpy as np
+    claimed = found.heading_error_deg.worst
+    moved, effect = (UNKNOWN_DEG, UNCOMPARED) if plain is None else _effect(found, plain)
+    is_to_blame = plain is None or found.verdict == "refused" != plain.verdict
+    allowed = -1.0 if is_to_blame else claimed  # nothing is
+    if plain is not None and is_to_blame:
+        effect += f"; without the filter the verdict is {plain.verdict}: leave --filter out, or turn more slowly"
+    elif plain is not None:
+        effect += ", within what is claimed" if moved <= claimed else BEYOND.format(figures(claimed))
+    out = f", {counted(dropped, 'reading')} dropped" if dropped else ""
+    numbers = {"moved_deg": moved, "claimed_deg": claimed, "allowed_deg": allowed}
+    return CATALOGUE["filtered"].certain(Record(numbers, by=f"{by}{out}", effect=effect))
 
-    from flinders.findings import Finding
+
+def _effect(found: Fit, plain: Fit) -> tuple[float, str]:
+    """Degrees by which a filter moved the heading at the worst, and what it did in words."""
     from flinders.geometry.ellipsoid import upper
     from flinders.geometry.plane import down_of
     from flinders.heading.error_propagation import level_error
 
-    claimed = found.heading_error_deg.worst
-    out = f", {counted(dropped, 'reading')} dropped" if dropped else ""
-    if plain is None:
-        return Finding(
-            "filtered", "limits", UNKNOWN_DEG, claimed,
-            f"filtered ({by}{out}); without the filter there is no calibration to hold this one against, so nobody "
-            "knows how far the filter has moved it: record again, turning slowly",
-        )  # fmt: skip
     ours, theirs = found.ellipsoid, plain.ellipsoid
     apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])
-    moved = level_error(
-        theirs, np.outer(apart, apart), dip_deg=found.heading_error_deg.dip_deg, down=down_of(found.plane)
-    ).worst
+    dip, down = found.heading_error_deg.dip_deg, down_of(found.plane)
+    moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
     smaller = 1.0 - ours.radius / theirs.radius
     size = f"{figures(abs(100 * smaller))}% {'smaller' if smaller > 0 else 'larger'}"
-    did = f"filtered ({by}{out}): that moves the heading by {figures(moved)}° at the worst and makes the field {size}"
-    if found.verdict == "refused" != plain.verdict:
-        return Finding(
-            "filtered", "limits", moved, claimed,
-            f"{did}; without the filter the verdict is {plain.verdict}: leave --filter out, or turn more slowly",
-        )  # fmt: skip
-    if moved <= claimed:
-        return Finding("filtered", "note", moved, claimed, f"{did}, within what is claimed")
-    return Finding(
-        "filtered", "limits", moved, claimed,
-        f"{did}, more than the {figures(claimed)}° that are claimed. A filter takes spikes off, and pulls the readings "
-        "of a turning sensor inside the ellipsoid: turn more slowly, or use 'auto' without --filter, which leaves "
-        "spikes out by itself",
-    )  # fmt: skip
+    return float(
+        np.nan_to_num(moved, nan=UNKNOWN_DEG)
+    ), f": that moves the heading by {figures(moved)}° at the worst and makes the field {size}"
 
 
-def through(parts: Sequence[Recording], by: Filter | None) -> Recording:
-    """Recordings as one, their readings filtered where there is a filter."""
+def through(parts: Sequence[Recording], by: Filter) -> Recording:
+    """Recordings as one, their readings filtered."""
     from flinders.heading.smoothing import filtered
 
-    return _joined(parts if by is None else [filtered(_within_range(part), by) for part in parts])
+    return joined([filtered(_within_range(part), by) for part in parts])
 
 
 class Smoother:
@@ -168,8 +146,6 @@ class Smoother:
 
     def smoothed(self, samples: Samples) -> Samples:
         """The same samples with a smooth field."""
-        from dataclasses import replace
-
         return replace(samples, field=self(samples.field, samples.time))
 
     def as_dict(self) -> dict[str, str | int | float]:
@@ -195,7 +171,7 @@ def _tried(parts: Sequence[Recording], options: dict[str, Any]) -> Fit | None:
     from flinders.fitting.result import Refused
 
     try:
-        return fit(_joined(parts), **options)
+        return fit(joined(parts), **options)
     except Refused as refused:
         return refused.fit
     except FitError:
@@ -209,12 +185,6 @@ def _within_range(part: Recording) -> Recording:
 
     rails = Summary.through(part).health.rails
     return WithinRange(part, rails) if rails else part
-
-
-def _joined(parts: Sequence[Recording]) -> Recording:
-    from flinders.core.samples import Joined
-
-    return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
 
 
 def _rows(recording: Recording) -> int:

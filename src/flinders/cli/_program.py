@@ -1,4 +1,4 @@
-"""How the program ends: one table of exit codes, and no traceback for bad input."""
+"""The program: commands that are imported when they are called, one table of exit codes, no traceback for bad input."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterator, MutableMapping
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _aids
-from flinders.cli._talk import print_fit, print_json, say
+from flinders.cli._output import print_fit, print_json, say
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+    from types import FrameType
 
 GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
 
@@ -35,6 +37,47 @@ EXIT_CODES: Final = {
 
 FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
 """What every result of ``calibrate --json`` has."""
+
+
+class Commands(MutableMapping[str, "click.Command"]):
+    """Commands by name, each the ``command`` of a module of its own beside this one.
+
+    Parameters
+    ----------
+    modules : str
+        ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
+
+    Examples
+    --------
+    >>> commands = Commands("info", "import_", "two_axis")
+    >>> list(commands), commands["two-axis"].name
+    (['info', 'import', 'two-axis'], 'two-axis')
+    """
+
+    def __init__(self, *modules: str) -> None:
+        self._modules = {module.rstrip("_").replace("_", "-"): module for module in modules}
+        self._loaded: dict[str, click.Command] = {}
+
+    def __getitem__(self, name: str) -> click.Command:
+        if name not in self._loaded:
+            self._loaded[name] = import_module(f"flinders.cli.{self._modules[name]}").command
+        return self._loaded[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._modules
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._modules)
+
+    def __len__(self) -> int:
+        return len(self._modules)
+
+    def __setitem__(self, name: str, command: click.Command) -> None:
+        self._modules[name], self._loaded[name] = name, command
+
+    def __delitem__(self, name: str) -> None:
+        del self._modules[name]
+        self._loaded.pop(name, None)
 
 
 class Program(click.Group):
@@ -61,34 +104,32 @@ class Program(click.Group):
             say("interrupted")
             code = INTERRUPTED
         except FlindersError as error:
-            code = told(error, as_json=as_json)
+            code = print_error(error, as_json=as_json)
         except SystemExit as end:  # 1 is how click ends when whoever read our output has gone
             code = UNWRITABLE if end.code == 1 else end.code
         except OSError as error:
-            code = told(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
+            code = print_error(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
             _silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
-            code = _confessed(error)
+            code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
         return sys.exit(code) if standalone_mode else code
 
 
-def told(error: FlindersError, *, as_json: bool, beside: Mapping[str, Any] | None = None) -> int:
+def print_error(error: FlindersError, *, as_json: bool, more: Mapping[str, Any] | None = None) -> int:
     """Print an error in a line, a refused fit as a page, and either in full as JSON where that was asked for.
 
-    `beside`: what else the JSON is to hold.
+    `more`: what else the JSON is to hold.
     """
     fit = getattr(error, "fit", None)
     if fit is not None and not as_json:
         print_fit(fit, err=True)
-        for line in _aids.told(fit).splitlines():
-            say(line)
     else:
         message = " ".join(str(error).splitlines())
         say(f"{'refused' if error.exit_code == REFUSED else 'error'}: {message}")
     if as_json:
         with contextlib.suppress(OSError):
-            print_json({**_as_dict(error), **(beside or {})})
+            print_json({**_as_dict(error), **(more or {})})
     return error.exit_code
 
 
@@ -110,11 +151,13 @@ def _misused(error: click.ClickException, *, as_json: bool) -> int:
         say(message)
         return USAGE
     context = getattr(error, "ctx", None)
-    found = " ".join(message.split()).rstrip(".")
-    return told(UsageError(f"{found}; see {context.command_path if context else 'flinders'} --help"), as_json=as_json)
+    problem = " ".join(message.split()).rstrip(".")
+    return print_error(
+        UsageError(f"{problem}; see {context.command_path if context else 'flinders'} --help"), as_json=as_json
+    )
 
 
-def _confessed(error: Exception) -> int:
+def _report_fault(error: Exception) -> int:
     """Say that the fault is ours, keep the details in a file, and ask for a report."""
     import platform
     import tempfile
@@ -138,17 +181,47 @@ def _confessed(error: Exception) -> int:
 
 
 @contextlib.contextmanager
-def _stopped_cleanly() -> Iterator[None]:
-    """Let those who end a program from outside (kill, timeout, a closed terminal) leave as little behind as Ctrl-C."""
-    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        names = []
-    before = {name: signal.signal(getattr(signal, name), signal.default_int_handler) for name in names}
+def _handled(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
+    """Have signals handled by a function, those that this system has; only in the main thread."""
+    here = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
+
+
+def _stopped_cleanly() -> contextlib.AbstractContextManager[None]:
+    """Let those who end a program from outside (kill, timeout, a closed terminal) leave as little behind as Ctrl-C."""
+    return _handled(signal.default_int_handler, "SIGTERM", "SIGHUP")
+
+
+@contextlib.contextmanager
+def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
+    """Take Ctrl-C, and what ends a program from outside, as a wish.
+
+    Parameters
+    ----------
+    patient : bool
+        However often it is pressed; otherwise the second time ends the program at once.
+
+    Yields
+    ------
+    callable
+        Says whether it was asked for.
+    """
+    asked = False
+
+    def ask(number: int, _: object) -> None:
+        nonlocal asked
+        if asked and not patient:
+            signal.default_int_handler(number, None)
+        asked = True
+
+    with _handled(ask, "SIGINT", "SIGTERM", "SIGHUP"):
+        yield lambda: asked
 
 
 def _make_streams_forgiving() -> None:

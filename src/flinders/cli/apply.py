@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _drivers, _filters, _options
-from flinders.cli._calibration import agree, choice, load, say_sensor, sensor_option
-from flinders.cli._sources import read_and_left_out
-from flinders.cli._talk import print_json, progress, say
-from flinders.errors import InputError, UsageError
+from flinders.cli import _disturbances, _options
+from flinders.cli._inputs import agree, choice, load, read_and_left_out, say_sensor
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, progress, say, written
+from flinders.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.cli._filters import Smoother
+    from flinders.cli._options import PartOfColumns
     from flinders.core.calibration import Calibration
     from flinders.core.compensation import Compensator
     from flinders.core.samples import Recording, Samples
@@ -34,8 +33,9 @@ ODD, UNEVEN = 1.3, 0.1
 """Strength, as a factor, and spread, as a fraction, from which on the calibration is said not to suit."""
 
 
-@click.command(
+@_options.command(
     "apply",
+    common=("output", "add", "columns", "sensor", "as_json"),
     short_help="Correct a recording with a calibration file.",
     epilog="""\b
 Example:
@@ -45,13 +45,12 @@ Example:
 )
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("recording", metavar="RECORDING")
-@click.option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
-@click.option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
-@_filters.option
-@_drivers.hold
-@_options.numbers
-@sensor_option
-@_options.log
+@option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
+@option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
+@_options.groups(reading=_options.PartOfColumns)
+@_options.sensor_of_calibration
+@_options.fixed
+@_options.smoothing
 @_options.force
 @_options.as_json
 def command(
@@ -60,11 +59,11 @@ def command(
     output: str,
     add: bool,
     by: Filter | None,
-    held: tuple[str, ...],
+    fixed: tuple[str, ...],
     force: bool,
     as_json: bool,
     sensor: str | None,
-    **reading: Any,
+    reading: PartOfColumns,
 ) -> None:
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
@@ -74,31 +73,27 @@ def command(
     vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
     calibration follows, such as a current, has to be among the columns.
     """
-    from flinders.core.files import refuse_existing
     from flinders.readers import TextRecording, open_recording
 
-    if output == "-" and as_json:
-        raise UsageError("--json and corrected readings would both go to standard output: name a file with -o")
-    _options.refuse_to_overwrite(output, [calibration, recording])
-    if output != "-":
-        refuse_existing(output, force=force)
-    judged, settler = _drivers.settler_of(load("apply", calibration, [recording]), held)
+    outputs = Outputs.of(("corrected readings", output), force=force, as_json=as_json)
+    outputs.check([calibration, recording])
+    judged, settler = _disturbances.settler_of(load("apply", calibration, [recording]), fixed)
     correction = judged.calibration
     with progress("correcting") as watch:
         wanted = choice(correction, sensor)
         source = open_recording(
-            recording, axes=str(correction.axes), sensor=wanted, once=True, progress=watch, **reading
+            recording, axes=str(correction.axes), sensor=wanted, once=True, progress=watch, **reading.as_dict()
         )
         agree(correction, source)
         if getattr(source, "name", ""):
             say(str(source))
         say_sensor(calibration, correction, source, sensor)
         corrector = Corrector(correction, source.source)
-        smoother = None if by is None else _filters.Smoother(by, corrector)
-        is_text = isinstance(source, TextRecording) and not _is_part(reading)
+        smoother = None if by is None else _smoother(by, corrector)
+        is_text = isinstance(source, TextRecording) and reading.start is None and reading.end is None
         lines = _rewritten if is_text else _tabulated
         encoding = source.layout.encoding if isinstance(source, TextRecording) else "utf-8"
-        with _output(output, encoding, force=force, live=not Path(recording).is_file()) as file:
+        with written(output, encoding=encoding, force=force, live=not Path(recording).is_file()) as file:
             for line in lines(source, corrector, smoother, settler, add=add):  # type: ignore[arg-type]
                 file.write(line)
     left_out = getattr(source, "skipped", ())
@@ -107,24 +102,25 @@ def command(
         say(f"! {judged.record.tilt_words}")
     if smoother is not None:
         say(str(smoother))
-    extrapolated = _drivers.say_beyond(settler)
+    extrapolated = _disturbances.say_beyond(settler)
     if not corrector.is_plausible:
         say(f"! {_doubt(calibration, recording)}")
-    if output != "-":
-        say(f"written to {output}")
+    outputs.say_written()
     if as_json:
         filtered = {} if smoother is None else {"filter": smoother.as_dict()}
         skipped_rows = [str(skipped) for skipped in left_out]
         print_json({**corrector.as_dict(), **filtered, "skipped": skipped_rows, **extrapolated})
 
 
-def _is_part(reading: dict[str, Any]) -> bool:
-    """Whether a part of the recording was asked for."""
-    return any(reading.get(name) is not None for name in ("start", "end"))
+def _smoother(by: Filter, corrector: Corrector) -> Smoother:
+    """What filters readings before they are corrected."""
+    from flinders.cli._filters import Smoother
+
+    return Smoother(by, corrector)
 
 
 def _rewritten(
-    source: TextRecording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Compensator, *, add: bool
+    source: TextRecording, corrector: Corrector, smoother: Smoother | None, settler: Compensator, *, add: bool
 ) -> Iterator[str]:
     """Yield the lines of a text with corrected readings in them."""
     if smoother is None and not settler.calibration.disturbances:
@@ -138,17 +134,17 @@ def _rewritten(
 
 
 def _tabulated(
-    source: Recording, corrector: Corrector, smoother: _filters.Smoother | None, settler: Compensator, *, add: bool
+    source: Recording, corrector: Corrector, smoother: Smoother | None, settler: Compensator, *, add: bool
 ) -> Iterator[str]:
-    """Yield the lines of a table of corrected readings, with what stands beside them."""
+    """Yield the lines of a table of corrected readings, with all other columns."""
     from flinders.simulate import table
 
     for number, block in enumerate(source.blocks()):
         if len(block):
             settled = settler(block)
             corrected = corrector(settled.field) if smoother is None else smoother(settled.field, block.time)
-            written = block if add else replace(block, field=corrected)
-            header, *rows = table.lines(written, corrected=corrected if add else None)
+            samples = block if add else replace(block, field=corrected)
+            header, *rows = table.lines(samples, corrected=corrected if add else None)
             yield from (f"{line}\n" for line in ([header] if number == 0 else []) + rows)
 
 
@@ -214,18 +210,3 @@ def _doubt(calibration: str, recording: str) -> str:
         "these readings do not suit the calibration: iron or currents have come or gone, or it is for another sensor, "
         f"unit or place; see {again}, or calibrate again"
     )
-
-
-@contextlib.contextmanager
-def _output(path: str, encoding: str, *, force: bool, live: bool) -> Iterator[IO[str]]:
-    """Open the output: a file that appears when it is complete, or standard output; if live, line by line."""
-    from flinders.core.files import replacing
-
-    if path != "-":
-        with replacing(path, force=force, encoding=encoding, newline="") as file:
-            yield file
-        return
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(encoding=encoding, newline="", line_buffering=live)
-    yield sys.stdout
-    sys.stdout.flush()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import click
 
 from flinders.cli import _options
-from flinders.cli._talk import drawn, print_json
+from flinders.cli._output import print_json
+from flinders.cli._output import show as show_page
 from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
@@ -68,9 +68,9 @@ class Source(Protocol):
         """How it makes it, for people."""
 
 
-def _quantity(name: str, example: str, told: str) -> Callable[[_options.Function], _options.Function]:
+def _quantity(name: str, example: str, words: str) -> Callable[[_options.Function], _options.Function]:
     """An option that takes a number and its unit as they are typed."""
-    return click.option(f"--{name}", metavar="VALUE", help=f"{told}, such as {example}.")
+    return click.option(f"--{name}", metavar="VALUE", help=f"{words}, such as {example}.")
 
 
 def _heading(function: _options.Function) -> _options.Function:
@@ -329,13 +329,13 @@ class Budget:
         for name in self.found:
             grid.add_row(Text(TITLES.get(name, name), "bold"), Text(self._value(name), "bold"), self._remark(name))
         note = NOTES.get(self.position or self.kind)
-        click.echo(drawn(Group(grid, "", note) if note else grid, sys.stdout))
+        show_page(Group(grid, "", note) if note else grid)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: each quantity under its name with its unit, and which were found; an error of null is any."""
         values = {KEYS[name]: self.known.get(name) for name in KEYS if name in self.known or name in self.found}
-        told: dict[str, Any] = {"kind": self.kind, **({"position": self.position} if self.position else {}), **values}
-        return {**told, "found": [KEYS[name] for name in self.found], "formulas": [*dict.fromkeys(self.why.values())]}
+        fields: dict[str, Any] = {"kind": self.kind, **({"position": self.position} if self.position else {}), **values}
+        return {**fields, "found": [KEYS[name] for name in self.found], "formulas": [*dict.fromkeys(self.why.values())]}
 
     def _value(self, name: str) -> str:
         value = self.found[name]

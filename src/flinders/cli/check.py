@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 import click
 
-from flinders.cli import _drivers, _options
-from flinders.cli._calibration import agree, choice, is_calibration, load, made_from, say_sensor, sensor_option
-from flinders.cli._program import GOOD, LIMITED, REFUSED, told
-from flinders.cli._sources import Counted, saying_what_was_skipped
-from flinders.cli._talk import drawn, print_json, progress, say
-from flinders.errors import NeedsSamples, TooFewSamples, UsageError
+from flinders.cli import _disturbances, _options
+from flinders.cli._inputs import load, made_from, opened_with, saying_what_was_skipped
+from flinders.cli._options import option
+from flinders.cli._output import print_json, progress, say, show
+from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
+from flinders.errors import NeedsSamples, TooFewSamples
 
 if TYPE_CHECKING:
+    from flinders.cli._options import PartOfColumns
     from flinders.comparison.comparison import Comparison, Strength
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Joined
@@ -24,8 +25,9 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit, Refused
 
 
-@click.command(
+@_options.command(
     "check",
+    common=("target_deg", "is_followed", "columns", "sensor", "as_json"),
     short_help="Say whether a calibration holds on another recording.",
     epilog="""\b
 Example:
@@ -42,22 +44,22 @@ Exit codes:
 )
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@click.option("--drift", "is_followed", is_flag=True, help="Also follow the offset through the recording.")
+@option("--drift", "is_followed", is_flag=True, help="Also follow the offset through the recording.")
+@_options.groups(reading=_options.PartOfColumns)
+@_options.sensor_of_calibration
+@_options.fixed
 @_options.judgement
-@_drivers.hold
-@_options.numbers
-@sensor_option
-@_options.log
 @_options.as_json
 def command(
     calibration: str,
     recordings: tuple[str, ...],
     target_deg: float,
     dip_deg: float,
-    held: tuple[str, ...],
+    fixed: tuple[str, ...],
     is_followed: bool,
     as_json: bool,
-    **reading: Any,
+    sensor: str | None,
+    reading: PartOfColumns,
 ) -> int:
     """Fit RECORDING afresh and say how far CALIBRATION is from that, and whether it is more than chance.
 
@@ -70,11 +72,13 @@ def command(
     from flinders.fitting.result import Refused
     from flinders.report.comparison_pages import of_comparison
 
-    known, settler = _drivers.settler_of(load("check", calibration, recordings), held)
+    known, settler = _disturbances.settler_of(load("check", calibration, recordings), fixed)
     with progress("reading") as watch:
-        as_recorded = opened(calibration, known.calibration, recordings, progress=watch, **reading)
+        as_recorded = opened_with(
+            calibration, known.calibration, recordings, sensor=sensor, progress=watch, **reading.as_dict()
+        )
         recording = cast("Joined", settled(as_recorded, settler.calibration))
-        extrapolated = _drivers.say_beyond(_drivers.seen(as_recorded, settler))
+        extrapolated = _disturbances.say_beyond(_disturbances.seen(as_recorded, settler))
         found = _strength(known.calibration, recording)
         if known.covariance is None:
             say(f"{calibration} states no uncertainty: it is taken as exact")
@@ -109,7 +113,7 @@ def command(
             }
         )
     else:
-        click.echo(drawn(of_comparison(comparison, fresh=fresh, strengths=(found, renewed), own=own), sys.stdout))
+        show(of_comparison(comparison, fresh=fresh, strengths=(found, renewed), own=own))
         if walk is not None:
             unit, dip = fresh.calibration.unit, fresh.heading_error_deg.dip_deg
             click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip))
@@ -117,33 +121,6 @@ def command(
         return REFUSED
     holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good" and not own
     return GOOD if holds else LIMITED
-
-
-def opened(
-    path: str, calibration: Calibration, recordings: tuple[str, ...], *, sensor: str | None, **options: Any
-) -> Joined:
-    """Open recordings in the unit and axes of the calibration.
-
-    Raises
-    ------
-    UsageError
-        For a recording that is given twice, or is a calibration.
-    UnitError
-        For one that states another kind of unit.
-    """
-    from flinders.core.samples import Joined
-    from flinders.readers import open_recording
-
-    _options.refuse_twice(recordings)
-    for each in recordings:
-        if is_calibration(each):
-            raise UsageError(f"{each} is a calibration too: flinders compare compares two of them")
-    wanted = choice(calibration, sensor)
-    parts = tuple(open_recording(each, axes=str(calibration.axes), sensor=wanted, **options) for each in recordings)
-    for part in parts:
-        agree(calibration, part)
-        say_sensor(path, calibration, part, sensor)
-    return Joined(tuple(map(Counted, parts)))
 
 
 def _compared(known: Judged, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
@@ -187,7 +164,7 @@ def _walked_anyhow(recording: Joined, known: Judged, dip_deg: float) -> Walk | N
 def _refused(refused: Refused, walk: Walk, *, target_deg: float, dip_deg: float, as_json: bool) -> int:
     """Say why the recording cannot be fitted, and how far the offset moved under the calibration; `drift` is that."""
     fields = {"fresh": refused.fit.as_dict(), "drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}
-    code = told(refused, as_json=as_json, beside=fields)
+    code = print_error(refused, as_json=as_json, more=fields)
     if not as_json:
         unit = refused.fit.calibration.unit
         click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip_deg, under=" under the calibration"))
@@ -196,7 +173,7 @@ def _refused(refused: Refused, walk: Walk, *, target_deg: float, dip_deg: float,
 
 def _told(walk: Walk, unit: str, *, target_deg: float, dip_deg: float, under: str = "") -> str:
     """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
-    from flinders.cli._reports import can_show
+    from flinders.cli.report import can_show
     from flinders.core.units import label
     from flinders.diagnostics.random_walk import BARS
 

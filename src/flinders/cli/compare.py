@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _drivers, _options
-from flinders.cli._calibration import is_calibration, is_recording
+from flinders.cli import _disturbances, _options
+from flinders.cli._inputs import is_calibration, is_recording
+from flinders.cli._output import print_json, say, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED
-from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
     from flinders.fitting.judged import Judged
 
 
-@click.command(
+@_options.command(
     "compare",
+    common=("target_deg", "dip_deg", "as_json"),
     short_help="Say how far two calibrations are apart, in degrees.",
     epilog="""\b
 Example:
@@ -51,13 +51,13 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     for one in (a, b):
         if one.covariance is None:
             say(f"{one.name} states no uncertainty: it is taken as exact")
-    _drivers.say_difference(a, b)
+    _disturbances.say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
         say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
     if as_json:
         print_json(comparison.as_dict())
     else:
-        click.echo(drawn(of_comparison(comparison), sys.stdout))
+        show(of_comparison(comparison))
     if comparison.verdict == "contradict":
         return REFUSED
     firm = comparison.is_telling and not comparison.is_turned

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Final
 
 import click
 
 from flinders.cli import _options
+from flinders.cli._inputs import Counted, saying_what_was_skipped
+from flinders.cli._options import option
+from flinders.cli._output import print_json, progress, refuse_twice, show, working
 from flinders.cli._program import GOOD, LIMITED, REFUSED
-from flinders.cli._sources import Counted, saying_what_was_skipped
-from flinders.cli._talk import drawn, print_json, progress, working
 
 if TYPE_CHECKING:
+    from flinders.cli._options import Reading
     from flinders.findings import Verdict
 
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
@@ -22,8 +23,9 @@ def _names(value: str) -> list[str]:
     return [name for name in (word.strip() for word in value.split(",")) if name]
 
 
-@click.command(
+@_options.command(
     "compare-methods",
+    common=("methods", "blocks", "columns", "unit", "as_json"),
     short_help="Run all methods on a recording, side by side.",
     epilog="""\b
 Example:
@@ -38,21 +40,18 @@ Exit codes:
 """,
 )
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@click.option(
+@option(
     "--methods", type=_names, metavar="NAME,NAME...",
     help="Those of `flinders methods` to run, the first to hold the others against [default: all].",
 )  # fmt: skip
-@click.option(
+@option(
     "--blocks", type=click.IntRange(2, 1000), default=10, show_default=True, metavar="N",
     help="Blocks of time for cross-validation.",
 )  # fmt: skip
-@click.option(
-    "--field-strength", type=_options.positive, metavar="F",
-    help="Strength of the field at the site, in µT (in counts for a recording in counts).",
-)  # fmt: skip
-@_options.judgement
-@_options.recording
+@_options.groups(reading=_options.Reading)
 @_options.sensor
+@_options.field_strength()
+@_options.judgement
 @_options.as_json
 def command(
     recordings: tuple[str, ...],
@@ -62,7 +61,8 @@ def command(
     target_deg: float,
     dip_deg: float,
     as_json: bool,
-    **reading: str | float | None,
+    sensor: str | None,
+    reading: Reading,
 ) -> int:
     """Fit RECORDING by every method and print what each finds, claims and is worth.
 
@@ -76,9 +76,9 @@ def command(
     from flinders.report.comparison_pages import of_methods
 
     known(methods)
-    _options.refuse_twice(recordings)
+    refuse_twice(recordings)
     with progress("reading") as watch:
-        opened = open_recording(recordings, progress=watch, **reading)  # type: ignore[arg-type]
+        opened = open_recording(recordings, sensor=sensor, progress=watch, **reading.as_dict())
         parts = tuple(Counted(part) for part in singles(opened))
         with saying_what_was_skipped(parts), working() as tell:
             contest = compare_methods(
@@ -93,5 +93,5 @@ def command(
     if as_json:
         print_json(contest.as_dict())
     else:
-        click.echo(drawn(of_methods(contest), sys.stdout))
+        show(of_methods(contest))
     return EXITS[contest.verdict]

@@ -7,15 +7,17 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options
+from flinders.cli._options import option
+from flinders.cli._output import print_fit, print_json, say
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli._talk import print_fit, print_json, say
 
 if TYPE_CHECKING:
     from flinders.simulate import Simulated
 
 
-@click.command(
+@_options.command(
     "demo",
+    common=("seed", "path", "target_deg", "dip_deg", "as_json", "force"),
     short_help="Simulate a tumbled sensor and calibrate it.",
     epilog="""\b
 Example:
@@ -23,8 +25,8 @@ Example:
   flinders demo --seed 7 --csv tumble.csv && flinders calibrate tumble.csv -o calibration.json
 """,
 )
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another sensor.")
-@click.option("--csv", "path", metavar="FILE", help="Also write the simulated recording, to try the other commands on.")
+@option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another sensor.")
+@option("--csv", "path", metavar="FILE", help="Also write the simulated recording, to try the other commands on.")
 @_options.judgement
 @_options.force
 @_options.as_json

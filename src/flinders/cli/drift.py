@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from typing import TYPE_CHECKING, Literal
 
 import click
 
 from flinders.cli import _options
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, refuse_twice, show, working
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli._talk import drawn, print_json, say, working
-from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,8 +17,9 @@ if TYPE_CHECKING:
     from flinders.report.fleet_view import FleetDrift
 
 
-@click.command(
+@_options.command(
     "drift",
+    common=("report", "out", "against", "target_deg", "dip_deg", "batch", "limit"),
     short_help="Say which units of a fleet have changed, and when.",
     epilog="""\b
 Example:
@@ -34,32 +33,27 @@ Exit codes:
 """,
 )
 @click.argument("tables", nargs=-1, required=True, metavar="TABLE...")
-@click.option("--report", metavar="FILE.html", help="Also write a report of the fleet and how it changed.")
-@click.option("-o", "--out", metavar="FILE.parquet", help="Also write a table with a row for each unit.")
-@click.option(
+@option("--report", metavar="FILE.html", help="Also write a report of the fleet and how it changed.")
+@option("-o", "--out", metavar="FILE.parquet", help="Also write a table with a row for each unit.")
+@option(
     "--against",
     type=click.Choice(["first", "previous"]),
     default="first",
     show_default=True,
     help="Which calibration the newest is held against: what vehicles carry.",
 )
-@click.option(
+@option(
     "--batch",
     metavar="COLUMN|PATTERN",
     help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name "
     "[default: the column batch, or what stands before the last part of the name].",
 )
-@click.option(
-    "--most", type=click.IntRange(1, 1000), default=100, show_default=True, help="Units, and steps, that are listed."
-)
-@click.option(
-    "--target", "target_deg", type=_options.within(0, 180, "degrees above 0, up to 180"), default=1.0,
-    show_default=True, metavar="DEG", help="Change of heading that is good enough.",
+@option(
+    "--limit", was=("--most",), type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
+    help="Units, and steps, that are listed at most.",
 )  # fmt: skip
-@click.option(
-    "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), metavar="DEG",
-    help="Inclination of the field at the site [default: what the tables say].",
-)  # fmt: skip
+@_options.target("Change of heading that is good enough.")
+@_options.dip("Inclination of the field at the site [default: what the tables say].")
 @_options.force
 @_options.as_json
 def command(
@@ -68,7 +62,7 @@ def command(
     out: str | None,
     against: Literal["first", "previous"],
     batch: str | None,
-    most: int,
+    limit: int,
     target_deg: float,
     dip_deg: float | None,
     force: bool,
@@ -83,12 +77,14 @@ def command(
     from flinders.fleet.drift import drift_of
     from flinders.fleet.drift_table import writing
 
-    _check_outputs(report, out, tables, force=force)
+    refuse_twice(tables)
+    outputs = Outputs.of(("the table", out), ("the report", report, "--report"), force=force)
+    outputs.check(tables)
     with working() as watch, writing(out, force=force) as each:
         if watch is not None:
             watch("holding calibrations against each other")
         drift = drift_of(
-            tables, target_deg=target_deg, dip_deg=dip_deg, against=against, batch=batch, most=most, each=each
+            tables, target_deg=target_deg, dip_deg=dip_deg, against=against, batch=batch, most=limit, each=each
         )
     if report is not None:
         _write_report(drift, tables, report, batch, force=force)
@@ -97,34 +93,13 @@ def command(
     else:
         from flinders.report.drift_page import of_drift
 
-        click.echo(drawn(of_drift(drift), sys.stdout))
-    for path in (out, report):
-        if path is not None:
-            say(f"written to {path}")
+        show(of_drift(drift))
+    outputs.say_written()
     return LIMITED if drift.states["recalibrate"] else GOOD
 
 
-def _check_outputs(report: str | None, out: str | None, tables: Sequence[str], *, force: bool) -> None:
-    """Find what could not be written before anything is read.
-
-    Raises
-    ------
-    UsageError
-        Where a file is named for two of them, or is read.
-    OutputError
-    """
-    from flinders.core.files import refuse_existing
-
-    if report is not None and out is not None and os.path.realpath(report) == os.path.realpath(out):
-        raise UsageError(f"the table and the report are both to be {out}: name two files")
-    _options.refuse_twice(tables)
-    for path in (report, out):
-        if path is not None:
-            _options.refuse_to_overwrite(path, tables)
-            refuse_existing(path, force=force)
-
-
 def _write_report(drift: FleetDrift, tables: Sequence[str], report: str, batch: str | None, *, force: bool) -> None:
+    """Write the report of a fleet and how it changed."""
     from flinders.core.files import write_text
     from flinders.fleet.aggregate import overview_of
     from flinders.report.fleet import page

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _drivers, _options
-from flinders.cli._calibration import is_calibration, load
+from flinders.cli import _disturbances, _options
+from flinders.cli._inputs import is_calibration, load
+from flinders.cli._output import print_json, say, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED
-from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import UnreadableInput, UsageError
 
 if TYPE_CHECKING:
@@ -19,8 +18,9 @@ if TYPE_CHECKING:
     from flinders.simulate.truth import Truth
 
 
-@click.command(
+@_options.command(
     "evaluate",
+    common=("target_deg", "dip_deg", "as_json"),
     short_help="Hold a calibration against the truth of a simulation.",
     epilog="""\b
 Example:
@@ -35,14 +35,8 @@ Exit codes:
 )
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("truth", metavar="TRUTH")
-@click.option(
-    "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), metavar="DEG",
-    help="Inclination of the field for headings [default: that of the truth].",
-)  # fmt: skip
-@click.option(
-    "--target", "target_deg", type=_options.within(0, 180, "degrees above 0, up to 180"), default=1.0,
-    show_default=True, metavar="DEG", help="Worst heading error that is good enough.",
-)  # fmt: skip
+@_options.dip("Inclination of the field for headings [default: that of the truth].")
+@_options.target()
 @_options.as_json
 def command(calibration: str, truth: str, dip_deg: float | None, target_deg: float, as_json: bool) -> int:
     """Say how far CALIBRATION is from TRUTH, which `flinders simulate` wrote, and whether it knows.
@@ -54,15 +48,15 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     from flinders.report.comparison_pages import of_evaluation
 
     found, known = _load(calibration, truth)
-    _drivers.say_references(found)
-    told = evaluate(found, known, dip_deg=dip_deg, target_deg=target_deg)
+    _disturbances.say_references(found)
+    evaluation = evaluate(found, known, dip_deg=dip_deg, target_deg=target_deg)
     if found.covariance is None:
         say(f"{calibration} states no uncertainty: there is no claim to hold against the truth")
     if as_json:
-        print_json(told.as_dict())
+        print_json(evaluation.as_dict())
     else:
-        click.echo(drawn(of_evaluation(told), sys.stdout))
-    faults = (not told.is_on_target) + (told.verdict == "worse than claimed")
+        show(of_evaluation(evaluation))
+    faults = (not evaluation.is_on_target) + (evaluation.verdict == "worse than claimed")
     return (GOOD, LIMITED, REFUSED)[faults]
 
 

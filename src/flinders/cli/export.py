@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options, targets
-from flinders.cli._calibration import for_use, known_of, only, refuse_on_top
-from flinders.cli._talk import print_json, say
+from flinders.cli._inputs import for_use, known_of, only, refuse_on_top
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, say
 from flinders.errors import FlindersError, UsageError, figures
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 @click.command(
     "export",
     cls=targets.NamingTargets,
+    common=("target", "output", "compass", "listed", "lossy", "name", "force", "as_json"),
     short_help="Write a calibration for what uses it.",
     epilog="""\b
 Example:
@@ -38,20 +40,18 @@ Exit codes:
 """,
 )
 @click.argument("calibration", required=False, metavar="CALIBRATION")
-@click.option("--to", "target", metavar="TARGET", help="What to write it for, one of those of `flinders targets`.")
-@click.option("--list", "listed", is_flag=True, help="List the targets, as `flinders targets` does.")
-@click.option(
+@option("--to", "target", metavar="TARGET", help="What to write it for, one of those of `flinders targets`.")
+@option("--list", "listed", is_flag=True, help="List the targets, as `flinders targets` does.")
+@option(
     "--compass", type=click.IntRange(0, 3), metavar="N",
     help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
 )  # fmt: skip
-@click.option(
-    "--lossy", is_flag=True, help="Write it also where what the target cannot hold costs more than 1° of heading."
-)
-@click.option(
+@option("--lossy", is_flag=True, help="Write it also where what the target cannot hold costs more than 1° of heading.")
+@option(
     "--name", metavar="NAME",
     help="What names in code begin with, for code of two sensors in one program [default: flinders].",
 )  # fmt: skip
-@click.option("-o", "--output", metavar="FILE", help="Where to write [default: standard output].")
+@option("-o", "--output", metavar="FILE", help="Where to write [default: standard output].")
 @_options.force
 @_options.as_json
 def command(
@@ -80,22 +80,22 @@ def command(
             "flinders targets names them"
         )
     row = _taking(target, compass=compass, name=name)
-    _check_output(output, calibration, force=force, as_json=as_json)
+    path = output or "-"
+    outputs = Outputs.of(("the text", path), force=force, as_json=as_json and path == output)
+    outputs.check([calibration])
     judged = for_use("export --to TARGET", calibration)
-    export, told = rendered(judged, row, compass=compass, lossy=lossy, name=name)
-    path = None if output == "-" else output
-    if path:
+    export, notes = rendered(judged, row, compass=compass, lossy=lossy, name=name)
+    if path != "-":
         save(export, path, force=force)
     if as_json:
         print_json(export.fields)
-    elif not path:
+    elif path == "-":
         show(export)
-    if path or as_json or not export.has_comments:
-        _tell(export, judged)
-    for line in told:
+    if path != "-" or as_json or not export.has_comments:
+        _say_notes(export, judged)
+    for line in notes:
         say(line if compass is None else f"! {line}")
-    if path:
-        say(f"written to {path}")
+    outputs.say_written()
 
 
 def _taking(target: str, *, compass: int | None, name: str | None) -> Target:
@@ -117,25 +117,6 @@ def _taking(target: str, *, compass: int | None, name: str | None) -> Target:
     return row
 
 
-def _check_output(output: str | None, calibration: str, *, force: bool, as_json: bool) -> None:
-    """Find what could not be written before anything is read.
-
-    Raises
-    ------
-    UsageError
-        Where two results would go to standard output, or one over the calibration.
-    OutputError
-        Where a file is in the way, or could not be written.
-    """
-    from flinders.core.files import refuse_existing
-
-    if output == "-" and as_json:
-        raise UsageError("--json and the text would both go to standard output: name a file with -o")
-    _options.refuse_to_overwrite(output, [calibration])
-    if output and output != "-":
-        refuse_existing(output, force=force)
-
-
 def rendered(
     judged: Judged, row: Target, *, compass: int | None = None, lossy: bool = False, name: str | None = None
 ) -> tuple[Export, list[str]]:
@@ -155,7 +136,7 @@ def rendered(
     return row.render(judged.calibration, about=[*about(judged), *told], asked=asked), told
 
 
-def _tell(export: Export, judged: Judged) -> None:
+def _say_notes(export: Export, judged: Judged) -> None:
     """Say what is known of it; what stands in the file already is left out."""
     say(export.checked)
     for note in () if export.has_comments else export.fields["notes"]:
@@ -207,18 +188,7 @@ def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
     return tuple((row.name, path or f"{row.name}{row.suffix}") for row, path in rows)
 
 
-def refuse_with(values: Sequence[str], option: str) -> None:
-    """Refuse ``calibrate --export`` beside an option that it does not go with.
-
-    Raises
-    ------
-    UsageError
-    """
-    if values:
-        raise UsageError(f"--export does not go with {option}: write the calibration with -o, then use flinders export")
-
-
-def beside(
+def export_fit(
     fit: Fit, exports: Sequence[tuple[str, str]], *, files: Sequence[SourceFile], force: bool, calibration: str | None
 ) -> None:
     """Write a fit for targets, after its `calibration` file; `files` are what it was made from.
@@ -235,7 +205,7 @@ def beside(
     failed: list[FlindersError] = []
     for target, path in exports:
         try:
-            _beside(judged, target, path, force=force)
+            _export_to(judged, target, path, force=force)
         except FlindersError as error:
             say(f"! nothing was written for {target}; {_kept(calibration)}")
             failed.append(error)
@@ -247,16 +217,16 @@ def beside(
         raise gravest
 
 
-def _beside(judged: Judged, target: str, path: str, *, force: bool) -> None:
-    """Write it for one target, and say what that costs; raises as `beside`."""
+def _export_to(judged: Judged, target: str, path: str, *, force: bool) -> None:
+    """Write it for one target, and say what that costs; raises as `export_fit`."""
     from flinders.targets import find
 
-    export, told = rendered(judged, find(target))
+    export, notes = rendered(judged, find(target))
     if path == "-":
         show(export)
     else:
         save(export, path, force=force)
-    for line in (*told, export.checked):
+    for line in (*notes, export.checked):
         say(f"{target}: {line}")
     for warning in export.warnings:
         say(f"! {warning}")

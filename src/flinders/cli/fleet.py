@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from flinders.cli import _options
+from flinders.cli._options import option
+from flinders.cli._output import print_json, say, show
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from flinders.fleet.progress import ProgressCallback
 
 
-@click.command(
+@_options.command(
     "fleet",
+    common=("out", "report", "unit_column", "columns", "unit", "resume"),
     short_help="Calibrate many units at once: one table out.",
     epilog="""\b
 Example:
@@ -37,24 +39,45 @@ Exit codes:
 """,
 )
 @click.argument("source", metavar="INPUT")
-@click.option(
-    "-o", "--out", required=True, metavar="FILE.parquet", help="The table to write, also to s3://, gs:// or az://."
+@option("-o", "--out", required=True, metavar="FILE.parquet", help="The table to write, also to s3://, gs:// or az://.")
+@option("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
+@option(
+    "--workers",
+    heading=_options.METHOD,
+    type=click.IntRange(0, 4096),
+    metavar="N",
+    help="Processes [default: one for each core].",
 )
-@click.option("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
-@click.option("--workers", type=click.IntRange(0, 4096), metavar="N", help="Processes [default: one for each core].")
-@click.option("--scheduler", metavar="tcp://…", help="Work on this Dask cluster instead.")
-@click.option("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
-@click.option("--moments-only", is_flag=True, help="Use sums alone: faster, and blind to what only readings show.")
-@click.option("--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is.")
-@click.option("--recording-column", metavar="NAME", help="Of tables: which column says of which recording it is.")
-@click.option("--batch-column", metavar="NAME", help="Of tables: which column says of which batch of hardware it is.")
-@click.option("--sensor", metavar="N|NAME", help="Which of several magnetometers [default: the first].")
-@click.option("--as-logged", is_flag=True, help="Leave on what the vehicle had corrected.")
-@click.option("--log", "log_file", metavar="FILE", help="Add a line of JSON for each thing that happens to this file.")
-@click.option("--axes", default="x,y,z", show_default=True, metavar="AXES", help="Where each axis used comes from.")
-@click.option("--scale", type=_options.positive, metavar="UT", help="Microtesla in one count.")
-@click.option("--unit", metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts.")
-@_options.columns
+@option("--scheduler", heading=_options.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead.")
+@option("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
+@option(
+    "--moments-only",
+    heading=_options.METHOD,
+    is_flag=True,
+    help="Use sums alone: faster, and blind to what only readings show.",
+)
+@option("--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is.")
+@option(
+    "--recording-column",
+    heading=_options.RECORDING,
+    metavar="NAME",
+    help="Of tables: which column says of which recording it is.",
+)
+@option(
+    "--batch-column",
+    heading=_options.RECORDING,
+    metavar="NAME",
+    help="Of tables: which column says of which batch of hardware it is.",
+)
+@option(
+    "--log",
+    "log_file",
+    heading=_options.OUTPUT,
+    metavar="FILE",
+    help="Add a line of JSON for each thing that happens to this file.",
+)
+@_options.some(_options.Reading, "columns", "unit", "scale", "axes", "as_logged")
+@_options.sensor
 @_options.judgement
 @_options.force
 @_options.as_json
@@ -101,7 +124,7 @@ def command(
     else:
         from flinders.fleet.summary import page
 
-        click.echo(drawn(page(summary), sys.stdout))
+        show(page(summary))
     if report is not None:
         _write_report(out, report, force=force)
     say(f"written to {out} in {summary.seconds:.1f} s" if sys.stderr.isatty() else f"written to {out}")

@@ -2,32 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import sys
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _compass, _drivers, _filters, _options
-from flinders.cli._calibration import choice, load, say_sensor, sensor_option
-from flinders.cli._site import clock_start
-from flinders.cli._sources import read_and_left_out
-from flinders.cli._talk import drawn, print_json, progress, say
-from flinders.errors import UsageError
+from flinders.cli import _compass, _disturbances, _options
+from flinders.cli._inputs import choice, clock_start, load, read_and_left_out, say_sensor
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, drawn, print_json, progress, say, written
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
+    from flinders.cli._options import PartOfColumns
     from flinders.core.samples import Samples
     from flinders.heading.compass import Voyage
     from flinders.heading.smoothing import Filter
 
 
-@click.command(
+@_options.command(
     "heading",
+    common=("output", "place", "date", "is_level", "as_json"),
     short_help="Turn a recording into magnetic and true headings.",
     epilog="""\b
 Example:
@@ -38,25 +36,21 @@ Example:
 )
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("log", metavar="LOG")
-@click.option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
-@_compass.place
-@click.option(
-    "--declination", "declination_deg", type=_options.within(-180, 180, "degrees from -180 to 180"), metavar="DEG",
+@option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
+@_options.groups(reading=_options.PartOfColumns, place=_options.Place, accelerometer=_options.Accelerometer)
+@_options.sensor_of_calibration
+@option(
+    "--declination", "declination_deg", heading=_options.SITE,
+    type=_options.within(-180, 180, "degrees from -180 to 180"), metavar="DEG",
     help="Declination, east positive, where it is known otherwise.",
 )  # fmt: skip
-@click.option(
-    "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), metavar="DEG",
-    help="Inclination of the field [default: that of --at, else as it is seen, else 60].",
+@_options.dip("Inclination of the field [default: that of --at, else as it is seen, else 60].")
+@_options.fixed
+@option(
+    "--formula", heading=_options.METHOD, type=click.Choice(["exact", "an4248", "an3192"]), default="exact",
+    show_default=True, help="How tilt is taken off; all but exact are for comparison.",
 )  # fmt: skip
-@click.option(
-    "--formula", type=click.Choice(["exact", "an4248", "an3192"]), default="exact", show_default=True,
-    help="How tilt is taken off; all but exact are for comparison.",
-)  # fmt: skip
-@_compass.sensors
-@_drivers.hold
-@sensor_option
-@_options.log
-@_filters.option
+@_options.smoothing
 @_options.force
 @_options.as_json
 def command(
@@ -68,6 +62,7 @@ def command(
     force: bool,
     as_json: bool,
     sensor: str | None,
+    reading: PartOfColumns,
     **options: Any,
 ) -> None:
     """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
@@ -76,24 +71,24 @@ def command(
     accelerometer in LOG at any attitude. With --at it is also counted from true north. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """
-    from flinders.core.files import refuse_existing
-
-    if output == "-" and as_json:
-        raise UsageError("--json and headings would both go to standard output: name a file with -o")
-    _options.refuse_to_overwrite(output, [calibration, log])
-    if output != "-":
-        refuse_existing(output, force=force)
+    outputs = Outputs.of(("headings", output), force=force, as_json=as_json)
+    outputs.check([calibration, log])
     with progress("heading") as bar:
         known = load("heading", calibration, [log]).calibration
         wanted = choice(known, sensor)
-        opened = _compass.open_log("heading", calibration, log, sensor=wanted, progress=bar, **options)
+        opened = _compass.open_log(
+            "heading", calibration, log, sensor=wanted, progress=bar, **options, **reading.as_dict()
+        )
         say(str(opened))
         say_sensor(calibration, known, opened.recording, sensor)
-        opened.smoother = None if by is None else _filters.Smoother(by)
+        if by is not None:
+            from flinders.cli._filters import Smoother
+
+            opened.smoother = Smoother(by)
         watched = _compass.Watch(opened, dip_deg)
         lines = _lines(watched)
         first = next(lines, "")  # what is wrong is found before the output is opened
-        with _output(output, force=force, live=not Path(log).is_file()) as file:
+        with written(output, force=force, live=not Path(log).is_file()) as file:
             file.write(first)
             for block in lines:
                 file.write(block)
@@ -101,17 +96,16 @@ def command(
     say(f"{opened.recording.source}: {read_and_left_out(rows, left_out)}")
     if opened.smoother is not None:
         say(str(opened.smoother))
-    extrapolated = _drivers.say_beyond(opened.settler)
-    told = claims(opened, watched.voyage, dip_deg=dip_deg)
-    _tell(opened, watched.voyage, told, plausible=watched.corrector.is_plausible)
+    extrapolated = _disturbances.say_beyond(opened.settler)
+    claimed = claims(opened, watched.voyage, dip_deg=dip_deg)
+    _tell(opened, watched.voyage, claimed, plausible=watched.corrector.is_plausible)
     if opened.judged.record is not None and opened.judged.record.tilt_words:
         say(f"! {opened.judged.record.tilt_words}")
-    if output != "-":
-        say(f"written to {output}")
+    outputs.say_written()
     if as_json:
         skipped = [str(entry) for entry in left_out]
         filtered = {} if opened.smoother is None else {"filter": opened.smoother.as_dict()}
-        seen = summary(opened, watched.voyage, told, watched.corrector.strength.as_dict(), skipped)
+        seen = summary(opened, watched.voyage, claimed, watched.corrector.strength.as_dict(), skipped)
         print_json({**seen, **filtered, **extrapolated})
 
 
@@ -119,12 +113,12 @@ def _lines(watch: _compass.Watch) -> Iterator[str]:
     """Yield a header with the lines of the first block, then the lines of each block."""
     header = ""
     for numbers, samples, headings in watch.headings():
-        columns = {**_beside(watch.log, numbers, samples), **headings.columns()}
-        yield ("" if header else ",".join(columns) + "\n") + _written(columns)
+        columns = {**_numbered(watch.log, numbers, samples), **headings.columns()}
+        yield ("" if header else ",".join(columns) + "\n") + _rows(columns)
         header = "written"
 
 
-def _beside(log: _compass.Log, numbers: Floats, samples: Samples) -> dict[str, Floats]:
+def _numbered(log: _compass.Log, numbers: Floats, samples: Samples) -> dict[str, Floats]:
     """The columns that say which reading it is."""
     named = {"line" if hasattr(log.recording, "numbered_blocks") else "reading": numbers}
     if samples.time is not None:
@@ -139,7 +133,7 @@ FORMATS: Final = {
 """How each column is written."""
 
 
-def _written(columns: dict[str, Floats]) -> str:
+def _rows(columns: dict[str, Floats]) -> str:
     """Lines of a block; a heading is rounded before it goes round, so that 360.000 is never written."""
     import numpy as np
 
@@ -207,18 +201,3 @@ def _tell(log: _compass.Log, voyage: Voyage, told: dict[str, Any], *, plausible:
             sys.stderr,
         )
     )
-
-
-@contextlib.contextmanager
-def _output(path: str, *, force: bool, live: bool) -> Iterator[IO[str]]:
-    """Open the output: a file that appears when it is complete, or standard output; if live, line by line."""
-    from flinders.core.files import replacing
-
-    if path != "-":
-        with replacing(path, force=force) as file:
-            yield file
-        return
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(line_buffering=live)
-    yield sys.stdout
-    sys.stdout.flush()

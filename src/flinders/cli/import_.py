@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._talk import print_json, say
+from flinders.cli._inputs import provenance
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, say
 from flinders.cli.targets import NamingTargets
 from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, UsageError, figures
@@ -24,6 +26,7 @@ LARGEST: Final = 4 * 2**20
 @click.command(
     "import",
     cls=NamingTargets,
+    common=("output", "target", "compass", "force", "as_json"),
     short_help="Read a calibration out of another tool's file.",
     epilog="""\b
 Example:
@@ -32,20 +35,20 @@ Example:
 """,
 )
 @click.argument("file", metavar="FILE")
-@click.option("--from", "target", metavar="TARGET", help="Whose file it is [default: by its content].")
-@click.option("--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts.")
-@click.option(
-    "--field-strength", "strength", type=_options.positive, metavar="F",
-    help="Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
-)  # fmt: skip
-@click.option("-o", "--output", metavar="FILE", help="Calibration file to write [default: standard output].")
+@option("--from", "target", metavar="TARGET", help="Whose file it is [default: by its content].")
+@option("--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts.")
+@_options.field_strength(
+    "Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
+    heading="",
+)
+@option("-o", "--output", metavar="FILE", help="Calibration file to write [default: standard output].")
 @_options.force
 @_options.as_json
 def command(
     file: str,
     target: str | None,
     compass: int | None,
-    strength: float | None,
+    field_strength: float | None,
     output: str | None,
     force: bool,
     as_json: bool,
@@ -55,43 +58,35 @@ def command(
     FILE is what `flinders export` writes for the targets that `flinders targets` marks, or what the tool itself
     saved: {saved}. It knows no uncertainty, and nothing of the recording.
     """
-    from flinders.core.calibration_file import dumps, write
-    from flinders.core.files import read_bytes, refuse_existing
+    from flinders.core.calibration_file import dumps
+    from flinders.core.files import read_bytes
     from flinders.targets import read_back
 
-    if as_json and output in {None, "-"}:
-        raise UsageError("--json and the calibration would both go to standard output: name a file with -o")
+    path = output or "-"
+    outputs = Outputs.of(("the calibration", path), force=force, as_json=as_json)
     if file == "-":
         raise UsageError("the file to import must have a name: flinders import compass.param -o calibration.json")
-    _options.refuse_to_overwrite(output, [file])
-    if output not in {None, "-"}:
-        refuse_existing(str(output), force=force)
+    outputs.check([file])
     content = read_bytes(file, largest=LARGEST, what="file of parameters", refused=DocumentError)
     _refuse_own(content, file)
     try:
-        name, calibration = read_back(content, file, target=target, strength=strength, compass=compass)
+        name, calibration = read_back(content, file, target=target, strength=field_strength, compass=compass)
     except ArrayError as error:
         raise DocumentError(f"{file}: {error}") from None
     document = calibration.to_document(provenance=_provenance(content, file, name, compass))
-    if output in {None, "-"}:
-        click.echo(dumps(document), nl=False)
-    else:
-        write(document, str(output), force=force)
+    outputs.write(dumps(document), path)
     if as_json:
         print_json({"target": name, "calibration": calibration.as_dict()})
-    for line in _told(file, name, calibration):
+    for line in _words(file, name, calibration):
         say(line)
-    if output not in {None, "-"}:
-        say(f"written to {output}")
+    outputs.say_written()
 
 
 def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Provenance | None:
     """Of which compass of the vehicle it is, where there are several: it goes back to that one."""
     import hashlib
-    from datetime import UTC, datetime
-    from importlib.metadata import version
 
-    from flinders.core.calibration_file import Provenance, SourceFile
+    from flinders.core.calibration_file import SourceFile
     from flinders.targets import find
 
     target = find(name)
@@ -107,7 +102,7 @@ def _provenance(content: bytes, file: str, name: str, compass: int | None) -> Pr
         compass=number,
         device_id=device,
     )
-    return Provenance(flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=(source,))
+    return provenance(files=[source])
 
 
 def _refuse_own(content: bytes, file: str) -> None:
@@ -116,24 +111,24 @@ def _refuse_own(content: bytes, file: str) -> None:
         raise UsageError(f"{file} is a calibration file already: give it to the command that needs it")
 
 
-def _told(file: str, name: str, calibration: Calibration) -> list[str]:
+def _words(file: str, name: str, calibration: Calibration) -> list[str]:
     """What was found, and what the file does not hold."""
     from flinders.targets import find
 
     unit = label(calibration.unit)
     offset = ", ".join(figures(value, 4) for value in calibration.offset)
-    told = [f"{file}: {name}, for readings in {calibration.raw.name}; offset {offset} {unit}"]
+    words = [f"{file}: {name}, for readings in {calibration.raw.name}; offset {offset} {unit}"]
     if not calibration.field_strength_known:
-        told.append(
+        words.append(
             f"! field strength {figures(calibration.field_strength, 4)} {unit} is a convention: give --field-strength "
             "where lengths matter"
         )
     for disturbance in calibration.disturbances:
         cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
-        told.append(
+        words.append(
             f"it follows {disturbance} ({unit}): up to {cost}° of heading at "
             f"{disturbance.amount(disturbance.farthest)} (dip 60°)"
         )
     if find(name).acts == "mapped":
-        told.append("! for readings in the axes of the vehicle or board, after the mounting")
-    return told
+        words.append("! for readings in the axes of the vehicle or board, after the mounting")
+    return words

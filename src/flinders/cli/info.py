@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import sys
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _compass, _options
-from flinders.cli._calibration import is_calibration
-from flinders.cli._site import site_of
-from flinders.cli._talk import drawn, print_json, progress
+from flinders.cli import _options
+from flinders.cli._inputs import is_calibration, site_of
+from flinders.cli._output import print_json, progress, show
 from flinders.errors import FitError, InputError, Unmoved, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flinders.cli._options import Place, Reading
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
@@ -26,15 +25,11 @@ if TYPE_CHECKING:
 
 BESIDE = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
 """What may stand beside a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
-READ_BY: Final = {
-    "columns": None, "pattern": None, "unit": None, "scale": None, "axes": "x,y,z", "topic": None, "start": None,
-    "end": None, "as_logged": False,
-}  # fmt: skip
-"""How a recording is read, and the defaults: what else was given belongs into the command to type next."""
 
 
-@click.command(
+@_options.command(
     "info",
+    common=("columns", "unit", "place", "date", "as_json"),
     short_help="Say what a recording or a log holds, and what to type next.",
     epilog="""\b
 Example:
@@ -44,10 +39,9 @@ Example:
 """,
 )
 @click.argument("log", metavar="LOG")
-@_compass.place
-@_options.recording
+@_options.groups(reading=_options.Reading, place=_options.Place)
 @_options.as_json
-def command(log: str, place: str | None, date: str | None, as_json: bool, **reading: Any) -> None:
+def command(log: str, as_json: bool, reading: Reading, place: Place) -> None:
     """Say what LOG holds: its magnetometers, their rate, range and gaps, and what stands beside them.
 
     Also the calibration that was in force on board, place and time, and the field that is expected there; how many
@@ -58,18 +52,17 @@ def command(log: str, place: str | None, date: str | None, as_json: bool, **read
 
     if is_calibration(log):
         raise UsageError(f"{log} is a calibration: give a recording; flinders compare shows what a calibration says")
-    if date is not None and place is None:
+    if place.date is not None and place.place is None:
         raise UsageError("--date is for the field at a place: give --at LAT,LON too")
     with progress("reading") as watch:
-        held = open_log(log, progress=watch, **reading)
-        contents = _contents(held, log, place, date, reading)
+        contents = _contents(open_log(log, progress=watch, **reading.as_dict()), log, place, reading)
     if as_json:
         print_json(contents.as_dict())
     else:
-        click.echo(drawn(of_contents(contents), sys.stdout))
+        show(of_contents(contents))
 
 
-def _contents(held: Log, path: str, place: str | None, date: str | None, reading: dict[str, Any]) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
+def _contents(log: Log, path: str, place: Place, reading: Reading) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
     """Go through each magnetometer once, and put together what was found.
 
     Raises
@@ -81,47 +74,47 @@ def _contents(held: Log, path: str, place: str | None, date: str | None, reading
     """
     from flinders.report.recording_page import Contents, commands_for
 
-    site = _site(held, place, date)
-    wanted = _wanted(held, reading["topic"])
+    site = _site(log, place)
+    wanted = _wanted(log, reading.topic)
     sensors, refusals = [], []
-    for number, instrument in enumerate(held.instruments, 1):
+    for number, instrument in enumerate(log.instruments, 1):
         if instrument not in wanted:
             continue
         try:
-            sensors.append(_seen(number, instrument, is_unit_open=reading["unit"] is None, columns=reading["columns"]))
+            sensors.append(_seen(number, instrument, is_unit_open=reading.unit is None, columns=reading.columns))
         except InputError as error:
             refusals.append(error)
             sensors.append(_silent(number, instrument, error))
     if len(refusals) == len(sensors):
         raise refusals[0]
-    options = [word for name, default in READ_BY.items() for word in _given(name, reading[name], default)]
-    file = held.instruments[0].file
-    where = held.position
+    options = [word for name, value in reading.as_dict().items() for word in _given(name, value)]
+    file = log.instruments[0].file
+    where = log.position
     return Contents(
-        source=held.source,
-        format=held.format,
+        source=log.source,
+        format=log.format,
         bytes=None if file is None else file.size,
-        begun=None if held.begun is None else held.begun.strftime("%Y-%m-%d %H:%M:%S"),
+        begun=None if log.begun is None else log.begun.strftime("%Y-%m-%d %H:%M:%S"),
         position=None if where is None else (where.latitude_deg, where.longitude_deg, where.altitude_m),
         site=site,
         sensors=tuple(sensors),
         commands=commands_for(path, sensors, options),
-        notes=held.notes,
+        notes=log.notes,
     )
 
 
-def _wanted(held: Log, topic: str | None) -> Sequence[Instrument]:
+def _wanted(log: Log, topic: str | None) -> Sequence[Instrument]:
     """The magnetometers of a log, or the one that a topic names; of an archive it has named the member already."""
-    return held.instruments if topic is None or held.is_table else (held.sensor(topic),)
+    return log.instruments if topic is None or log.is_table else (log.sensor(topic),)
 
 
-def _given(name: str, value: object, default: object) -> list[str]:
+def _given(name: str, value: object) -> list[str]:
     """An option as it is typed; nothing where it is left at its default.
 
-    >>> _given("start", 5.0, None), _given("as_logged", True, False), _given("axes", "x,y,z", "x,y,z")
+    >>> _given("start", 5.0), _given("as_logged", True), _given("axes", "x,y,z")
     (['--from', '5'], ['--as-logged'], [])
     """
-    if value == default:
+    if value in (None, False, "x,y,z"):
         return []
     option = {"start": "--from", "end": "--to"}.get(name, f"--{name.replace('_', '-')}")
     if value is True:
@@ -129,7 +122,7 @@ def _given(name: str, value: object, default: object) -> list[str]:
     return [option, f"{value:.12g}" if isinstance(value, float) else str(value)]
 
 
-def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
+def _site(log: Log, place: Place) -> SiteField | None:
     """The field at the place that is given, or that the log knows, on its day.
 
     Raises
@@ -139,13 +132,13 @@ def _site(held: Log, place: str | None, date: str | None) -> SiteField | None:
     """
     from flinders.core.geomag import FIRST_YEAR, LAST_YEAR, site_field, year_of
 
-    if place is not None:
-        day = date or (held.begun.date().isoformat() if held.begun else None)
-        return site_of(place, day)
-    if held.position is None or held.begun is None or not FIRST_YEAR <= held.begun.year < LAST_YEAR:
+    if place.place is not None:
+        day = place.date or (log.begun.date().isoformat() if log.begun else None)
+        return site_of(place.place, day)
+    if log.position is None or log.begun is None or not FIRST_YEAR <= log.begun.year < LAST_YEAR:
         return None
-    where = held.position
-    return site_field(where.latitude_deg, where.longitude_deg, where.altitude_m, year=year_of(held.begun))
+    where = log.position
+    return site_field(where.latitude_deg, where.longitude_deg, where.altitude_m, year=year_of(log.begun))
 
 
 def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: str | None) -> RecordedSensor:

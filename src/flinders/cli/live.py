@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli import _options, _wires
-from flinders.cli._talk import print_json, say
+from flinders.cli import _options
+from flinders.cli._options import option
+from flinders.cli._output import print_json, say
 from flinders.errors import MissingExtra, OutputError, UsageError, counted
 
 if TYPE_CHECKING:
@@ -44,8 +45,14 @@ SEED: Final = 1
 """Of the simulation, always the same sensor: a session of it can be resumed."""
 
 
-@click.command(
+@_options.command(
     "live",
+    common=("port", "udp", "tcp", "mavlink", "replay", "simulate", "unit", "output"),
+    headings={
+        "Source": ("baud", "compass", "speed"),
+        "Session": ("previous", "resume"),
+        "Page": ("host", "web_port", "opens"),
+    },
     short_help="Calibrate on a page, while the sensor is turned.",
     epilog="""\b
 Example:
@@ -56,47 +63,33 @@ Example:
   flinders live --simulate
 """,
 )
-@click.option(
+@option(
     "--serial", "port", is_flag=False, flag_value=ANY_PORT, metavar="[PORT]",
     help="A serial port: /dev/ttyACM0, COM3; without a name the one that is plugged in.",
 )  # fmt: skip
-@_wires.baud
-@click.option("--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port.")
-@click.option("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
-@click.option("--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port.")
-@click.option("--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's.")
-@click.option("--replay", metavar="LOG", help="Play a recording back, any that flinders reads.")
-@click.option("--speed", type=_options.positive, metavar="X", help="So many times as fast [default: 1].")
-@click.option("--simulate", is_flag=True, help="A simulated sensor; also where nothing is plugged in.")
-@_options.numbers
-@click.option("--unit", metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts.")
-@click.option("--scale", type=_options.positive, metavar="UT", help="Microtesla in one count.")
-@click.option(
-    "--axes", default="x,y,z", show_default=True, metavar="AXES",
-    help="Where each axis used comes from: x,-y,-z turns the sensor over.",
-)  # fmt: skip
-@click.option(
-    "--target", "target_deg", type=_options.within(0, 180, "degrees above 0, up to 180"), metavar="DEG",
-    help="Worst heading error that is good enough [default: 1].",
-)  # fmt: skip
-@click.option(
-    "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), metavar="DEG",
-    help="Inclination of the field at the site [default: 60].",
-)  # fmt: skip
-@click.option("--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with.")
-@click.option(
-    "-o", "--output", metavar="FILE", help="Where to record [default: a new file in the folder flinders-sessions]."
-)
-@click.option("--resume", metavar="SESSION", help="Go on with a recording of this command, however it was ended.")
-@click.option(
+@option("--baud", **_options.BAUD)
+@option("--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port.")
+@option("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+@option("--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port.")
+@option("--compass", type=click.IntRange(1, 3), default=1, show_default=True, help="Which of the vehicle's.")
+@option("--replay", metavar="LOG", help="Play a recording back, any that flinders reads.")
+@option("--speed", type=_options.positive, metavar="X", help="So many times as fast [default: 1].")
+@option("--simulate", is_flag=True, help="A simulated sensor; also where nothing is plugged in.")
+@_options.some(_options.Reading, "columns", "pattern", "unit", "scale", "axes")
+@_options.target("Worst heading error that is good enough [default: 1].", None)
+@_options.dip("Inclination of the field at the site [default: 60].")
+@option("--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with.")
+@option("-o", "--output", metavar="FILE", help="Where to record [default: a new file in the folder flinders-sessions].")
+@option("--resume", metavar="SESSION", help="Go on with a recording of this command, however it was ended.")
+@option(
     "--host", default="127.0.0.1", show_default=True, metavar="ADDRESS",
     help="Where to listen; other machines reach 0.0.0.0, with a token.",
 )  # fmt: skip
-@click.option(
+@option(
     "--port", "web_port", type=click.IntRange(0, 65535), default=PORT, show_default=True, metavar="N",
     help="Port of the page; 0 for any that is free.",
 )  # fmt: skip
-@click.option("--open/--no-open", "opens", default=None, help="Open a browser [default: where there is a screen].")
+@option("--open/--no-open", "opens", default=None, help="Open a browser [default: where there is a screen].")
 @_options.as_json
 def command(
     target_deg: float | None,

@@ -1,23 +1,32 @@
-"""``flinders methods``: what there is, and when to use it."""
+"""``flinders methods``: what there is, and when to use it; and their options, ``--option NAME=VALUE``.
+
+>>> from flinders.estimators import METHODS
+>>> listed(METHODS["minmax"])
+{'variant': ('mean', 'largest', 'full-range'), 'trim': ('no', 'yes')}
+>>> parsed(["variant=largest", "trim=yes"], METHODS["minmax"])
+{'variant': 'largest', 'trim': True}
+"""
 
 from __future__ import annotations
 
-import sys
-from typing import TYPE_CHECKING, Final
-
-import click
+import dataclasses
+import math
+from typing import TYPE_CHECKING, Any, Final, cast, get_args, get_type_hints
 
 from flinders.cli import _options
-from flinders.cli._talk import drawn, print_json
+from flinders.cli._output import print_json, show
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from flinders.estimators import Method
+    from collections.abc import Iterable
+
+    from flinders.estimators import Estimator, Method
 
 ELLIPSOID: Final = 9
 """Parameters of an ellipsoid: three of the offset, six of the shape."""
 
 
-@click.command(
+@_options.command(
     "methods",
     short_help="List the methods and when to use each.",
     epilog="""\b
@@ -30,7 +39,6 @@ Example:
 @_options.as_json
 def command(as_json: bool) -> None:
     """List the methods of estimation and when to use each."""
-    from flinders.cli._method_options import listed
     from flinders.estimators import ROWS
 
     if as_json:
@@ -48,10 +56,82 @@ def command(as_json: bool) -> None:
         parameters, least, use = _as_dict(row).values()
         options = [f"option {option}: {', '.join(values)}" for option, values in listed(row.kind).items()]
         table.add_row(name, str(parameters), str(least), "\n".join([str(use), *options]))
-    click.echo(drawn(table, sys.stdout))
+    show(table)
 
 
 def _as_dict(row: Method) -> dict[str, int | str]:
     """JSON-ready: the parameters of its ellipsoid, which has no more than nine, without the noise."""
     parameters = min(row.kind.unknowns - 1, ELLIPSOID)
     return {"parameters": parameters, "least_readings": row.kind.unknowns, "use": row.use}
+
+
+SITE: Final = ("dip_deg", "field_strength")
+"""What the site says, by ``--dip`` and ``--field-strength``, is no option of a method here."""
+
+TRUTH: Final = {"no": False, "yes": True, "false": False, "true": True}
+
+
+def listed(method: type[Estimator]) -> dict[str, tuple[str, ...]]:
+    """Each option of a method with its values, the default first; numbers by their default alone."""
+    hints = get_type_hints(method)
+    return {field.name: _values(field.default, get_args(hints[field.name])) for field in _fields(method)}
+
+
+def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
+    """Read ``NAME=VALUE`` as options of a method.
+
+    Raises
+    ------
+    UsageError
+        For an option that the method has not, one given twice, or a value of another kind.
+    """
+    defaults = {field.name: field.default for field in _fields(method)}
+    found: dict[str, Any] = {}
+    for word in words:
+        name, equals, value = word.partition("=")
+        name = name.strip().replace("-", "_")
+        if not equals or name not in defaults:
+            takes = ", ".join(f"{option}={'|'.join(values)}" for option, values in listed(method).items()) or "none"
+            raise UsageError(f"--option {word}: {method.name} takes {takes}")
+        if name in found:
+            raise UsageError(f"--option {name} is given twice: give it once")
+        found[name] = _value(word, value.strip(), defaults[name])
+    return found
+
+
+def _fields(method: type[Estimator]) -> list[dataclasses.Field[Any]]:
+    return [field for field in dataclasses.fields(cast("Any", method)) if field.name not in SITE]
+
+
+def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
+    """Write the values that an option takes, the default first; of numbers it alone."""
+    if isinstance(default, bool):
+        return ("yes", "no") if default else ("no", "yes")
+    if isinstance(default, str):
+        return (default, *(str(choice) for choice in choices if choice != default))
+    return ("none",) if default is None else (f"{default:g}",)
+
+
+def _value(word: str, text: str, default: object) -> object:
+    """Read a value of the kind that the default is of.
+
+    Raises
+    ------
+    UsageError
+        For one of another kind.
+    """
+    if isinstance(default, str):
+        return text
+    if isinstance(default, bool):
+        if text.casefold() not in TRUTH:
+            raise UsageError(f"--option {word}: need yes or no")
+        return TRUTH[text.casefold()]
+    if text.casefold() == "none":
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise UsageError(f"--option {word}: need a number, or none")
+    return number

@@ -8,7 +8,8 @@ from typing import Any, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._talk import print_json, say
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, say
 from flinders.cli.report import of_a_pair, pictured
 from flinders.errors import NotExportable, UsageError
 
@@ -16,8 +17,9 @@ WHAT: Final = ("all", "projections", "deviation", "residuals", "coverage")
 KINDS: Final = (".svg", ".png", ".pdf")
 
 
-@click.command(
+@_options.command(
     "plot",
+    common=("output", "what", "columns", "sensor"),
     short_help="Draw a calibration and a recording.",
     epilog="""\b
 Example:
@@ -27,8 +29,8 @@ Example:
 )
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@click.option("-o", "--output", required=True, metavar="FILE", help="Figure to write: .svg, .png or .pdf.")
-@click.option("--what", type=click.Choice(WHAT), default="all", show_default=True, help="What is drawn.")
+@option("-o", "--output", required=True, metavar="FILE", help="Figure to write: .svg, .png or .pdf.")
+@option("--what", type=click.Choice(WHAT), default="all", show_default=True, help="What is drawn.")
 @of_a_pair
 def command(
     calibration: str,
@@ -45,7 +47,7 @@ def command(
 
     Needs matplotlib: pip install 'flinders[plot]'. RECORDING is a file, or - for standard input.
     """
-    from flinders.core.files import refuse_existing, write_bytes
+    from flinders.core.files import write_bytes
     from flinders.report.figure_data import FigureData
     from flinders.report.html import claims_nothing
     from flinders.report.matplotlib import figure_bytes, figure_of, matplotlib_of
@@ -53,8 +55,7 @@ def command(
     kind = Path(output).suffix.lower()
     if kind not in KINDS:
         raise UsageError(f"-o {output}: need a name that ends in {', '.join(KINDS)}")
-    _options.refuse_to_overwrite(output, (calibration, *recordings))
-    refuse_existing(output, force=force)
+    Outputs.of(("the figure", output), force=force).check((calibration, *recordings))
     matplotlib_of()
     _, recording, fit, notes = pictured("plot", calibration, recordings, target_deg, dip_deg, reading)
     if fit.verdict == "refused":

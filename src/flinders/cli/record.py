@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options, _wires
-from flinders.cli._talk import print_json, say
+from flinders.cli import _options
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, say
+from flinders.cli._program import stopping
 from flinders.errors import UsageError, counted, figures
 
 if TYPE_CHECKING:
@@ -19,8 +22,48 @@ if TYPE_CHECKING:
     from flinders.live.transports import ByteSource
 
 
-@click.command(
+@dataclass(frozen=True)
+class Wire(_options.Group):
+    """What sends lines: one of a serial port, datagrams and a program."""
+
+    port: str | None = _options.member("--serial", "port", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
+    baud: int = _options.member("--baud", **_options.BAUD)
+    udp: int | None = _options.member(
+        "--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port."
+    )
+    tcp: str | None = _options.member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+
+    def check(self) -> None:
+        """See that one is named.
+
+        Raises
+        ------
+        UsageError
+        """
+        given = sum(one is not None for one in (self.port, self.udp, self.tcp))
+        if given > 1:
+            raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
+        if given == 0:
+            from flinders.live.transports import ports_in_words
+
+            raise UsageError(
+                f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
+            )
+
+    def opened(self) -> ByteSource:
+        """Open what is named."""
+        from flinders.live.transports import Serial, Tcp, Udp, host_and_port
+
+        if self.udp is not None:
+            return Udp(self.udp)
+        if self.tcp is not None:
+            return Tcp(*host_and_port(self.tcp, "--tcp"))
+        return Serial(str(self.port), self.baud)
+
+
+@_options.command(
     "record",
+    common=("port", "udp", "tcp", "output", "seconds"),
     short_help="Record a running sensor.",
     epilog="""\b
 Example:
@@ -36,22 +79,19 @@ Exit codes:
   6  the file cannot be written or continued; what came before is saved
 """,
 )
-@click.option("--serial", "port", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
-@_wires.baud
-@click.option("--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port.")
-@click.option("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
-@click.option("-o", "--output", metavar="FILE", help="Where to write; - for standard output.")
-@click.option("--seconds", type=_options.positive, metavar="S", help="Stop after so long [default: at Ctrl-C].")
-@click.option("--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings.")
-@_options.pattern
+@_options.groups(wire=Wire)
+@option("-o", "--output", heading=_options.OUTPUT, metavar="FILE", help="Where to write; - for standard output.")
+@option("--seconds", type=_options.positive, metavar="S", help="Stop after so long [default: at Ctrl-C].")
+@option("--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings.")
+@_options.some(_options.Columns, "pattern")
 @_options.force
-@click.option("--resume", is_flag=True, help="Go on with the recording in the output file, which a crash has ended.")
+@option(
+    "--resume", heading=_options.OUTPUT, is_flag=True,
+    help="Go on with the recording in the output file, which a crash has ended.",
+)  # fmt: skip
 @_options.as_json
 def command(
-    port: str | None,
-    baud: int,
-    udp: int | None,
-    tcp: str | None,
+    wire: Wire,
     output: str | None,
     seconds: float | None,
     readings: int | None,
@@ -67,28 +107,24 @@ def command(
     describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
     port that goes away is waited for.
     """
-    from flinders.core.files import refuse_existing
     from flinders.live.recorder import Recorder
     from flinders.live.sinks import Resumed, ToFile, ToStandardOutput
 
-    _refuse_unclear(port, udp, tcp, output, as_json=as_json)
+    wire.check()
+    if not output:
+        raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
     if resume and (force or output == "-"):
         raise UsageError(f"--resume goes on with a file: leave {'--force out' if force else 'it out with -o -'}")
-    if output != "-":
-        refuse_existing(str(output), force=force or resume)
-    resumed = Resumed.of(str(output)) if resume else None
+    Outputs.of(("the recording", output), force=force or resume, as_json=as_json).check()
+    resumed = Resumed.of(output) if resume else None
     with contextlib.ExitStack() as stack:
-        source = _opened(port, baud, udp, tcp)
+        source = wire.opened()
         stack.callback(source.close)
-        sink = (
-            ToStandardOutput()
-            if output == "-"
-            else stack.enter_context(ToFile(str(output), force=force, resume=resume))
-        )
-        stopped = stack.enter_context(_wires.stopping(patient=False))
+        sink = ToStandardOutput() if output == "-" else stack.enter_context(ToFile(output, force=force, resume=resume))
+        stopped = stack.enter_context(stopping(patient=False))
         watch = stack.enter_context(_status())
         say(f"recording {source.name}{'' if seconds or readings else '; Ctrl-C ends it'}")
-        told = Recorder(
+        record = Recorder(
             source,
             sink,
             seconds=seconds,
@@ -99,60 +135,28 @@ def command(
             say=watch.say,
             watch=watch.show,
         ).run()
-    say(str(told))
-    for line in _remarks(told, output):
+    say(str(record))
+    for line in _remarks(record, output):
         say(line)
     if as_json:
-        print_json({**told.as_dict(), "written_to": output})
+        print_json({**record.as_dict(), "written_to": output})
 
 
-def _refuse_unclear(port: str | None, udp: int | None, tcp: str | None, output: str | None, *, as_json: bool) -> None:
-    """See that one source and one output are named.
-
-    Raises
-    ------
-    UsageError
-    """
-    given = sum(one is not None for one in (port, udp, tcp))
-    if given > 1:
-        raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
-    if given == 0:
-        from flinders.live.transports import ports_in_words
-
-        raise UsageError(
-            f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
-        )
-    if not output:
-        raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
-    if output == "-" and as_json:
-        raise UsageError("--json and the recording would both go to standard output: name a file with -o")
-
-
-def _opened(port: str | None, baud: int, udp: int | None, tcp: str | None) -> ByteSource:
-    from flinders.live.transports import Serial, Tcp, Udp, host_and_port
-
-    if udp is not None:
-        return Udp(udp)
-    if tcp is not None:
-        return Tcp(*host_and_port(tcp, "--tcp"))
-    return Serial(str(port), baud)
-
-
-def _remarks(told: RecordingStatistics, output: str | None) -> Iterator[str]:
+def _remarks(record: RecordingStatistics, output: str | None) -> Iterator[str]:
     """Say what to know of a recording, and what to type next."""
-    if told.unknown:
+    if record.unknown:
         yield (
-            f"! {counted(told.unknown, 'line')} not understood and kept as comments; the first is "
-            f"{told.first_unknown!r}"
+            f"! {counted(record.unknown, 'line')} not understood and kept as comments; the first is "
+            f"{record.first_unknown!r}"
         )
     if output == "-":
         return
     yield f"written to {output}"
-    form = told.form
-    if form is not None and not told.unit:
+    form = record.form
+    if form is not None and not record.unit:
         yield f"next: flinders calibrate {output} --columns X,Y,Z, the magnetometer's three of {form.header}"
     else:
-        unit = "" if told.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
+        unit = "" if record.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
         yield f"next: flinders calibrate {output}{unit}"
 
 
@@ -162,10 +166,10 @@ class _Status:
     def __init__(self, *, is_shown: bool) -> None:
         self._is_shown, self._width = is_shown, 0
 
-    def show(self, told: RecordingStatistics) -> None:
+    def show(self, record: RecordingStatistics) -> None:
         """Write the line anew."""
         if self._is_shown:
-            text = _in_short(told)
+            text = _in_short(record)
             self._put(f"\r{text.ljust(self._width)}")
             self._width = len(text)
 
@@ -185,12 +189,12 @@ class _Status:
             click.echo(text, nl=False, err=True)
 
 
-def _in_short(told: RecordingStatistics) -> str:
+def _in_short(record: RecordingStatistics) -> str:
     """Readings, rate, strength and seconds on a line that fits any terminal."""
-    parts = [counted(told.readings, "reading"), f"{figures(told.rate_hz, 3)} Hz" if told.rate_hz else "- Hz"]
-    if told.strengths:
-        parts.append(f"{figures(told.weakest, 3)} to {figures(told.strongest, 3)} {told.unit}")
-    return "  ".join([*parts, f"{told.seconds:.0f} s"])
+    parts = [counted(record.readings, "reading"), f"{figures(record.rate_hz, 3)} Hz" if record.rate_hz else "- Hz"]
+    if record.strengths:
+        parts.append(f"{figures(record.weakest, 3)} to {figures(record.strongest, 3)} {record.unit}")
+    return "  ".join([*parts, f"{record.seconds:.0f} s"])
 
 
 @contextlib.contextmanager

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli import _options, _wires
-from flinders.cli._calibration import for_use, known_of, only, refuse_on_top
-from flinders.cli._talk import print_json, say
+from flinders.cli import _options
+from flinders.cli._inputs import for_use, known_of, only, refuse_on_top
+from flinders.cli._options import option
+from flinders.cli._output import print_json, say
+from flinders.cli._program import stopping
 from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
 
 if TYPE_CHECKING:
@@ -22,8 +24,10 @@ if TYPE_CHECKING:
     from flinders.targets import Export
 
 
-@click.command(
+@_options.command(
     "send",
+    common=("port", "mavlink", "baud", "compass", "dry_run"),
+    headings={"Vehicle": ("device_id", "system", "backup")},
     short_help="Send a calibration to a board or vehicle.",
     epilog="""\b
 Example:
@@ -39,31 +43,27 @@ Exit codes:
 """,
 )
 @click.argument("calibration", metavar="CALIBRATION")
-@click.option("--port", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3.")
-@click.option(
+@option("--port", metavar="PORT", help="A board that takes what MotionCal sends: /dev/ttyACM0, COM3.")
+@option(
     "--mavlink",
     metavar="ADDRESS",
     help="A vehicle: udp:HOST:PORT to listen, udpout:HOST:PORT, tcp:HOST:PORT, or a serial port.",
 )
-@_wires.baud
-@click.option(
+@option("--baud", **_options.BAUD)
+@option(
     "--compass",
     type=click.IntRange(0, 3),
     metavar="N",
     help="Which compass: ArduPilot's 1 to 3, PX4's 0 to 3 [default: by device id, that of the log, or the first].",
 )
-@click.option(
-    "--device-id", type=click.IntRange(1, 2**32 - 1), metavar="ID", help="Device id that the compass must have."
-)
-@click.option(
-    "--system", type=click.IntRange(1, 255), metavar="N", help="Which vehicle, where several are on the link."
-)
-@click.option(
+@option("--device-id", type=click.IntRange(1, 2**32 - 1), metavar="ID", help="Device id that the compass must have.")
+@option("--system", type=click.IntRange(1, 255), metavar="N", help="Which vehicle, where several are on the link.")
+@option(
     "--backup",
     metavar="FILE",
     help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
 )
-@click.option("--dry-run", is_flag=True, help="Show what would be sent or changed, and change nothing.")
+@option("--dry-run", is_flag=True, help="Show what would be sent or changed, and change nothing.")
 @_options.as_json
 def command(
     calibration: str,
@@ -281,7 +281,7 @@ def _carry_out(plan: ParameterPlan, vehicle: Vehicle, path: str) -> None:
     ------
     NotConfirmed
     """
-    with _wires.stopping(patient=True) as stopped:
+    with stopping(patient=True) as stopped:
         try:
             plan.carry_out(vehicle, stopped=stopped, say=say)
         except NotConfirmed as error:

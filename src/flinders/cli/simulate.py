@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, say, show
 from flinders.cli._program import GOOD, REFUSED
-from flinders.cli._talk import drawn, print_json, say
 from flinders.errors import FitError, UsageError, counted
 
 if TYPE_CHECKING:
@@ -43,21 +44,6 @@ SOFT, HARD, NOISE = 0.25, 100.0, 0.5
 """What a sensor has unless someone says otherwise: share of soft iron, µT of hard iron and of noise."""
 
 
-def _from_zero(high: float, what: str) -> Callable[[object], float]:
-    """Make the type of an option that takes a number from 0, which counts, to `high`."""
-
-    def number(value: object) -> float:
-        try:
-            found = float(str(value))
-        except ValueError:
-            found = math.nan
-        if not 0.0 <= found <= high:
-            raise click.BadParameter(f"{str(value)!r}: need {what}")
-        return found
-
-    return number
-
-
 def _several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
     """Make the type of an option that takes so many finite numbers with commas between them."""
 
@@ -73,35 +59,31 @@ def _several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
     return numbers
 
 
-size = _from_zero(sys.float_info.max, "0 or a number above it")
-share = _from_zero(1.0, "a share of the readings, 0 to 1")
+size = _options.within(0, sys.float_info.max, "0 or a number above it", zero=True)
+share = _options.within(0, 1, "a share of the readings, 0 to 1", zero=True)
 
 
 def _shared(where: str) -> Callable[[_options.Function], _options.Function]:
-    """Where a recording goes, which is told in a few words, and what both kinds have."""
+    """Where a recording goes, which is said in a few words, and what both kinds have."""
 
     def shared(function: _options.Function) -> _options.Function:
-        for option in (
+        for each in (
             _options.as_json,
-            click.option("--force", is_flag=True, help="Overwrite the files if they exist."),
-            click.option(
-                "--truth", metavar="FILE",
+            option(
+                "--force", heading=_options.OUTPUT, is_flag=True, help="Overwrite the files if they exist."
+            ),
+            option(
+                "--truth", heading=_options.OUTPUT, metavar="FILE",
                 help="Where to write the truth [default: the recording's name, .truth.json].",
             ),
-            click.option("-o", "--output", default="-", metavar="FILE", help=where),
-            click.option(
+            option("-o", "--output", heading=_options.OUTPUT, default="-", metavar="FILE", help=where),
+            option(
                 "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
             ),
-            click.option(
-                "--dip", "dip_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), default=60.0,
-                show_default=True, metavar="DEG", help="Inclination of the field.",
-            ),
-            click.option(
-                "--field-strength", type=_options.positive, default=50.0, show_default=True, metavar="UT",
-                help="Strength of the field in µT.",
-            ),
+            _options.dip("Inclination of the field.", 60.0),
+            _options.field_strength("Strength of the field in µT.", default=50.0, show_default=True, metavar="UT"),
         ):  # fmt: skip
-            function = option(function)
+            function = each(function)
         return function
 
     return shared
@@ -128,6 +110,13 @@ def command() -> None:
 
 @command.command(
     "three-axis",
+    cls=_options.Command,
+    common=("output", "motion", "n", "noise", "seed"),
+    headings={
+        "Motion": ("rate_hz", "tilt_deg", "held"),
+        "Sensor": ("sensor", "soft_iron", "hard_iron", "resolution", "limit", "gyro_bias", "magnetometer_only"),
+        "Disturbances": ("outliers", "motor", "drift", "step", "field_step", "magnet"),
+    },
     short_help="A three-axis sensor in motion.",
     epilog="\b\nMotions:\n"
     + "\n".join(f"  {name:<12}{words}" for name, words in MOTIONS.items())
@@ -139,12 +128,12 @@ Example:
   flinders simulate three-axis | flinders calibrate - -o calibration.json
 """,
 )
-@click.option(
+@option(
     "--motion", type=click.Choice(tuple(MOTIONS)), default="hand", show_default=True, metavar="NAME",
     help="How the sensor is moved; see below.",
 )  # fmt: skip
-@click.option("--readings", "n", type=click.IntRange(min=1), metavar="N", help="How many [default: the motion's own].")
-@click.option(
+@option("--readings", "n", type=click.IntRange(min=1), metavar="N", help="How many [default: the motion's own].")
+@option(
     "--rate",
     "rate_hz",
     type=_options.positive,
@@ -153,36 +142,40 @@ Example:
     metavar="HZ",
     help="Readings a second.",
 )
-@click.option(
-    "--tilt", "tilt_deg", type=_from_zero(90.0, "degrees from 0 to 90"), metavar="DEG",
+@option(
+    "--tilt", "tilt_deg", type=_options.within(0, 90, "degrees from 0 to 90", zero=True), metavar="DEG",
     help="Greatest tilt of tilted, drive and flight.",
 )  # fmt: skip
-@click.option("--sensor", metavar="TRUTH", help="The sensor of another simulated recording: its truth.")
-@click.option(
-    "--soft-iron", type=_from_zero(0.45, "a share from 0 to 0.45"), metavar="SHARE",
+@option("--sensor", metavar="TRUTH", help="The sensor of another simulated recording: its truth.")
+@option(
+    "--soft-iron", type=_options.within(0, 0.45, "a share from 0 to 0.45", zero=True), metavar="SHARE",
     help=f"Scales are drawn within ± this of 1 [default: {SOFT:g}].",
 )  # fmt: skip
-@click.option(
-    "--hard-iron", type=size, metavar="UT", help=f"Offsets are drawn within ± this in µT [default: {HARD:g}]."
-)
-@click.option("--noise", type=size, metavar="UT", help=f"White noise in µT, 1 σ per axis [default: {NOISE:g}].")
-@click.option("--resolution", type=_options.positive, metavar="UT", help="Step of the converter in µT.")
-@click.option("--limit", type=_options.positive, metavar="UT", help="Where each axis saturates, in µT.")
-@click.option("--outliers", type=share, default=0.0, metavar="SHARE", help="Share of readings in a stray field.")
-@click.option("--held", type=share, default=0.0, metavar="SHARE", help="Share of readings in clumps: held still.")
-@click.option("--motor", type=size, metavar="UT", help="Field of motors, in µT per ampere; adds their current.")
-@click.option("--drift", type=size, metavar="UT", help="Drift of the offset, in µT per kelvin; adds the temperature.")
-@click.option("--step", type=size, metavar="UT", help="Step of the offset half way: something was moved.")
-@click.option(
+@option("--hard-iron", type=size, metavar="UT", help=f"Offsets are drawn within ± this in µT [default: {HARD:g}].")
+@option("--noise", type=size, metavar="UT", help=f"White noise in µT, 1 σ per axis [default: {NOISE:g}].")
+@option("--resolution", type=_options.positive, metavar="UT", help="Step of the converter in µT.")
+@option(
+    "--saturation", "limit", was=("--limit",), type=_options.positive, metavar="UT",
+    help="Where each axis saturates, in µT.",
+)  # fmt: skip
+@option("--outliers", type=share, default=0.0, metavar="SHARE", help="Share of readings that are outliers.")
+@option(
+    "--stationary", "held", was=("--held",), type=share, default=0.0, metavar="SHARE",
+    help="Share of readings in clumps: the sensor is not moved.",
+)  # fmt: skip
+@option("--motor", type=size, metavar="UT", help="Field of motors, in µT per ampere; adds their current.")
+@option("--drift", type=size, metavar="UT", help="Drift of the offset, in µT per kelvin; adds the temperature.")
+@option("--step", type=size, metavar="UT", help="Step of the offset half way: something was moved.")
+@option(
     "--field-step", type=_options.within(-0.99, 10.0, "a share from -0.99 to 10, such as -0.1"), metavar="SHARE",
     help="From half way on the earth's field is stronger by this share.",
 )  # fmt: skip
-@click.option("--magnet", type=size, metavar="UT", help="A magnet passes after a third, so strong at its peak.")
-@click.option(
+@option("--magnet", type=size, metavar="UT", help="A magnet passes after a third, so strong at its peak.")
+@option(
     "--gyro-bias", type=_several(3, "three numbers, such as 0.01,0,-0.02"), metavar="X,Y,Z",
     help="What the gyro reads at rest, in rad/s.",
 )  # fmt: skip
-@click.option("--magnetometer-only", is_flag=True, help="Leave out acceleration and rate.")
+@option("--magnetometer-only", is_flag=True, help="Leave out acceleration and rate.")
 @_shared("Where to write the recording [default: standard output].")
 def three_axis(
     output: str, truth: str | None, *, force: bool, as_json: bool, magnetometer_only: bool, **options: Any
@@ -202,6 +195,9 @@ def three_axis(
 
 @command.command(
     "two-axis",
+    cls=_options.Command,
+    common=("output", "points", "noise", "seed", "polar"),
+    headings={"Sensor": ("scale", "offset", "skew_deg")},
     short_help="A two-axis compass, swung around.",
     epilog="""\b
 Example:
@@ -210,29 +206,27 @@ Example:
   flinders simulate two-axis -o swing.csv --polar rose.csv
 """,
 )
-@click.option(
+@option(
     "--points",
     type=click.IntRange(min=6),
     default=36,
     show_default=True,
     help="Headings, equally spaced from north on.",
 )
-@click.option(
+@option(
     "--scale", type=_several(2, "two numbers, such as 1.1,0.9"), default="1.1,0.9", show_default=True, metavar="X,Y",
     help="Scale of each axis.",
 )  # fmt: skip
-@click.option(
+@option(
     "--offset", type=_several(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True, metavar="X,Y",
     help="Offset of each axis in µT.",
 )  # fmt: skip
-@click.option(
+@option(
     "--skew", "skew_deg", type=_options.within(-89, 89, "degrees from -89 to 89"), default=4.0, show_default=True,
     metavar="DEG", help="By how much the axes are not square.",
 )  # fmt: skip
-@click.option(
-    "--noise", type=size, default=0.25, show_default=True, metavar="UT", help="White noise in µT, 1 σ per axis."
-)
-@click.option("--polar", metavar="FILE", help="Also write radius, heading and its error at each point.")
+@option("--noise", type=size, default=0.25, show_default=True, metavar="UT", help="White noise in µT, 1 σ per axis.")
+@option("--polar", metavar="FILE", help="Also write radius, heading and its error at each point.")
 @_shared("Also write the recording, and its truth.")
 def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, as_json: bool, **options: Any) -> int:
     """Swing a two-axis compass around, calibrate it, and show what was found beside what is true.
@@ -255,7 +249,7 @@ def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, 
     if as_json:
         print_json(found.as_dict())
     else:
-        click.echo(drawn(of_recovery(found.compass, found.recovered, found.polar), sys.stdout))
+        show(of_recovery(found.compass, found.recovered, found.polar))
     if found.refusal is not None:
         say(f"refused: this would be no calibration to use; {found.refusal}")
         return REFUSED
@@ -372,23 +366,15 @@ def _check(output: str, truth: str | None, sensor: str | None, *others: str | No
     OutputError
         Where a file is in the way, or could not be written.
     """
-    from flinders.core.files import refuse_existing
     from flinders.simulate.truth import truth_path
 
-    if output == "-" and as_json:
-        raise UsageError("--json and the recording would both go to standard output: name a file with -o")
     if "-" in (truth, *others):
         raise UsageError("standard output is for the recording: name a file for --truth and --polar")
     if truth and not output:
         raise UsageError("--truth goes with a recording: name a file for that with -o")
-    named = [output, truth or (truth_path(output) if output not in ("", "-") else None), *others]
-    files = [path for path in named if path and path != "-"]
-    places = [Path(path).resolve() for path in files]
-    for path, place in zip(files, places, strict=True):
-        if places.count(place) > 1:
-            raise UsageError(f"{path} is named for two files: give them two names")
-        _options.refuse_to_overwrite(path, [sensor] if sensor else [])
-        refuse_existing(path, force=force)
+    truth = truth or (truth_path(output) if output not in ("", "-") else None)
+    files = ("the recording", output), ("the truth", truth), *(("the table", path) for path in others)
+    Outputs.of(*files, force=force, as_json=as_json).check([sensor] if sensor else [])
 
 
 def _write(simulated: Simulated, output: str, truth: str | None, *, force: bool, bare: bool) -> None:

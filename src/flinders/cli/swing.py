@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from flinders.cli import _compass, _options
-from flinders.cli._calibration import is_calibration
+from flinders.cli._inputs import is_calibration, read_and_left_out, site_of
+from flinders.cli._output import Outputs, print_json, progress, say
 from flinders.cli._program import GOOD, LIMITED, REFUSED
-from flinders.cli._site import site_of
-from flinders.cli._sources import read_and_left_out
-from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.arrays import Floats
+    from flinders.cli._options import Place
     from flinders.core.geomag import SiteField
     from flinders.heading.compass import Voyage
     from flinders.heading.deviation import Deviation, Expected
     from flinders.heading.stationary import HalfTurn, Rest
 
-OF_A_RECORDING = ("headings", "rest_s", "is_level", "acceleration", "columns")
+OF_A_RECORDING = ("headings", "stationary_s", "is_level", "acceleration", "columns")
 """Options that a table has no use for."""
 
 
@@ -52,8 +50,54 @@ class Swing:
     expected: Expected | None = None
 
 
-@click.command(
+@dataclass(frozen=True)
+class Card(_options.Group):
+    """What is written of a curve."""
+
+    output: str | None = _options.member(
+        "-o", "--output", heading=_options.OUTPUT, metavar="FILE",
+        help="Also write the card, as comma-separated text; - for standard output.",
+    )  # fmt: skip
+    svg: str | None = _options.member(
+        "--svg", heading=_options.OUTPUT, metavar="FILE", help="Also draw the curve, as SVG."
+    )
+    step_deg: float = _options.member(
+        "--step", "step_deg", heading=_options.OUTPUT, type=_options.within(0, 90, "degrees above 0, up to 90"),
+        default=15.0, show_default=True, metavar="DEG", help="Step of the card.",
+    )  # fmt: skip
+    force: bool = _options.member(
+        "--force", heading=_options.OUTPUT, is_flag=True, help="Overwrite the output file if it exists."
+    )
+
+    def outputs(self, *, as_json: bool) -> Outputs:
+        """Both files."""
+        return Outputs.of(
+            ("the card", self.output), ("the curve", self.svg, "--svg"), force=self.force, as_json=as_json
+        )
+
+
+@dataclass(frozen=True)
+class KnownHeadings(_options.Group):
+    """Known headings, how well they are known, and how they are found in a recording."""
+
+    headings: str | None = _options.member(
+        "--headings", heading=_options.RECORDING, metavar="DEG,DEG,...",
+        help="Known headings of the stationary intervals in LOG, in their order: magnetic, or true with --at.",
+    )  # fmt: skip
+    sigma_deg: float | None = _options.member(
+        "--sigma", "sigma_deg", heading=_options.METHOD, type=_options.angle, metavar="DEG",
+        help="How well a heading was known and read, 1 σ [default: from the residuals].",
+    )  # fmt: skip
+    stationary_s: float = _options.member(
+        "--stationary", "stationary_s", was=("--rest",), heading=_options.RECORDING, type=_options.positive,
+        default=2.0, show_default=True, metavar="S",
+        help="Shortest stationary interval in LOG, in seconds; 50 readings where it has no clock.",
+    )  # fmt: skip
+
+
+@_options.command(
     "swing",
+    common=("output", "svg", "headings", "target_deg", "as_json"),
     short_help="Deviation of a compass at known headings, and its card.",
     epilog="""\b
 Example:
@@ -69,36 +113,22 @@ Exit codes:
 """,
 )
 @click.argument("inputs", nargs=-1, required=True, metavar="TABLE | CALIBRATION LOG")
-@click.option(
-    "-o", "--output", metavar="FILE", help="Also write the card, as comma-separated text; - for standard output.",
-)  # fmt: skip
-@click.option("--svg", metavar="FILE", help="Also draw the curve, as SVG.")
-@click.option(
-    "--headings", metavar="DEG,DEG,...",
-    help="Known headings of the rests in LOG, in their order: magnetic, or true with --at.",
-)  # fmt: skip
-@click.option(
-    "--sigma", "sigma_deg", type=_options.within(0, 180, "degrees above 0, up to 180"), metavar="DEG",
-    help="How well a heading was known and read, 1 σ [default: from the residuals].",
-)  # fmt: skip
-@click.option(
-    "--step", "step_deg", type=_options.within(0, 90, "degrees above 0, up to 90"), default=15.0, show_default=True,
-    metavar="DEG", help="Step of the card.",
-)  # fmt: skip
-@click.option(
-    "--rest", "rest_s", type=_options.positive, default=2.0, show_default=True, metavar="S",
-    help="Shortest rest in LOG, in seconds; 50 readings where it has no clock.",
-)  # fmt: skip
-@click.option(
-    "--target", "target_deg", type=_options.within(0, 180, "degrees above 0, up to 180"), default=1.0,
-    show_default=True, metavar="DEG", help="What a turn by 180° may miss, and 1 σ of the curve may be.",
-)  # fmt: skip
-@_compass.place
-@_compass.sensors
-@_options.force
+@_options.groups(card=Card, known=KnownHeadings, place=_options.Place, accelerometer=_options.Accelerometer)
+@_options.some(_options.Columns, "columns", "pattern")
+@_options.target("What a turn by 180° may miss, and 1 σ of the curve may be.")
 @_options.as_json
 @click.pass_context
-def command(context: click.Context, /, inputs: tuple[str, ...], as_json: bool, **options: Any) -> int:
+def command(
+    context: click.Context,
+    /,
+    inputs: tuple[str, ...],
+    card: Card,
+    known: KnownHeadings,
+    place: Place,
+    target_deg: float,
+    as_json: bool,
+    **options: Any,
+) -> int:
     """Find the deviation of a compass: its coefficients A to E with their uncertainty, and the deviation card.
 
     TABLE has one heading a line, in degrees, under a header: compass and magnetic, compass and true (with --at),
@@ -106,23 +136,24 @@ def command(context: click.Context, /, inputs: tuple[str, ...], as_json: bool, *
     one heading after another: --headings names them; without it, the half-turn test alone is made, which needs no
     known heading: where the sensor was turned by 180°, so should its heading have been.
     """
-    _check_outputs(inputs, as_json=as_json, **options)
+    outputs = card.outputs(as_json=as_json)
+    outputs.check(inputs)
     if len(inputs) == 1:
         for name in OF_A_RECORDING:
             if context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-                spelled = {"rest_s": "--rest", "is_level": "--level"}.get(name, f"--{name}")
+                spelled = {"stationary_s": "--stationary", "is_level": "--level"}.get(name, f"--{name}")
                 raise UsageError(f"{spelled} is for a recording: flinders swing CALIBRATION LOG")
-        swing = _of_table(inputs[0], **options)
+        swing = _of_table(inputs[0], known.sigma_deg, place)
     elif len(inputs) == 2:
-        swing = _of_log(*inputs, **options)
+        swing = _of_log(*inputs, known, place, **options)
     else:
         raise UsageError(f"{len(inputs)} files were given: need a table, or a calibration and a recording")
-    _write(swing.deviation, **options)
+    _write(swing.deviation, card, outputs)
     if as_json:
-        print_json(_as_dict(swing, options["target_deg"]))
+        print_json(_as_dict(swing, target_deg))
     else:
-        _show(swing, options)
-    return _code(swing, options["target_deg"])
+        _show(swing, card.step_deg, target_deg, outputs)
+    return _code(swing, target_deg)
 
 
 def _code(swing: Swing, target_deg: float) -> int:
@@ -135,32 +166,7 @@ def _code(swing: Swing, target_deg: float) -> int:
     return LIMITED if missed or limits(swing.deviation, target_deg) else GOOD
 
 
-def _check_outputs(
-    inputs: tuple[str, ...], *, output: str | None, svg: str | None, force: bool, as_json: bool, **_: Any
-) -> None:
-    """Find what could not be written before anything is read.
-
-    Raises
-    ------
-    UsageError
-        Where two results would go to standard output, into one file, or over what is read.
-    OutputError
-        Where a file could not be written.
-    """
-    from flinders.core.files import refuse_existing
-
-    if (output == "-") + (svg == "-") + as_json > 1:
-        raise UsageError("two results would go to standard output: give all but one of them a file")
-    if output is not None and output == svg and output != "-":
-        raise UsageError(f"card and curve would both be written to {output}: give them two names")
-    for path in (output, svg):
-        if path is not None:
-            _options.refuse_to_overwrite(path, inputs)
-            if path != "-":
-                refuse_existing(path, force=force)
-
-
-def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: str | None, **_: Any) -> Swing:
+def _of_table(path: str, sigma_deg: float | None, place: Place) -> Swing:
     """Fit a table.
 
     Raises
@@ -176,7 +182,7 @@ def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: st
 
     if is_calibration(path):
         raise UsageError(f"{path} is a calibration: give the recording of a swing after it")
-    if date is not None and place is None:
+    if place.date is not None and place.place is None:
         raise UsageError("--date is for the declination at a place: give --at LAT,LON too")
     table = read_swing(path)
     columns, site = table.columns, None
@@ -185,11 +191,11 @@ def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: st
         _refuse_no_heading(columns.get(name, ()), places)
     say(f"{table.source}: {len(table.lines)} headings; columns {', '.join(columns)}")
     if "true" in columns:
-        if place is None:
+        if place.place is None:
             raise UsageError(f"{path} holds true headings: say where with --at LAT,LON and when with --date")
-        site = site_of(place, date)
+        site = site_of(place.place, place.date)
         columns = {**columns, "magnetic": wrapped(columns["true"] - site.declination_deg)}
-    elif place is not None:
+    elif place.place is not None:
         raise UsageError(f"{path} holds no true headings: leave --at out, or call its column 'true'")
     deviation = columns.get("deviation")
     if deviation is None:
@@ -201,9 +207,7 @@ def _of_table(path: str, *, sigma_deg: float | None, place: str | None, date: st
     return Swing(fit(np.asarray(compass), np.asarray(deviation), sigma_deg=sigma), site)
 
 
-def _of_log(
-    calibration: str, recording: str, *, headings: str | None, sigma_deg: float | None, rest_s: float, **options: Any
-) -> Swing:
+def _of_log(calibration: str, recording: str, asked: KnownHeadings, place: Place, **options: Any) -> Swing:
     """Find the rests of a recording, fit their deviations where headings are known, and pair them.
 
     Raises
@@ -217,10 +221,10 @@ def _of_log(
     from flinders.heading.deviation import fit
     from flinders.heading.stationary import half_turns
 
-    known = None if headings is None else _known(headings)
-    if options["place"] is not None and known is None:
+    known = None if asked.headings is None else _known(asked.headings)
+    if place.place is not None and known is None:
         raise UsageError("--at turns known headings from true into magnetic: give --headings too, or leave it out")
-    log, found, expected = _rests(calibration, recording, rest_s, options)
+    log, found, expected = _rests(calibration, recording, asked.stationary_s, place=place, **options)
     halves = half_turns(found)
     if known is None:
         if not halves:
@@ -232,27 +236,24 @@ def _of_log(
     if len(found) != len(known):
         raise FitError(
             f"--headings names {len(known)}, and {recording} holds {_listed(found)}: name one for each, in order, or "
-            "change the shortest --rest"
+            "change the shortest --stationary"
         )
     seen = np.array([rest.heading_deg for rest in found])
     magnetic = np.array(known) - (0.0 if log.site is None else log.site.declination_deg)
-    deviation = fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
+    deviation = fit(seen, folded(magnetic - seen), sigma_deg=asked.sigma_deg)
     return Swing(deviation, log.site, found, halves, expected)
 
 
 def _rests(
-    calibration: str, recording: str, rest_s: float, options: dict[str, Any]
+    calibration: str, recording: str, stationary_s: float, **options: Any
 ) -> tuple[_compass.Log, tuple[Rest, ...], Expected | None]:
     """Go through a recording and find its rests, and what its calibration claims for there."""
     import numpy as np
 
     from flinders.heading.stationary import LEAST_READINGS, rests
 
-    names = ("is_level", "acceleration", "acceleration_axes", "place", "date", "columns")
     with progress("swinging") as bar:
-        log = _compass.open_log(
-            "swing", calibration, recording, formula="exact", progress=bar, **{name: options[name] for name in names}
-        )
+        log = _compass.open_log("swing", calibration, recording, progress=bar, **options)
         watched = _compass.Watch(log)
         pairs = [(headings.magnetic_deg, samples.time) for _, samples, headings in watched.headings()]
     rows, left_out = watched.corrector.strength.readings, getattr(log.recording, "skipped", ())
@@ -263,7 +264,7 @@ def _rests(
     times = [time for _, time in pairs if time is not None]
     steps = np.diff(np.concatenate(times)) if times else np.empty(0)
     step = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
-    least = max(round(rest_s / step), 8) if step > 0.0 else LEAST_READINGS
+    least = max(round(stationary_s / step), 8) if step > 0.0 else LEAST_READINGS
     return log, rests(heading, least_readings=least), _expected(log, watched.voyage)
 
 
@@ -322,9 +323,7 @@ def _listed(found: tuple[Rest, ...]) -> str:
     return f"{counted(len(found), 'rest')}{f' on {shown}' if found else ''}"
 
 
-def _write(
-    deviation: Deviation | None, *, output: str | None, svg: str | None, force: bool, step_deg: float, **_: Any
-) -> None:
+def _write(deviation: Deviation | None, card: Card, outputs: Outputs) -> None:
     """Write card and curve.
 
     Raises
@@ -332,41 +331,32 @@ def _write(
     UsageError
         Where there is no curve to write, or the step does not go round.
     """
-    from flinders.core.files import write_text
+    from flinders.report import swing_page
     from flinders.report.deviation_chart import drawing
-    from flinders.report.swing_page import card
 
-    if deviation is None:
-        if output or svg:
-            raise UsageError("without known headings there is no curve: give --headings, or leave -o and --svg out")
-        return
-    for path, text in ((output, card(deviation, step_deg)), (svg, drawing(deviation))):
-        if path == "-":
-            click.echo(text, nl=False)
-        elif path is not None:
-            write_text(text, path, force=force)
+    if deviation is not None:
+        outputs.write(swing_page.card(deviation, card.step_deg), card.output)
+        outputs.write(drawing(deviation), card.svg)
+    elif card.output or card.svg:
+        raise UsageError("without known headings there is no curve: give --headings, or leave -o and --svg out")
 
 
-def _show(swing: Swing, options: dict[str, Any]) -> None:
+def _show(swing: Swing, step_deg: float, target_deg: float, outputs: Outputs) -> None:
     """Print the page; on standard error, where the card or the curve has standard output."""
     from flinders.report.swing_page import of_swing
 
-    content = of_swing(
-        swing.deviation,
-        site=swing.site,
-        rests=swing.rests,
-        halves=swing.halves,
-        expected=swing.expected,
-        target_deg=options["target_deg"],
-        step_deg=options["step_deg"],
+    outputs.show(
+        of_swing(
+            swing.deviation,
+            site=swing.site,
+            rests=swing.rests,
+            halves=swing.halves,
+            expected=swing.expected,
+            target_deg=target_deg,
+            step_deg=step_deg,
+        )
     )
-    if "-" in {options["output"], options["svg"]}:
-        say(drawn(content, sys.stderr))
-    else:
-        click.echo(drawn(content, sys.stdout))
-    for path in (options["output"], options["svg"]):
-        if path not in {None, "-"}:
-            say(f"written to {path}")
+    outputs.say_written()
 
 
 def _as_dict(swing: Swing, target_deg: float) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import textwrap
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Final
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._talk import drawn, print_json
+from flinders.cli._output import print_json
+from flinders.cli._output import show as show_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 WIDTH: Final = 78
 
 
-class NamingTargets(click.Command):
+class NamingTargets(_options.Command):
     """A command whose help names what targets have: ``{saved}`` files and ``{compasses}``."""
 
     def get_help(self, ctx: click.Context) -> str:
@@ -59,7 +59,7 @@ def _compasses(rows: Iterable[Target]) -> str:
     return ", ".join(f"{title}'s {numbers[0]} to {numbers[-1]}" for title, numbers in counted.items())
 
 
-@click.command(
+@_options.command(
     "targets",
     short_help="List what a calibration can be written for.",
     epilog="""\b
@@ -97,7 +97,7 @@ def show(*, as_json: bool) -> None:
         unit = {"own": "any", "recorded": "any"}.get(row.unit, row.unit)
         star = " *" if row.unverified else ""
         table.add_row(f"{row.name}{star}", row.use, row.keeps, unit, "yes" if row.reader else "")
-    click.echo(drawn(table, sys.stdout))
+    show_page(table)
     for clause, names in _unverified(registry().values()).items():
         click.echo(textwrap.fill(f"* not verified of {', '.join(names)}: {clause}", WIDTH, subsequent_indent="  "))
 

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from flinders.cli import _options
-from flinders.cli._calibration import agree, is_calibration, made_from
+from flinders.cli._inputs import (
+    Counted,
+    agree,
+    file_of,
+    is_calibration,
+    made_from,
+    provenance,
+    saying_what_was_skipped,
+    sha256,
+)
+from flinders.cli._options import option
+from flinders.cli._output import Outputs, print_json, progress, say
 from flinders.cli._program import LIMITED
-from flinders.cli._sources import Counted, file_of, saying_what_was_skipped, sha256
-from flinders.cli._talk import drawn, print_json, progress, say
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
+    from flinders.cli._options import Reading
     from flinders.comparison.composition import Composed
-    from flinders.core.calibration_file import Document
     from flinders.core.samples import Recording
     from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit
@@ -33,9 +42,37 @@ FLAT: Final = 0.05
 """Variance across over that along, below which readings lie in a plane, and those of a plane on a line."""
 
 
-@click.command(
+@dataclass(frozen=True)
+class Files(_options.Group):
+    """What is written where."""
+
+    output: str | None = _options.member(
+        "-o", "--output", heading=_options.OUTPUT, metavar="FILE",
+        help="Calibration file to write, or - for standard output.",
+    )  # fmt: skip
+    polar: str | None = _options.member(
+        "--polar", heading=_options.OUTPUT, metavar="FILE", help="Also draw the points before and after, as SVG."
+    )
+    force: bool = _options.member(
+        "--force", heading=_options.OUTPUT, is_flag=True, help="Overwrite the output file if it exists."
+    )
+    as_json: bool = _options.member(
+        "--json", "as_json", heading=_options.OUTPUT, is_flag=True, help="Print the result as JSON on standard output."
+    )
+
+    @property
+    def outputs(self) -> Outputs:
+        """Both files."""
+        return Outputs.of(
+            ("the calibration", self.output), ("the drawing", self.polar, "--polar"),
+            force=self.force, as_json=self.as_json,
+        )  # fmt: skip
+
+
+@_options.command(
     "two-axis",
     short_help="Hard and soft iron of one plane, by the two-axis recipe.",
+    common=("output", "plane", "method", "after", "polar"),
     epilog="""\b
 Example:
   flinders two-axis turn.csv -o calibration.json --polar rose.svg
@@ -49,33 +86,27 @@ Three axes, one plane at a time, each loaded before the next is recorded:
 """,
 )
 @click.argument("recording", metavar="RECORDING")
-@click.option(
+@option(
     "--plane", type=click.Choice(PLANES), default="xy", show_default=True,
     help="The two axes that see the field go round: xy for a turn about z.",
 )  # fmt: skip
-@click.option(
+@option(
     "--method", type=click.Choice(("two-axis", "ellipse")), default="two-axis", show_default=True,
     help="Mean and scatter of equally spaced points, or least squares, which do not care.",
 )  # fmt: skip
-@click.option(
+@option(
     "--after", metavar="CALIBRATION",
     help="RECORDING was made with this loaded: the result is the two of them, composed.",
 )  # fmt: skip
-@click.option("-o", "--output", metavar="FILE", help="Calibration file to write, or - for standard output.")
-@click.option("--polar", metavar="FILE", help="Also draw the points before and after, as SVG.")
-@click.option(
-    "--field-strength", type=_options.positive, metavar="F",
-    help="Strength of the field at the site, in µT (in counts for a recording in counts).",
+@_options.groups(reading=_options.Reading, files=Files)
+@option(
+    "--sensor", heading=_options.RECORDING, metavar="NAME",
+    help="Name or serial number to store; of a log, which magnetometer, by number or name.",
 )  # fmt: skip
-@click.option(
-    "--sensor", metavar="NAME", help="Name or serial number to keep; of a log, which magnetometer, by number or name."
-)
+@_options.field_strength()
 @_options.judgement
-@_options.recording
-@_options.force
-@_options.as_json
 @click.pass_context
-def command(context: click.Context, /, recording: str, as_json: bool, **options: Any) -> int:
+def command(context: click.Context, /, recording: str, reading: Reading, files: Files, **options: Any) -> int:
     """Find hard and soft iron of two axes from a turn about the third one, which points up or down.
 
     The mean of points equally spaced in heading is the offset; the eigenvalues and eigenvectors of their scatter are
@@ -84,33 +115,34 @@ def command(context: click.Context, /, recording: str, as_json: bool, **options:
     code 3, as of everything limited.
     """
     from flinders.comparison.composition import Composed, refuse_unloaded
+    from flinders.core.calibration_file import SourceFile, dumps
     from flinders.fitting.result import Refused
 
-    after, output, polar = options["after"], options["output"], options["polar"]
-    _check(recording, after, output, polar, force=options["force"], as_json=as_json)
-    first = None if after is None else _loaded(context, after, options)
+    after, outputs = options["after"], files.outputs
+    _check(recording, after, files)
+    first = None if after is None else _loaded(context, after, reading, options)
     with progress("reading") as watch:
-        source = Counted(_opened(recording, first, watch, options))
+        source = Counted(_opened(recording, first, watch, reading, options))
         with saying_what_was_skipped([source]):
             turn = _turn(source, options["plane"], options["method"])
             if first is not None:
                 refuse_unloaded(first, turn, dip_deg=options["dip_deg"], source=source.source)
             try:
-                fit = _fit(source, turn, first, options, as_json=as_json)
+                fit = _fit(source, turn, first, options, as_json=files.as_json)
             except Refused as refusal:
-                _draw(turn, refusal.fit, polar, force=options["force"])
+                _draw(turn, refusal.fit, files)
                 raise
     composed = None if first is None else Composed.of(first, fit)
-    if output:
-        _write(_document(fit, composed, first, source, len(turn.points)), output, force=options["force"])
-    _draw(turn, fit, polar, force=options["force"])
-    _show(fit, turn, composed, options, as_json=as_json)
+    if files.output:
+        own = SourceFile(name=source.source, sha256=sha256(source), bytes=file_of(source).size, rows=len(turn.points))
+        made_from = provenance(files=[*(first.files if first else ()), own])
+        outputs.write(dumps((composed or fit).to_document(made_from)), files.output)
+    _draw(turn, fit, files)
+    _show(fit, turn, composed, after, files)
     return LIMITED
 
 
-def _check(
-    recording: str, after: str | None, output: str | None, polar: str | None, *, force: bool, as_json: bool
-) -> None:
+def _check(recording: str, after: str | None, files: Files) -> None:
     """Find what could not be read or written before anything is.
 
     Raises
@@ -121,23 +153,16 @@ def _check(
     OutputError
         Where a file is in the way, or could not be written.
     """
-    from flinders.core.files import refuse_existing
-
-    if (output == "-") + (polar == "-") + as_json > 1:
-        raise UsageError("two results would go to standard output: give all but one of them a file")
-    if polar and polar != "-" and Path(polar).suffix.lower() != DRAWING:
-        raise UsageError(f"--polar {polar}: need a name that ends in {DRAWING} (a drawing), or - for standard output")
-    files = [path for path in (output, polar) if path and path != "-"]
-    if len(files) > 1 and Path(files[0]).resolve() == Path(files[1]).resolve():
-        raise UsageError(f"{output} is named for the calibration and for the drawing: give them two names")
-    for path in files:
-        _options.refuse_to_overwrite(path, [recording, *([after] if after else [])])
-        refuse_existing(path, force=force)
+    if files.polar and files.polar != "-" and Path(files.polar).suffix.lower() != DRAWING:
+        raise UsageError(
+            f"--polar {files.polar}: need a name that ends in {DRAWING} (a drawing), or - for standard output"
+        )
+    files.outputs.check([recording, *([after] if after else [])])
     if is_calibration(recording):
         raise UsageError(f"{recording} is a calibration: give the recording of a turn, and the calibration to --after")
 
 
-def _loaded(context: click.Context, after: str, options: dict[str, Any]) -> Judged:
+def _loaded(context: click.Context, after: str, reading: Reading, options: dict[str, Any]) -> Judged:
     """Load the calibration that the turn was recorded with, and let it say what it knows: scale, axes and dip.
 
     Raises
@@ -152,7 +177,7 @@ def _loaded(context: click.Context, after: str, options: dict[str, Any]) -> Judg
     if after == "-":
         raise UsageError("--after needs a file: standard input is for the recording")
     first = Judged.load(after)
-    if options["axes"] != "x,y,z":
+    if reading.axes != "x,y,z":
         raise UsageError(f"readings made with {after} loaded are in its axes already: leave --axes out")
     if options["field_strength"] is not None:
         raise UsageError(f"{after} has set how long corrected readings are: leave --field-strength out")
@@ -169,7 +194,13 @@ def _loaded(context: click.Context, after: str, options: dict[str, Any]) -> Judg
     return first
 
 
-def _opened(recording: str, first: Judged | None, watch: Any, options: dict[str, Any]) -> Recording:  # noqa: ANN401 - progress
+def _opened(
+    recording: str,
+    first: Judged | None,
+    watch: Any,  # noqa: ANN401 - progress
+    reading: Reading,
+    options: dict[str, Any],
+) -> Recording:
     """Open the recording, in the unit of what was loaded.
 
     Raises
@@ -181,14 +212,13 @@ def _opened(recording: str, first: Judged | None, watch: Any, options: dict[str,
     """
     from flinders.readers import Instrument, holds_log, open_recording
 
-    reading = {name: options[name] for name in _options.READING}
     chosen = options["sensor"] if holds_log(recording) else None
-    source = open_recording(recording, flat=options["plane"], sensor=chosen, progress=watch, **reading)
+    source = open_recording(recording, flat=options["plane"], sensor=chosen, progress=watch, **reading.as_dict())
     if isinstance(source, Instrument):
         options["sensor"] = source.name
     if first is None:
         return source
-    if options["unit"] is None and options["scale"] is None:
+    if reading.unit is None and reading.scale is None:
         agree(first.calibration, source)
     elif source.unit.inside != first.calibration.unit:
         raise UnitError(f"{source.source} is in {source.unit.inside}, {first.name} in {first.calibration.unit}")
@@ -247,8 +277,6 @@ def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str,
     FitError
         As `flinders.fit`.
     """
-    from dataclasses import replace
-
     from flinders.fitting.calibrate import fit
     from flinders.report.fit_pages import spacing_words
 
@@ -266,65 +294,26 @@ def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str,
     return replace(found, calibration=replace(found.calibration, field_strength_known=known))
 
 
-def _document(fit: Fit, composed: Composed | None, first: Judged | None, source: Recording, rows: int) -> Document:
-    """Make the calibration file: of this turn alone, or composed."""
-    from datetime import UTC, datetime
-    from importlib.metadata import version
-
-    from flinders.core.calibration_file import Provenance, SourceFile
-
-    size = file_of(source).size
-    own = SourceFile(name=source.source, sha256=sha256(source), bytes=size, rows=rows)
-    provenance = Provenance(
-        flinders=version("flinders"),
-        date=datetime.now(UTC).replace(microsecond=0),
-        files=(*(first.files if first else ()), own),
-    )
-    return (composed or fit).to_document(provenance)
-
-
-def _write(document: Document, output: str, *, force: bool) -> None:
-    """Write the calibration."""
-    from flinders.core.calibration_file import dumps
-    from flinders.core.files import write_text
-
-    if output == "-":
-        click.echo(dumps(document), nl=False)
-    else:
-        write_text(dumps(document), output, force=force)
-
-
-def _draw(turn: Turn, fit: Fit, polar: str | None, *, force: bool) -> None:
+def _draw(turn: Turn, fit: Fit, files: Files) -> None:
     """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
-    from flinders.core.files import write_text
     from flinders.report.polar_chart import drawing
 
-    if polar == "-":
-        click.echo(drawing(turn, fit), nl=False)
-    elif polar:
-        write_text(drawing(turn, fit), polar, force=force)
-        if fit.verdict == "refused":
-            say(f"written to {polar}")
+    if files.polar:
+        files.outputs.write(drawing(turn, fit), files.polar)
+        if files.polar != "-" and fit.verdict == "refused":
+            say(f"written to {files.polar}")
 
 
-def _show(fit: Fit, turn: Turn, composed: Composed | None, options: dict[str, Any], *, as_json: bool) -> None:
+def _show(fit: Fit, turn: Turn, composed: Composed | None, after: str | None, files: Files) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.report.fit_pages import of_turn
 
-    output, polar = options["output"], options["polar"]
-    if as_json:
+    if files.as_json:
         print_json(_as_dict(fit, turn, composed))
     else:
-        taken = "-" in {output, polar}
-        text = drawn(of_turn(fit, turn, composed=composed, after=options["after"]), sys.stderr if taken else sys.stdout)
-        if taken:
-            say(text)
-        else:
-            click.echo(text)
-    for path in (output, polar):
-        if path not in {None, "-"}:
-            say(f"written to {path}")
-    if output is None:
+        files.outputs.show(of_turn(fit, turn, composed=composed, after=after))
+    files.outputs.say_written()
+    if files.output is None:
         say("no calibration was written: name a file with -o calibration.json")
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import click
-
+from flinders.cli._output import Outputs, print_json, say
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli._talk import print_json, say
 from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
@@ -20,14 +18,9 @@ if TYPE_CHECKING:
     from flinders.estimators.static_bench import Still
     from flinders.fitting.judged import Judged
 
-hold = click.option(
-    "--hold", "held", multiple=True, metavar="NAME=VALUE",
-    help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
-)  # fmt: skip
 
-
-def values_of(held: Iterable[str]) -> dict[str, float]:
-    """Read ``--hold``.
+def values_of(fixed: Iterable[str]) -> dict[str, float]:
+    """Read ``--fix``.
 
     Raises
     ------
@@ -44,28 +37,28 @@ def values_of(held: Iterable[str]) -> dict[str, float]:
     names = set(BY_KEY.values())
 
     values: dict[str, float] = {}
-    for text in held:
+    for text in fixed:
         name, separator, number = (part.strip() for part in text.partition("="))
         if name not in names or not separator:
-            raise UsageError(f"--hold {text!r}: need {', '.join(KINDS)} with a value, such as current=0")
+            raise UsageError(f"--fix {text!r}: need {', '.join(KINDS)} with a value, such as current=0")
         try:
             values[name] = float(number)
         except ValueError:
-            raise UsageError(f"--hold {text!r}: {number!r} is no number") from None
+            raise UsageError(f"--fix {text!r}: {number!r} is no number") from None
     return values
 
 
-def settler_of(judged: Judged, held: Iterable[str]) -> tuple[Judged, Compensator]:
-    """A calibration of settled readings, and what settles them; at fixed values where ``--hold`` says so."""
+def settler_of(judged: Judged, fixed: Iterable[str]) -> tuple[Judged, Compensator]:
+    """A calibration of settled readings, and what settles them; at fixed values where ``--fix`` says so."""
     from flinders.core.compensation import Compensator
 
-    settler = Compensator(holding(judged.calibration, held))
+    settler = Compensator(holding(judged.calibration, fixed))
     return replace(judged, calibration=settler.calibration.at()), settler
 
 
-def holding(calibration: Calibration, held: Iterable[str]) -> Calibration:
-    """The calibration at the values that ``--hold`` gives, and what that costs at the far end of each range."""
-    values = values_of(held)
+def holding(calibration: Calibration, fixed: Iterable[str]) -> Calibration:
+    """The calibration at the values that ``--fix`` gives, and what that costs at the far end of each range."""
+    values = values_of(fixed)
     for disturbance in calibration.disturbances:
         if disturbance.name in values:
             value = values[disturbance.name]
@@ -80,7 +73,7 @@ def holding(calibration: Calibration, held: Iterable[str]) -> Calibration:
 
 
 def say_beyond(settler: Compensator | None) -> dict[str, Any]:
-    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are drivers."""
+    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are any."""
     from flinders.fitting.verdict import of_extrapolation
 
     if settler is None or not settler.calibration.disturbances:
@@ -117,57 +110,7 @@ def say_difference(a: Judged, b: Judged) -> None:
             )
 
 
-def asked_for(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Split what ``--with`` names into disturbances and all else.
-
-    >>> asked_for(["currents,rate", "temperature,throttle2"])
-    (('currents', 'temperature', 'throttle2'), ('rate',))
-    """
-    from flinders.core.disturbance import BY_KEY, MOTORS
-
-    known = {*BY_KEY.values(), *MOTORS.values()}
-
-    names = [name.strip() for text in words for name in text.split(",") if name.strip()]
-    disturbances = tuple(dict.fromkeys(name for name in names if name in known))
-    return disturbances, tuple(dict.fromkeys(name for name in names if name not in known))
-
-
-def add(options: dict[str, Any], words: Iterable[str], previous: str | None) -> None:
-    """Put what ``--with`` names among the options of a fit.
-
-    Raises
-    ------
-    UsageError
-        For what nothing is known of, or ``--previous`` with no disturbance.
-    """
-    from flinders.core.disturbance import KINDS, MOTORS
-
-    disturbances, others = asked_for(words)
-    if others:
-        from flinders.fitting.aid_selection import AIDS, AUTO
-
-        allowed = ", ".join((AUTO, *AIDS, *KINDS, *MOTORS.values()))
-        raise UsageError(
-            f"--with {others[0]}: need one of {allowed} (rate is that of a gyro; currents and throttles are those of "
-            "each motor, and current2 that of one)"
-        )
-    if previous is not None and not disturbances:
-        raise UsageError(
-            "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
-        )
-    if disturbances:
-        options["disturbances"] = disturbances
-
-
-def bench(
-    recording: Recording,
-    disturbances: tuple[str, ...],
-    previous: str,
-    output: str | None,
-    *,
-    force: bool,
-    as_json: bool,
-) -> int:
+def bench(recording: Recording, disturbances: tuple[str, ...], previous: str, outputs: Outputs) -> int:
     """Find what drives a sensor that was not turned, and put it onto a calibration of that sensor.
 
     Raises
@@ -207,8 +150,8 @@ def bench(
     ]
     for finding in findings:
         say(f"! {finding.advice}")
-    _save(calibration, known, output, force=force)
-    if as_json:
+    _save(calibration, known, outputs)
+    if outputs.as_json:
         print_json(
             {
                 "calibration": calibration.as_dict(),
@@ -248,24 +191,18 @@ def _left_deg(found: Still, calibration: Calibration, name: str) -> float:
     return float(np.rad2deg(away / np.cos(np.deg2rad(60.0))))
 
 
-def _save(calibration: Calibration, known: Judged, output: str | None, *, force: bool) -> None:
+def _save(calibration: Calibration, known: Judged, outputs: Outputs) -> None:
     """Write a calibration with the disturbances it follows now, and all else that is known of it."""
-    from flinders.core.calibration_file import dumps, write
+    from flinders.core.calibration_file import dumps, read
 
+    output = outputs.files[0].path
+    before = read(known.name)
+    outputs.write(dumps(calibration.to_document(fit=before.fit, provenance=before.provenance)), output)
     if output is None:
         say("nothing was written: name a file with -o calibration.json")
-        return
-    from flinders.core.calibration_file import read
-
-    before = read(known.name)
-    document = calibration.to_document(fit=before.fit, provenance=before.provenance)
-    if output == "-":
-        click.echo(dumps(document), nl=False)
-        return
-    write(document, output, force=force)
-    say(
-        f"written to {output}: {known.name}, which follows {' and '.join(d.name for d in calibration.disturbances)} now"
-    )
+    elif output != "-":
+        names = " and ".join(each.name for each in calibration.disturbances)
+        say(f"written to {output}: {known.name}, which follows {names} now")
 
 
 def seen(recording: Recording, settler: Compensator) -> Compensator:

@@ -1,0 +1,345 @@
+"""What the program prints: results on stdout, messages on stderr, files where `Outputs` says.
+
+Colours and bars are for terminals only, and there for those who have not set NO_COLOR.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import shutil
+import stat
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
+
+import click
+
+from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from rich.console import RenderableType
+
+    from flinders.fitting.result import Fit
+
+WORTH_A_BAR: Final = 4_000_000
+"""Bytes from which on a progress bar is shown."""
+WIDTH, NARROWEST, WIDEST = 80, 60, 100
+"""Columns of what goes into a file, and the least and most that are used of a terminal: numbers stay whole, and long
+lines are hard to read."""
+
+
+def say(message: str) -> None:
+    """Say something in passing; whoever closed stderr does not want to hear it."""
+    with contextlib.suppress(OSError, ValueError):
+        click.echo(message, err=True)
+
+
+def print_json(fields: dict[str, Any]) -> None:
+    """Print a result for programs."""
+    from flinders.core.calibration_file import lay_out
+
+    click.echo(lay_out(plain(fields)))
+
+
+def print_fit(fit: Fit, *, err: bool = False) -> None:
+    """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it."""
+    from flinders.report.fit_pages import of_fit
+
+    show(of_fit(fit), err=err)
+    for line in aiding_lines(fit):
+        say(line)
+
+
+def show(content: RenderableType, *, err: bool = False) -> None:
+    """Print a page; on stderr where it is no result, or stdout is taken."""
+    text = drawn(content, sys.stderr if err else sys.stdout)
+    if err:
+        say(text)
+    else:
+        click.echo(text)
+
+
+def drawn(content: RenderableType, stream: IO[str]) -> str:
+    """Draw for a stream: as wide as its terminal and in colour, or plain for a file."""
+    from rich.console import Console
+
+    terminal = stream.isatty()
+    page = io.StringIO()
+    width = min(max(shutil.get_terminal_size((WIDTH, 24)).columns, NARROWEST), WIDEST) if terminal else WIDTH
+    console = Console(file=page, width=width, force_terminal=terminal and _coloured(), highlight=False, emoji=False)
+    console.print(content, markup=False, crop=False)
+    return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
+
+
+def plain(value: object) -> object:
+    """Turn a result into what JSON has: no tuples, no numbers of NumPy, null for what is not finite.
+
+    >>> plain({"axes": ("x",), "worst": float("inf")})
+    {'axes': ['x'], 'worst': None}
+    """
+    if isinstance(value, dict):
+        return {str(key): plain(member) for key, member in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(member) for member in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if isinstance(value, str | int | None) else str(value)
+
+
+@contextlib.contextmanager
+def progress(title: str) -> Iterator[Callable[[int, int | None], None] | None]:
+    """Show a bar while a long file is read, only on a terminal.
+
+    What it yields is called with the bytes read so far and those there are; None where nobody is watching.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with contextlib.ExitStack() as stack:
+        bar: Callable[[int, int], None] | None = None
+
+        def update(done: int, total: int | None) -> None:
+            nonlocal bar
+            if bar is None and (total or done) >= WORTH_A_BAR:
+                bar = stack.enter_context(_bar(title))
+            if bar is not None:
+                bar(done, total or done)
+
+        yield update
+
+
+@contextlib.contextmanager
+def _bar(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr that goes when it is done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    console = Console(stderr=True, color_system="auto" if _coloured() else None)
+    with Progress(*columns, console=console, transient=True) as shown:
+        task = shown.add_task(title, total=None)
+        yield lambda done, total: shown.update(task, completed=done, total=total)
+
+
+@contextlib.contextmanager
+def working() -> Iterator[Callable[[str], None] | None]:
+    """Show what is being done, only on a terminal; what it yields is called with a word for it, or None."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True, color_system="auto" if _coloured() else None).status("") as status:
+        yield status.update
+
+
+def _coloured() -> bool:
+    """Whether the person at the terminal wants colours, and it has any."""
+    return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+class Output(NamedTuple):
+    """A file that a command writes: what it is, its path (``-``: standard output), and the option that names it."""
+
+    what: str
+    path: str | None
+    option: str = "-o"
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Where each result of a command goes.
+
+    Attributes
+    ----------
+    files : tuple of Output
+        Those without a path are not written.
+    force : bool
+        Write over what is there.
+    as_json : bool
+        The result goes to standard output as JSON.
+    """
+
+    files: tuple[Output, ...]
+    force: bool = False
+    as_json: bool = False
+
+    @classmethod
+    def of(
+        cls, *files: tuple[str, str | None] | tuple[str, str | None, str], force: bool = False, as_json: bool = False
+    ) -> Outputs:
+        """Make it of what it is, its path, and its option where that is not ``-o``."""
+        return cls(tuple(Output(*each) for each in files), force, as_json)
+
+    @property
+    def is_printed(self) -> bool:
+        """Whether standard output belongs to one of the files."""
+        return any(file.path == "-" for file in self.files)
+
+    def check(self, inputs: Iterable[str] = ()) -> None:
+        """Find what could not be written before any work is done.
+
+        Raises
+        ------
+        UsageError
+            Where two results would go to one place, or over one of the inputs.
+        OutputError
+            Where a file is in the way, or could not be written.
+        """
+        from flinders.core.files import refuse_existing
+
+        printed = [file for file in self.files if file.path == "-"]
+        if len(printed) + self.as_json > 1:
+            names = ["--json"] * self.as_json + [file.what for file in printed]
+            option = printed[not self.as_json].option
+            raise UsageError(f"{' and '.join(names)} would both go to standard output: name a file with {option}")
+        inputs, named = list(inputs), dict[Path, str]()
+        for what, path, _ in self.files:
+            if not path:
+                continue
+            refuse_to_overwrite(path, inputs)
+            if path == "-":
+                continue
+            refuse_existing(path, force=self.force)
+            if other := named.get(Path(path).resolve()):
+                raise UsageError(f"{path} is named for {other} and for {what}: give them two names")
+            named[Path(path).resolve()] = what
+
+    def write(self, text: str, path: str | None) -> None:
+        """Write a text to one of the files, whole or not at all."""
+        from flinders.core.files import write_text
+
+        if path == "-":
+            click.echo(text, nl=False)
+        elif path:
+            write_text(text, path, force=self.force)
+
+    def show(self, content: RenderableType) -> None:
+        """Print a page; on stderr where a file has standard output."""
+        show(content, err=self.is_printed)
+
+    def say_written(self, nothing: str = "") -> None:
+        """Say which files were written; `nothing` is what to say where the first of them was not asked for."""
+        for place, file in enumerate(self.files):
+            if file.path and file.path != "-":
+                say(f"written to {file.path}")
+            elif not file.path and place == 0 and nothing:
+                say(nothing)
+
+
+def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
+    """Keep what is read from being written over, also with ``--force`` and through ``>``.
+
+    Raises
+    ------
+    UsageError
+        Where the output is one of the inputs.
+    """
+    target = _identity(sys.stdout if output == "-" else output)
+    for path in inputs:
+        if path != "-" and target is not None and target == _identity(path):
+            raise UsageError(f"{path} is read, and would be written over: name another file for the output")
+
+
+def refuse_twice(paths: Iterable[str]) -> None:
+    """Take a recording once: counted twice it would seem better than it is.
+
+    Raises
+    ------
+    UsageError
+        Where a file is named twice.
+    """
+    seen = set()
+    for path in paths:
+        file = path if path == "-" else _identity(path)
+        if file is not None and file in seen:
+            raise UsageError(f"{'standard input' if path == '-' else path} is given twice: name each recording once")
+        seen.add(file)
+
+
+def _identity(file: str | IO[str]) -> tuple[int, int] | None:
+    """Which regular file a path or stream leads to, by whatever name; None where it leads to none."""
+    try:
+        status = Path(file).stat() if isinstance(file, str) else os.fstat(file.fileno())
+    except (OSError, ValueError):
+        return None
+    return (status.st_dev, status.st_ino) if stat.S_ISREG(status.st_mode) else None
+
+
+@contextlib.contextmanager
+def written(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> Iterator[IO[str]]:
+    """Open an output: a file that appears when it is complete, or standard output; if live, line by line."""
+    from flinders.core.files import replacing
+
+    if path != "-":
+        with replacing(path, force=force, encoding=encoding, newline="") as file:
+            yield file
+        return
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(encoding=encoding, newline="", line_buffering=live)
+    yield sys.stdout
+    sys.stdout.flush()
+
+
+def refuse_report(path: str | None, option: str) -> None:
+    """Refuse a name that is not one of an HTML file.
+
+    Raises
+    ------
+    UsageError
+        For PDF, and for standard output where that belongs to other results.
+    """
+    if path == "-":
+        raise UsageError(f"{option} -: a report is a megabyte of HTML, name a file such as report.html")
+    if path is not None and Path(path).suffix.lower() == ".pdf":
+        raise UsageError(
+            f"{option} {path}: a report is HTML; for PDF use flinders report CALIBRATION RECORDING --pdf {path}"
+        )
+
+
+def aiding_lines(fit: Fit) -> list[str]:
+    r"""What each aiding sensor changed; nothing where there were none.
+
+    >>> from types import SimpleNamespace
+    >>> from flinders.fitting.aiding import Aiding, AidingSensor
+    >>> rate = AidingSensor("rate", True, 0.4, 2.0, 0.5)
+    >>> dip = AidingSensor("dip", False, words="claims no less: 0.60° with it, 0.50° without")
+    >>> print(*aiding_lines(SimpleNamespace(aiding=Aiding((rate, dip)))), sep="\n")
+    rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
+    dip was left out: claims no less: 0.60° with it, 0.50° without
+    """
+    if fit.aiding is None:
+        return []
+    lines = []
+    for aid in fit.aiding.each:
+        claims = aid.words or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
+        lines.append(
+            f"{aid.name} changed the heading by {aid.changed_deg:.2f}°: {claims}"
+            if aid.kept
+            else f"{aid.name} was left out: {aid.words}"
+        )
+    if fit.aiding.acceleration_bias is not None and fit.aiding.acceleration_bias_sigma is not None:
+        x, y, z = (f"{value:.3f}" for value in fit.aiding.acceleration_bias_sigma)
+        lines.append(
+            f"{bias_words(fit.aiding.acceleration_bias)} (1 σ: {x}, {y}, {z}); the calibration file keeps it, and "
+            "flinders heading uses it"
+        )
+    return lines
+
+
+def bias_words(bias: Iterable[float]) -> str:
+    """What an accelerometer reads too much, in words.
+
+    >>> bias_words([0.1784, -0.3, 0.0])
+    'the accelerometer reads 0.178, −0.300 and 0.000 m/s² too much along x, y and z'
+    """
+    x, y, z = (f"{round(value, 3) + 0.0:.3f}".replace("-", "−") for value in bias)
+    return f"the accelerometer reads {x}, {y} and {z} m/s² too much along x, y and z"
