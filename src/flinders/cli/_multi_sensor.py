@@ -11,7 +11,7 @@ from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import FitError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from rich.console import RenderableType
 
@@ -59,13 +59,13 @@ def calibrate(
         Outputs.of(*(("the calibration", each) for each in paths), force=files.force).check([path])
         if sensors.joint:
             multi = _fitted_jointly(log, parts, sensors.reference, options)
-            outcomes: list[tuple[str, Outcome]] = [(member.name, member.fit) for member in multi.members]
-        else:
-            outcomes = [(name, _fitted(name, part, by, options, fit)) for name, part in parts.items()]
-        written = [
-            target if target and _saved(outcome, part, target, force=files.force) else None
-            for target, part, (_, outcome) in zip(paths, parts.values(), outcomes, strict=True)
-        ]
+        made = _each_alone(parts, by, options, fit) if multi is None else ((one.name, one.fit) for one in multi.members)
+        outcomes: list[tuple[str, Outcome]] = []
+        written = []
+        for target, part, outcome in zip(paths, parts.values(), made, strict=True):
+            outcomes.append(outcome)
+            if target and _saved(outcome[1], part, target, force=files.force):  # at once: the next may be interrupted
+                written.append(target)
     unread = [outcome for _, outcome in outcomes if isinstance(outcome, InputError)]
     if len(unread) == len(outcomes):
         raise unread[0]
@@ -73,7 +73,7 @@ def calibrate(
         print_json(_as_dict(outcomes, paths, multi))
     else:
         show(_page(outcomes, multi, options["target_deg"]))
-    names = ", ".join(filter(None, written))
+    names = ", ".join(written)
     say(f"written to {names}" if names else "nothing was written: name files with -o compass-{sensor}.json")
     return max(_exit_code(outcome) for _, outcome in outcomes)
 
@@ -141,13 +141,17 @@ def _fitted_jointly(log: Log, parts: dict[str, Counted], reference: str | None, 
     return fit_multi(parts, reference=chosen, **asked)
 
 
-def _fitted(name: str, part: Counted, by: Filter | None, options: dict[str, Any], fit: Fitting) -> Outcome:
-    """Fit one magnetometer; a refusal is a result like any other, and so is a dead one."""
-    try:
-        with saying_what_was_skipped([part]):
-            return fit([part], by, {**options, "sensor": name})
-    except (FitError, InputError) as refusal:
-        return refusal
+def _each_alone(
+    parts: Mapping[str, Counted], by: Filter | None, options: dict[str, Any], fit: Fitting
+) -> Iterator[tuple[str, Outcome]]:
+    """Fit one magnetometer after the other; a refusal is a result like any other, and so is a dead one."""
+    for name, part in parts.items():
+        try:
+            with saying_what_was_skipped([part]):
+                outcome: Outcome = fit([part], by, {**options, "sensor": name})
+        except (FitError, InputError) as refusal:
+            outcome = refusal
+        yield name, outcome
 
 
 def _saved(outcome: Outcome, part: Counted, path: str, *, force: bool) -> bool:

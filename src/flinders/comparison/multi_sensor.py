@@ -570,7 +570,7 @@ def _agreed(
     runs: tuple[Departure, ...] = ()
     several: Several | None = None
     begins = [starts[place] for place in own]
-    outliers = _own_strays(fields, begins)
+    outliers = _own_outliers(fields, begins)
     alike = outliers & (2 * outliers.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
     for _ in range(ROUNDS):
         left = np.where(alike[..., np.newaxis], np.nan, fields)
@@ -594,14 +594,14 @@ def _agreed(
     return several, tuple(sorted(placed, key=lambda run: run.start_s))
 
 
-def _own_strays(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np.bool_]:
+def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np.bool_]:
     """(m, N) readings that a sensor by itself leaves out; none where it would leave out most.
 
     >>> rng = np.random.default_rng(1)
     >>> q = rng.normal(size=(400, 3))
     >>> field = 50.0 * q / np.linalg.norm(q, axis=1, keepdims=True) + rng.normal(scale=0.5, size=q.shape)
     >>> field[100:150] *= 1.4
-    >>> outliers = _own_strays(field[np.newaxis], [_estimated(field)])[0]
+    >>> outliers = _own_outliers(field[np.newaxis], [_estimated(field)])[0]
     >>> float(outliers[100:150].mean()), bool(outliers[:80].mean() < 0.1), bool(outliers[170:].mean() < 0.1)
     (1.0, True, True)
     """
@@ -622,7 +622,7 @@ def _own_strays(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np
 def _left_out(member: Member, field: Floats, start: Estimate | None, belongs: NDArray[np.bool_]) -> tuple[Outlier, ...]:
     """What a sensor left out by itself, where the joint fit left out most of that, too."""
     alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
-    outliers = _own_strays(field[np.newaxis], [start])[0]
+    outliers = _own_outliers(field[np.newaxis], [start])[0]
     if not isinstance(alone, Fit) or not outliers.any() or np.mean(belongs[outliers]) > MOST_STRAYS:
         return ()
     return alone.outliers

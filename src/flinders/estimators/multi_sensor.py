@@ -239,9 +239,9 @@ def solve(
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "together")
     thinned = fields[:, :: max(1, fields.shape[1] // ENOUGH)]
-    best = _without_strays(_iterated(best.over(thinned)))
+    best = _without_outliers(_iterated(best.over(thinned)))
     if thinned.shape[1] < fields.shape[1]:
-        best = _without_strays(best.over(fields))
+        best = _without_outliers(best.over(fields))
     return _finished(best, alone)
 
 
@@ -590,7 +590,7 @@ def _moved(state: _State, equations: _Equations, step: Floats) -> _State | None:
     return replace(state, at=tuple(at), directions=equations.followed(state, step))
 
 
-def _without_strays(state: _State) -> _State:
+def _without_outliers(state: _State) -> _State:
     """Leave out readings that do not belong to the others, of each moment the worst at first, and go on without."""
     for _ in range(ROUNDS):
         weight = _belonging(state)

@@ -5,7 +5,7 @@
 >>> field = np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 80.0, 0], [0, 0, 50.0]])
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> outliers_of([Samples(field, time=np.arange(4.0))], sphere, 5.0)
-[Stray(first=2, last=3, rows=2, start=1.0, end=2.0, farthest=40.0)]
+[Outlier(first=2, last=3, rows=2, start=1.0, end=2.0, farthest=40.0)]
 """
 
 from __future__ import annotations

@@ -309,7 +309,7 @@ class Rejected:
     Attributes
     ----------
     rows : (N,) bool
-        Strays, and what sits at the end of an axis.
+        Outliers, and what sits at the end of an axis.
     runs : list of (first, last)
         Places in what was fitted; a run of outliers may bridge good ones.
     """
