@@ -42,7 +42,7 @@ PIECE: Final = 500
 HARM_DEG: Final = 2.0
 """Twice the target: what one claims at 1 σ, one unit in twenty is off by."""
 
-TELLING: Final = frozenset({"stale-repeats", "strays", "field-changed"})
+TELLING: Final = frozenset({"stale-repeats", "outliers", "field-changed"})
 """Notes that name a fault which the calibration allows for."""
 
 Key: TypeAlias = tuple[str, int]

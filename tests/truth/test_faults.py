@@ -159,8 +159,8 @@ def test_the_table_counts_what_was_said() -> None:
         ("", 0): Counter(units=200, good=199, limited=1, found=1),
         ("spikes", 2): Counter(units=4, limited=3, found=3),
     }
-    total["spikes", 2].update({"good": 1, "off": 1, "strays!": 3})
-    assert "| spikes | larger (0.2) | 4 | 25.0% | 75.0% | 0.0% | 0.0% | **75.00%** | 1 | `strays` 75.0% |" in table(
+    total["spikes", 2].update({"good": 1, "off": 1, "outliers!": 3})
+    assert "| spikes | larger (0.2) | 4 | 25.0% | 75.0% | 0.0% | 0.0% | **75.00%** | 1 | `outliers` 75.0% |" in table(
         total
     )
     assert summary(total) == [
