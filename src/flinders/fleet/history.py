@@ -294,36 +294,24 @@ def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> A
 
 
 def _counted_once(table: Any) -> Any:  # noqa: ANN401
-    """Rows of whole units without those that a later table has as well; rows of one table that failed all count."""
-    if len(table.group_by(["unit", "recording", "start_s"]).aggregate([])) == len(table):
-        return table
-    cells = (table.column(name).to_pylist() for name in SAME)
+    """Rows of whole units without those of recordings that a later table has as well."""
+    from pyarrow import array
+
     tables = table.column(TABLE).to_pylist()
-    by_recording: dict[tuple[Any, ...], list[int]] = {}
-    for place, row in enumerate(zip(*cells, strict=True)):
-        places = by_recording.setdefault(_key(*row), [])
-        is_failed_too = bool(places) and row[-1] is None and tables[places[0]] == tables[place]
-        if not is_failed_too and places and tables[places[0]] <= tables[place]:
-            places.clear()
-        if is_failed_too or not places:
-            places.append(place)
-    return table.take(sorted(place for places in by_recording.values() for place in places))
+    if len(set(tables)) == 1:
+        return table
+    keys = list(map(_key, *(table.column(name).to_pylist() for name in SAME)))
+    newest = dict(zip(keys, tables, strict=True))  # tables follow one another in their order
+    return table.filter(array([newest[key] == number for key, number in zip(keys, tables, strict=True)]))
 
 
-def _key(
-    unit: str,
-    recording: str | None,
-    start_s: float | None,
-    end_s: float | None,
-    readings: int | None,
-    offset: Sequence[float] | None,
-) -> tuple[Any, ...]:
+def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) -> tuple[Any, ...]:  # noqa: ANN401
     """Key of a recording: its start if that is a date, else also end and readings; without a name the offset too."""
     if start_s is not None and is_date(np.array([start_s]))[0]:
         return unit, recording, start_s
-    if recording or offset is None:
-        return unit, recording, start_s, end_s, readings
-    return unit, recording, start_s, end_s, readings, *(f"{value:.6g}" for value in offset)
+    *span, offset = others
+    own = () if recording else tuple(f"{value:.6g}" for value in offset or ())
+    return unit, recording, start_s, *span, *own
 
 
 def _refuse_other(path: str | os.PathLike[str], there: Sequence[str], columns: Sequence[str]) -> None:
