@@ -30,8 +30,8 @@ import flinders
 from flinders.errors import FlindersError
 from flinders.estimators import METHODS, Readings
 from flinders.fleet.checkpoint import Checkpoint
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.results import Rows
 from flinders.fleet.scheduler import cores
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric

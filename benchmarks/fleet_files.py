@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.bucket import Bucket
 from flinders.fleet import plan
-from flinders.fleet.options import Options
+from flinders.fleet.dataset import Options
 
 
 def write(folder: Path, files: int) -> None:

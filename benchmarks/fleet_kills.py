@@ -29,8 +29,8 @@ from distributed import Client
 from pyarrow import parquet
 
 from flinders import simulate
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
 
 if TYPE_CHECKING:

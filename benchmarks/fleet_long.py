@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.results import Rows
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.claims import by_hand
 from benchmarks.datasets import heading_error_deg
 from flinders import simulate
-from flinders.fleet.options import Options
+from flinders.fleet.dataset import Options
 from flinders.fleet.recordings import Job
 from flinders.fleet.worker import fit_jobs
 
@@ -43,7 +43,7 @@ KINDS: Final[Mapping[str, Callable[[int], Simulated]]] = {
     "tilted by 35° at the most": partial(simulate.tumble, motion="tilted", n=500, tilt_deg=35.0),
     "by hand, noise that hangs together (ρ = 0.8)": partial(by_hand, memory=0.8),
     "by hand, 1 % of the field belongs to the direction": partial(by_hand, distorted=0.01),
-    "by hand, 1 % strays": partial(simulate.tumble, outliers=0.01),
+    "by hand, 1 % outliers": partial(simulate.tumble, outliers=0.01),
     "by hand, a magnet passes": partial(by_hand, magnet="cut"),
 }
 """Recordings by their seed."""

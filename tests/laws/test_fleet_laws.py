@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import flinders
 from flinders import simulate
 from flinders.fleet import Row, Rows, fit_many, worker
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
 
 if TYPE_CHECKING:

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from flinders.errors import OutputError
 from flinders.fleet import Row, Rows
-from flinders.fleet import merge as merging
-from flinders.fleet.hardware_batch import named_rows
-from flinders.fleet.merge import merge
-from flinders.fleet.summary import Counts
+from flinders.fleet import results as merging
+from flinders.fleet.progress import Counts
+from flinders.fleet.results import merge, named_rows
 
 pytest.importorskip("pyarrow")
 

@@ -24,8 +24,8 @@ from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
 from flinders.fleet import Rows, progress, scheduler, worker
 from flinders.fleet.checkpoint import Checkpoint
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
 from flinders.fleet.progress import log_to
 

@@ -15,8 +15,8 @@ from benchmarks.bucket import Bucket
 from flinders import simulate
 from flinders.errors import OutputError
 from flinders.fleet import Rows, storage
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.progress import LOGGER, Progress, log_event, log_to
 from flinders.fleet.scheduler import map_units
 

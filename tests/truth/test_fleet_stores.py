@@ -13,8 +13,8 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists, UnreadableInput
 from flinders.fleet import Rows
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.plan import LOOKS, plan_of
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput, UsageError
 from flinders.fleet import Rows, fit_many, plan, worker
+from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
-from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
 
 if TYPE_CHECKING:

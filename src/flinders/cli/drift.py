@@ -74,13 +74,12 @@ def command(
     tables, and count once. A change is held against what both calibrations claim, and a step against how this fleet
     drifts slowly. Recordings are taken in the order of their dates, else of their names.
     """
-    from flinders.fleet.drift import drift_of
-    from flinders.fleet.drift_table import writing
+    from flinders.fleet.drift import drift_of, drift_table
 
     refuse_twice(tables)
     outputs = Outputs.of(("the table", out), ("the report", report, "--report"), force=force)
     outputs.check(tables)
-    with working() as watch, writing(out, force=force) as each:
+    with working() as watch, drift_table(out, force=force) as each:
         if watch is not None:
             watch("holding calibrations against each other")
         drift = drift_of(

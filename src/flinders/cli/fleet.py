@@ -99,8 +99,8 @@ def command(
     with a column of units; here, or at s3://, gs:// or az://. A recording that cannot be fitted or read is a row that
     says why.
     """
+    from flinders.fleet.dataset import Options
     from flinders.fleet.job import run
-    from flinders.fleet.options import Options
     from flinders.fleet.progress import log_to
 
     if workers is not None and scheduler is not None:
@@ -122,7 +122,7 @@ def command(
     if as_json:
         print_json(summary.as_dict())
     else:
-        from flinders.fleet.summary import page
+        from flinders.fleet.progress import page
 
         show(page(summary))
     if report is not None:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.findings import current
-from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule, named_rows, texts
+from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
 from flinders.fleet.history import whole_units
+from flinders.fleet.results import named_rows, texts
 from flinders.report.fleet_view import FleetUnit, Histogram, Overview
 
 if TYPE_CHECKING:

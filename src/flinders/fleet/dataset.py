@@ -26,11 +26,12 @@ from urllib.parse import unquote
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, UsageError
 from flinders.fleet import storage
-from flinders.fleet.options import Options  # noqa: TC001 - examples use it
 from flinders.fleet.results import needs_arrow
 from flinders.readers import Choice
+from flinders.readers._columns import asked_columns
 from flinders.readers._extras import reading
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
@@ -73,6 +74,53 @@ PREVIEW: Final = 1_024
 """Rows from which columns are recognised."""
 USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
 """Kinds of columns that a fit without aiding sensors uses; others are not read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """Options of `flinders fleet` and `flinders.fit_many`: how recordings are read, and how their fits are judged.
+
+    >>> Options(axes="x,x,z").check()
+    Traceback (most recent call last):
+        ...
+    flinders.errors.AxesError: axes 'x,x,z': need x, y and z once each with signs, such as 'x,-y,-z' or '-y,x,z'
+
+    Attributes
+    ----------
+    columns, unit, scale, axes, sensor, as_logged
+        As for `flinders.open_recording`.
+    unit_column, recording_column, batch_column : str, optional
+        Of a table: the column, or part ``name=value`` of its path, with the unit, the recording and the hardware batch.
+    target_deg, dip_deg : float
+        As for `flinders.fit`.
+    polish : bool
+        Go through the readings a second time; if not, use their sums alone.
+    """
+
+    columns: str | None = None
+    unit: str | None = None
+    scale: float | None = None
+    axes: str = "x,y,z"
+    sensor: str | None = None
+    as_logged: bool = False
+    unit_column: str | None = None
+    recording_column: str | None = None
+    batch_column: str | None = None
+    target_deg: float = 1.0
+    dip_deg: float = 60.0
+    polish: bool = True
+
+    def check(self) -> None:
+        """Refuse options that no recording can be read with.
+
+        Raises
+        ------
+        UsageError
+        """
+        Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
+        Axes.of(self.axes)
+        if self.columns is not None:
+            asked_columns(self.columns)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,28 +12,31 @@ intervals, a unit at `CHANCE` over the number of units (Bonferroni). docs/drift.
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import heapq
 import itertools
 import math
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal, TextIO, cast
 
 import numpy as np
 
 from flinders.comparison.pairs import Differences, differences, offset_heading_deg
+from flinders.core.files import replacing
 from flinders.errors import UsageError
 from flinders.fleet.change_points import ChangePoint, change_points
 from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
 from flinders.fleet.history import OffsetSeries, histories
-from flinders.fleet.results import VERDICTS
+from flinders.fleet.results import VERDICTS, needs_arrow
 from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
 from flinders.report.fleet_figures import standing_out
 from flinders.report.fleet_view import STATES, BatchDrift, FleetDrift, Histogram, Undated, UnitDrift, UnitStep
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -103,7 +106,7 @@ def drift_of(
         change_chance=CHANCE / max(survey.changing, 1),
         step_chance=CHANCE / max(survey.intervals, 1),
     )
-    results = _Results(most)
+    results = _DriftTally(most)
     for history in histories(paths, rule=rule):
         units = _changes_of(history, rules)
         results.add(units, _steps_of(history, rules))
@@ -319,7 +322,7 @@ def _step(history: Histories, step: ChangePoint, moved: list[float], worst: floa
 
 
 @dataclass(slots=True)
-class _Results:
+class _DriftTally:
     """Counts of all units, and the worst of each kind, which are listed."""
 
     most: int
@@ -354,7 +357,7 @@ class _Results:
         self.stepped.update(unit.batch for unit in units if unit.unit in stepped)
 
 
-def _drift(survey: _Survey, rules: _Rules, results: _Results, rule: BatchRule) -> FleetDrift:
+def _drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: BatchRule) -> FleetDrift:
     """Put the result together."""
     undated = rules.undated
     return FleetDrift(
@@ -387,7 +390,7 @@ def _drift(survey: _Survey, rules: _Rules, results: _Results, rule: BatchRule) -
     )
 
 
-def _batches(survey: _Survey, results: _Results, rule: BatchRule) -> tuple[BatchDrift, ...]:
+def _batches(survey: _Survey, results: _DriftTally, rule: BatchRule) -> tuple[BatchDrift, ...]:
     """Drift of each batch; none if there are too many, or if names hold none."""
     names = sorted(results.batches)
     if not rule.are_useful(names, sum(survey.verdicts.values())):
@@ -426,3 +429,52 @@ def _changed(states: Mapping[str, int]) -> int:
 def _shares(judged: int, odd: int) -> dict[str, int]:
     """Counts of good and odd units."""
     return {"good": judged - odd, "odd": odd}
+
+
+# ------------------------------------------------------------------------------------------------------------- table
+
+
+@contextlib.contextmanager
+def drift_table(
+    path: str | os.PathLike[str] | None, *, force: bool = False
+) -> Iterator[Callable[[Sequence[UnitDrift]], None] | None]:
+    """Write a Parquet file that appears under its name when the block ends well.
+
+    Yields a function that takes some units at a time; None if there is no path.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    if path is None:
+        yield None
+        return
+    arrow = needs_arrow()
+    from pyarrow import parquet
+
+    with (
+        replacing(path, force=force) as file,
+        parquet.ParquetWriter(cast("TextIO", file).buffer, drift_schema(), write_page_checksum=True) as writer,
+    ):
+        yield lambda units: writer.write_table(_units_table(arrow, units))
+
+
+def drift_schema() -> Any:  # noqa: ANN401 - pyarrow ships no types
+    """Fields of `UnitDrift` as columns."""
+    arrow = needs_arrow()
+    kinds = {"str": arrow.string(), "int": arrow.int64(), "float": arrow.float64()}
+    return arrow.schema([(field.name, kinds[str(field.type)]) for field in dataclasses.fields(UnitDrift)])
+
+
+def _units_table(arrow: Any, units: Sequence[UnitDrift]) -> Any:  # noqa: ANN401
+    """Table of some units, null for NaN."""
+    columns = {
+        field.name: [_known(getattr(unit, field.name)) for unit in units] for field in dataclasses.fields(UnitDrift)
+    }
+    return arrow.table(columns, schema=drift_schema())
+
+
+def _known(value: str | float) -> str | float | None:
+    """A value, None for NaN."""
+    return None if isinstance(value, float) and math.isnan(value) else value

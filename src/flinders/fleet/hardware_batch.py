@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import UsageError
-from flinders.fleet.results import needs_arrow
+from flinders.fleet.results import UNNAMED, needs_arrow, texts
 
 if TYPE_CHECKING:
     import os
@@ -25,8 +25,6 @@ COLUMN: Final = "batch"
 """Column that is used by default, unless it is empty."""
 PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
 """All but the last part of a unit's name: its batch, if there is no column."""
-UNNAMED: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
-"""In place of a unit's name, in rows of readings without a unit and of unreadable files."""
 MOST: Final = 2_000
 """More batches than this are taken for none."""
 
@@ -113,19 +111,6 @@ def batch_rule(paths: Paths, text: str | None) -> BatchRule:
     return batches
 
 
-def named_rows(table: Any) -> Any:  # noqa: ANN401
-    """Rows of a table that have a unit: not those of files that failed before one was known."""
-    from pyarrow import array
-
-    units = texts(table.column("unit"))
-    unnamed = {unit for unit in set(units) if UNNAMED.search(unit)}
-    if not unnamed:
-        return table
-    verdicts = texts(table.column("verdict"))
-    unnamed -= {unit for unit, verdict in zip(units, verdicts, strict=True) if verdict != "failed"}
-    return table.filter(array([unit not in unnamed for unit in units]))
-
-
 def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
     """Compile a regular expression for the batch.
 
@@ -139,14 +124,6 @@ def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
         raise UsageError(
             f"batch {text!r} is neither a column of the table nor a regular expression ({error}); {_choice(columns)}"
         ) from None
-
-
-def texts(column: Any) -> list[str]:  # noqa: ANN401
-    """Cells of a column as texts, empty for null."""
-    from pyarrow import compute
-
-    cells: list[str] = compute.fill_null(column.cast("string"), "").to_pylist()
-    return cells
 
 
 def _choice(columns: Sequence[str]) -> str:

@@ -17,8 +17,7 @@ from flinders.comparison.pairs import Ellipsoids
 from flinders.core.files import reason
 from flinders.errors import DocumentError
 from flinders.fleet.dates import arranged, is_date
-from flinders.fleet.hardware_batch import named_rows
-from flinders.fleet.results import LATER, LISTS, NAMES, needs_arrow, objects
+from flinders.fleet.results import LATER, LISTS, NAMES, named_rows, needs_arrow, objects
 
 if TYPE_CHECKING:
     import os
@@ -305,7 +304,7 @@ def _counted_once(table: Any) -> Any:  # noqa: ANN401
     return table.filter(array([newest[key] == number for key, number in zip(keys, tables, strict=True)]))
 
 
-def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) -> tuple[Any, ...]:  # noqa: ANN401
+def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) -> tuple[Any, ...]:
     """Key of a recording: its start if that is a date, else also end and readings; without a name the offset too."""
     if start_s is not None and is_date(np.array([start_s]))[0]:
         return unit, recording, start_s

@@ -10,7 +10,7 @@ short or empty. Their names hold length and check sum, and a partition that does
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.fleet.options import Options
+>>> from flinders.fleet.dataset import Options
 >>> folder = Path(tempfile.mkdtemp())
 >>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n")
 >>> summary = run(str(folder), folder / "calibrations.parquet", Options(), workers=0)
@@ -30,23 +30,20 @@ from flinders.errors import UsageError
 from flinders.fleet import worker
 from flinders.fleet.checkpoint import TABLE, Checkpoint
 from flinders.fleet.dataset import PARQUET
-from flinders.fleet.merge import merge
 from flinders.fleet.plan import plan_of
-from flinders.fleet.progress import Progress
-from flinders.fleet.results import Rows, needs_arrow
+from flinders.fleet.progress import Counts, Progress, summarize
+from flinders.fleet.results import Rows, merge, needs_arrow
 from flinders.fleet.scheduler import Abandoned, map_units, reach
 from flinders.fleet.storage import is_remote, put, refuse_object
-from flinders.fleet.summary import Counts, summarize
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from flinders.fleet.options import Options
+    from flinders.fleet.dataset import Options
     from flinders.fleet.plan import Partition, Plan
-    from flinders.fleet.progress import ProgressCallback
+    from flinders.fleet.progress import ProgressCallback, RunSummary
     from flinders.fleet.scheduler import WorkerDeath
-    from flinders.fleet.summary import RunSummary
 
     Map = Callable[..., Iterator[tuple[int, bytes | Abandoned]]]
 

@@ -6,7 +6,7 @@ a partition of its own, which takes its rows alone.
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.fleet.options import Options
+>>> from flinders.fleet.dataset import Options
 >>> folder = Path(tempfile.mkdtemp())
 >>> for name in ("A17/monday.csv", "A17/friday.csv", "B02/monday.csv", "B02/notes.md"):
 ...     (folder / name).parent.mkdir(exist_ok=True)
@@ -49,8 +49,7 @@ from flinders.readers import READERS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from flinders.fleet.dataset import TableFile
-    from flinders.fleet.options import Options
+    from flinders.fleet.dataset import Options, TableFile
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

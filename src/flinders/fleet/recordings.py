@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
     from flinders.core.units import Unit
-    from flinders.fleet.dataset import Pair
-    from flinders.fleet.options import Options
+    from flinders.fleet.dataset import Options, Pair
     from flinders.fleet.plan import FileSlice, Partition
 
 

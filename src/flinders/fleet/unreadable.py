@@ -7,7 +7,7 @@ keys alone. If those are what is broken, the footer still has the number of rows
 >>> from pathlib import Path
 >>> import pyarrow
 >>> from pyarrow import parquet
->>> from flinders.fleet.options import Options
+>>> from flinders.fleet.dataset import Options
 >>> from flinders.fleet.plan import plan_of
 >>> path = Path(tempfile.mkdtemp()) / "fleet.parquet"
 >>> parquet.write_table(pyarrow.table({"unit": ["A17", "A17", "B02"], "x": [1.0, 2.0, 3.0]}), path)
@@ -33,8 +33,7 @@ from flinders.fleet.results import Row, one_line
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from flinders.fleet.dataset import Pair, TableFile
-    from flinders.fleet.options import Options
+    from flinders.fleet.dataset import Options, Pair, TableFile
     from flinders.fleet.plan import FileSlice, Partition
 
 LISTED: Final = 4

@@ -31,13 +31,13 @@ from flinders.fleet.dataset import (
     Interner,
     KeyColumns,
     KeyedTable,
+    Options,
     TableFile,
     batch_in,
     counts_of,
     opened,
     refuse_empty,
 )
-from flinders.fleet.options import Options
 from flinders.fleet.plan import LARGEST, FileSlice, Partition, key_of
 from flinders.fleet.recordings import (
     Job,
