@@ -217,7 +217,7 @@ def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
                 seed=count * place + number, n=500, sensor=replace(sensor, offset=sensor.offset + moved)
             )
             start = 1.7e9 + 30.0 * 86400.0 * number
-            rows.append(Row.of_fit(flinders.fit(read.samples), f"U{place:05d}", start_s=start, readings=500))
+            rows.append(Row(unit=f"U{place:05d}", start_s=start, readings=500).with_fit(flinders.fit(read.samples)))
     drift, found = found_in(Rows.of(rows))
     reported, urgent = {step.unit for step in drift.steps}, {one.unit for one in found if one.state == "recalibrate"}
     return (

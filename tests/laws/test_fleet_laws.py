@@ -115,7 +115,7 @@ def alone() -> Rows:
     for unit, samples in SAMPLES.items():
         assert samples.time is not None
         start, end = float(samples.time[0]), float(samples.time[-1])
-        rows.append(Row.of_fit(flinders.fit(samples), unit, start_s=start, end_s=end, readings=len(samples)))
+        rows.append(Row(unit=unit, start_s=start, end_s=end, readings=len(samples)).with_fit(flinders.fit(samples)))
     return Rows.of(rows)
 
 

@@ -62,7 +62,7 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
     for seed in range(4):
         sensor = simulate.Sensor(noise=0.5, offset=np.array([20.0, -10.0, 5.0 + seed]))
         fits.append(flinders.fit(simulate.tumble(seed=seed, n=300, motion="uniform", sensor=sensor).samples))
-    rows = Rows.of([Row.of_fit(fit, "A") for fit in fits])
+    rows = Rows.of([Row(unit="A").with_fit(fit) for fit in fits])
     all_of_them = Ellipsoids.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
     found = differences(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
     for place, (one, two) in enumerate(pairwise(fits)):

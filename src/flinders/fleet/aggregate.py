@@ -12,7 +12,7 @@ import numpy as np
 from flinders.findings import current
 from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
 from flinders.fleet.history import whole_units
-from flinders.fleet.results import named_rows, texts
+from flinders.fleet.results import LISTS, lists, named_rows, numbers, texts
 from flinders.report.fleet_view import FleetUnit, Histogram, Overview
 
 if TYPE_CHECKING:
@@ -132,11 +132,9 @@ class _Tally:
 
     def _add_numbers(self, table: Any) -> None:  # noqa: ANN401
         """Add numbers to the histograms and to the worst units."""
-        worst_deg, noise, radius = (_numbers(table, name) for name in ("worst_deg", "noise", "radius"))
-        offset = np.full(len(radius), np.nan)
-        column = table.column("offset").combine_chunks()
-        known = column.is_valid().to_numpy(zero_copy_only=False)
-        offset[known] = np.linalg.norm(np.asarray(column.drop_null().flatten(), float).reshape(-1, 3), axis=1)
+        worst_deg, noise, radius = (numbers(table.column(name)) for name in ("worst_deg", "noise", "radius"))
+        offset = np.linalg.norm(lists(table.column("offset"), LISTS["offset"]), axis=1)
+        known = np.isfinite(offset)
         with np.errstate(invalid="ignore", divide="ignore"):
             shares = {"heading error": np.where(known, worst_deg, np.nan), "offset": offset / radius}
             shares["noise"] = np.where(known, noise / radius, np.nan)
@@ -148,8 +146,8 @@ class _Tally:
             low, high, classes = (10.0, 100.0, 120) if name == "uT" else (1.0, 1e5, 100)
             counted = self.strengths.get(name, Histogram.over(low, high, classes))
             self.strengths[name] = counted.counted(radius[known & (units == name)])
-        for rank, numbers in shares.items():
-            self._rank(table, rank, numbers, shares)
+        for rank, sizes in shares.items():
+            self._rank(table, rank, sizes, shares)
 
     def _rank(self, table: Any, rank: str, numbers: Floats, shares: dict[str, Floats]) -> None:  # noqa: ANN401
         """Add the rows with the largest numbers; of equal ones the first."""
@@ -175,8 +173,3 @@ def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # no
         radius=float(row["radius"]),
         findings=tuple(map(current, row["findings"] or ())),
     )
-
-
-def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401
-    """Column of numbers, NaN for null."""
-    return np.array(table.column(name).to_numpy(zero_copy_only=False), dtype=float)

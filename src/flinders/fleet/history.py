@@ -17,7 +17,7 @@ from flinders.comparison.pairs import Ellipsoids
 from flinders.core.files import reason
 from flinders.errors import DocumentError
 from flinders.fleet.dates import arranged, is_date
-from flinders.fleet.results import LATER, LISTS, NAMES, named_rows, needs_arrow, objects
+from flinders.fleet.results import LATER, LISTS, NAMES, lists, named_rows, needs_arrow, numbers, objects, texts
 
 if TYPE_CHECKING:
     import os
@@ -126,29 +126,31 @@ class Histories:
         rows, table = len(table), named_rows(table)
         keys = [("unit", "ascending"), ("start_s", "ascending"), ("recording", "ascending")]
         table = table.take(compute.sort_indices(table, sort_keys=keys)).combine_chunks()
-        names, begins, line = np.unique(_texts(table.column("unit")), return_index=True, return_inverse=True)
+        names, begins, line = np.unique(objects(texts(table.column("unit"))), return_index=True, return_inverse=True)
         batch = objects(rule.of(table)) if rule else np.full(len(table), "", dtype=object)
-        verdict = _texts(table.column("verdict"))
+        verdict = objects(texts(table.column("verdict")))
         usable = table.column("covariance").is_valid().to_numpy() & table.column("offset").is_valid().to_numpy()
         chosen = np.flatnonzero(usable & np.isin(verdict.astype(str), ["good", "limited"]))
         order = _Order.of(table.take(chosen), line[chosen], len(names))
         chosen = chosen[order.places]
-        field = _texts(table.column("unit_of_field"))[chosen]
+        field = objects(texts(table.column("unit_of_field")))[chosen]
         alike = _alike(line[chosen], field)
         chosen = chosen[alike]
         inside = table.take(chosen)
-        offset, matrix, covariance = (_list(inside, name, LISTS[name]) for name in ("offset", "matrix", "covariance"))
+        offset, matrix, covariance = (
+            lists(inside.column(name), LISTS[name]) for name in ("offset", "matrix", "covariance")
+        )
         return cls(
             unit=names,
             batch=batch[begins],
             first=np.searchsorted(line[chosen], np.arange(len(names) + 1)),
             is_known=order.is_known,
             is_dated=order.is_dated,
-            recording=_texts(inside.column("recording")),
+            recording=objects(texts(inside.column("recording"))),
             date_s=order.date_s[alike],
-            calibrations=Ellipsoids.of_columns(offset, matrix, covariance, _numbers(inside, "radius")),
+            calibrations=Ellipsoids.of_columns(offset, matrix, covariance, numbers(inside.column("radius"))),
             unit_of_field=field[alike],
-            dip_deg=_numbers(inside, "dip_deg"),
+            dip_deg=numbers(inside.column("dip_deg")),
             verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if rule else {},
             left_out=rows - len(chosen),
             passed_over=passed_over,
@@ -177,7 +179,7 @@ class _Order:
     @classmethod
     def of(cls, table: Any, line: NDArray[np.intp], units: int) -> _Order:  # noqa: ANN401
         """Order rows that are sorted by unit and clock; a unit whose times are all dates stays as it is."""
-        start = _numbers(table, "start_s")
+        start = numbers(table.column("start_s"))
         is_odd = ~is_date(start)
         again = np.flatnonzero((np.diff(line) == 0) & (np.diff(start) == 0.0))
         is_odd[again] = True  # dates that do not tell two recordings apart
@@ -187,7 +189,7 @@ class _Order:
         begins, ends = np.searchsorted(line, odd), np.searchsorted(line, odd, side="right")
         recording, tables = table.column("recording"), table.column(TABLE).to_numpy()
         for unit, begin, end in zip(odd.tolist(), begins.tolist(), ends.tolist(), strict=True):
-            names = _texts(recording.slice(begin, end - begin)).tolist()
+            names = texts(recording.slice(begin, end - begin))
             order = arranged(names, start[begin:end], tables[begin:end].tolist())
             places[begin:end] = begin + np.array(order.places)
             date_s[begin:end] = order.date_s
@@ -346,25 +348,6 @@ def _split(table: Any, limit: str | None) -> tuple[Any, Any]:  # noqa: ANN401
     count = compute.sum(compute.less(table.column("unit"), limit)).as_py() or 0
     left = table.slice(count)
     return table.slice(0, count), left if len(left) else None
-
-
-def _texts(column: Any) -> NDArray[np.object_]:  # noqa: ANN401
-    """(R,) texts, empty for null."""
-    from pyarrow import compute
-
-    texts: NDArray[np.object_] = compute.fill_null(column, "").to_numpy(zero_copy_only=False).astype(object)
-    return texts
-
-
-def _numbers(table: Any, name: str) -> Floats:  # noqa: ANN401
-    """(R,) numbers, NaN for null."""
-    return np.array(table.column(name).to_numpy(zero_copy_only=False), dtype=float)
-
-
-def _list(table: Any, name: str, length: int) -> Floats:  # noqa: ANN401
-    """(R, length) of a column of lists without null."""
-    column = table.column(name).combine_chunks()
-    return np.asarray(column.flatten(), dtype=float).reshape(-1, length)
 
 
 def _alike(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.bool_]:

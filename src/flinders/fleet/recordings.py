@@ -249,7 +249,7 @@ def merged_recording(parts: Sequence[Job]) -> Job | Row:
         for part, each in zip(parts, samples, strict=True):
             refuse_other_unit(part.file, each.unit, parts[0].file, samples[0].unit)
     except UnitError as error:
-        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
+        return Row(unit=pair[0], recording=pair[1], readings=rows).with_error(error)
     start = min(part.start_s for part in parts)
     later = [delayed(each, part.start_s - start) for each, part in zip(samples, parts, strict=True)]
     whole = concatenated(later, later[0])

@@ -3,7 +3,7 @@
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> tumble = simulate.tumble(seed=1).samples
->>> row = Row.of_fit(calibrate.fit(tumble), "A17", start_s=0.0, end_s=60.0, readings=len(tumble))
+>>> row = Row(unit="A17", start_s=0.0, end_s=60.0, readings=len(tumble)).with_fit(calibrate.fit(tumble))
 >>> row.verdict, row.code, len(row.covariance)
 ('good', '', 45)
 >>> rows = Rows.of([Row(unit="B02", verdict="failed", code="unreadable"), row]).sorted()
@@ -22,7 +22,7 @@ import dataclasses
 import heapq
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO, TypeAlias, cast
 
 import numpy as np
@@ -40,14 +40,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
 
-TEXTS: Final = ("unit", "recording", "verdict", "code", "message", "method", "unit_of_field", "batch")
-"""Columns of text."""
-COUNTS: Final = ("readings", "used")
-"""Columns of whole numbers."""
-NUMBERS: Final = ("start_s", "end_s", "worst_deg", "rms_deg", "dip_deg", "noise", "radius", "coverage")
-"""Columns of a number that may be missing."""
-LISTS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
-"""Columns of so many numbers, which are missing together."""
 UPPER: Final = np.triu_indices(9)
 """Indices of the 45 numbers of a covariance in its nine rows."""
 KEY: Final = ("unit", "recording", "start_s")
@@ -140,88 +132,61 @@ class Row:
     unit_of_field: str = ""
     batch: str = ""
 
-    @classmethod
-    def of_fit(
-        cls,
-        fit: Fit,
-        unit: str,
-        *,
-        recording: str = "",
-        start_s: float = math.nan,
-        end_s: float = math.nan,
-        readings: int = 0,
-    ) -> Self:
-        """Row of a fit; one that is refused gives no calibration.
-
-        Parameters
-        ----------
-        fit : Fit
-        unit, recording, start_s, end_s, readings
-            As the attributes.
-        """
-        is_given = fit.verdict != "refused"
-        error = fit.heading_error_deg
-        worst = fit.findings[0] if fit.findings and not is_given else None
-        return cls(
-            unit=unit,
-            recording=recording,
-            start_s=start_s,
-            end_s=end_s,
-            readings=readings,
+    def with_fit(self, fit: Fit) -> Self:
+        """Row with a fit; one that is refused gives no calibration."""
+        row = replace(
+            self,
             used=int(fit.samples),
             verdict=fit.verdict,
-            code="" if is_given else "refused",
-            message="" if worst is None else worst.advice[:LONGEST],
             method=fit.method,
-            worst_deg=float(error.worst),
-            rms_deg=float(error.rms),
-            dip_deg=float(error.dip_deg),
-            offset=tuple(fit.calibration.offset.tolist()) if is_given else _missing(3),
-            matrix=tuple(fit.calibration.matrix.ravel().tolist()) if is_given else _missing(9),
-            covariance=tuple(fit.covariance[UPPER].tolist()) if is_given else _missing(45),
+            worst_deg=float(fit.heading_error_deg.worst),
+            rms_deg=float(fit.heading_error_deg.rms),
+            dip_deg=float(fit.heading_error_deg.dip_deg),
             noise=float(fit.noise),
-            radius=float(fit.calibration.field_strength) if is_given else math.nan,
             coverage=float(fit.coverage.fraction),
             findings=tuple(finding.code for finding in fit.findings),
             unit_of_field=fit.calibration.unit,
         )
+        if fit.verdict == "refused":
+            return replace(row, code="refused", message=fit.findings[0].advice[:LONGEST] if fit.findings else "")
+        return replace(
+            row,
+            offset=tuple(fit.calibration.offset.tolist()),
+            matrix=tuple(fit.calibration.matrix.ravel().tolist()),
+            covariance=tuple(fit.covariance[UPPER].tolist()),
+            radius=float(fit.calibration.field_strength),
+        )
 
-    @classmethod
-    def of_error(
-        cls,
-        error: Exception,
-        unit: str,
-        *,
-        recording: str = "",
-        start_s: float = math.nan,
-        end_s: float = math.nan,
-        readings: int = 0,
-        unit_of_field: str = "",
-    ) -> Self:
-        """Row of an error: a fit that was refused, readings without one, or a file that could not be read.
+    def with_error(self, error: Exception) -> Self:
+        """Row with an error: a fit that was refused, readings without one, or a file that cannot be read.
 
         >>> from flinders.errors import TooFewSamples
-        >>> row = Row.of_error(TooFewSamples(found=5, needed=10, method="likelihood"), "A17", readings=5)
+        >>> row = Row(unit="A17", readings=5).with_error(TooFewSamples(found=5, needed=10, method="likelihood"))
         >>> row.verdict, row.code, row.message[:18]
         ('refused', 'too-few-samples', '5 usable readings,')
         """
         fit = getattr(error, "fit", None)
         if fit is not None:
-            return cls.of_fit(fit, unit, recording=recording, start_s=start_s, end_s=end_s, readings=readings)
-        code, message = "internal", f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
-        if isinstance(error, FlindersError):
-            code, message = error.code, str(error)
-        return cls(
-            unit=unit,
-            recording=recording,
-            start_s=start_s,
-            end_s=end_s,
-            readings=readings,
-            verdict="refused" if isinstance(error, FlindersError) and error.exit_code == 4 else "failed",
-            code=code,
-            message=one_line(message),
-            unit_of_field=unit_of_field,
-        )
+            return self.with_fit(fit)
+        if not isinstance(error, FlindersError):
+            message = f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
+            return replace(self, verdict="failed", code="internal", message=one_line(message))
+        verdict = "refused" if error.exit_code == 4 else "failed"
+        return replace(self, verdict=verdict, code=error.code, message=one_line(str(error)))
+
+
+NAMES: Final = tuple(field.name for field in dataclasses.fields(Row))
+"""The columns, in order."""
+LISTS: Final = {
+    field.name: len(field.default)
+    for field in dataclasses.fields(Row)
+    if isinstance(field.default, tuple) and field.default
+}
+"""Columns of so many numbers, which are missing together."""
+TEXTS, COUNTS, NUMBERS = (
+    tuple(field.name for field in dataclasses.fields(Row) if field.type == kind) for kind in ("str", "int", "float")
+)
+"""Columns of text, of whole numbers, and of a number that may be missing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -354,8 +319,6 @@ class Rows:
         return cls.from_arrow(needs_arrow().ipc.open_file(content).read_all())
 
 
-NAMES: Final = tuple(field.name for field in dataclasses.fields(Rows))
-"""The columns, in order."""
 VERDICTS: Final = ("good", "limited", "refused", "failed")
 """From the best to the worst."""
 
@@ -442,21 +405,27 @@ def _from_arrow(name: str, column: Any) -> NDArray[Any]:  # noqa: ANN401
     """Column from Arrow, NaN for null."""
     column = column.combine_chunks()
     if name in LISTS:
-        return _list(column, LISTS[name])
+        return lists(column, LISTS[name])
     if name in NUMBERS:
-        return np.array(column.to_numpy(zero_copy_only=False), dtype=float)
+        return numbers(column)
     if name in COUNTS:
         return np.array(column.to_numpy(zero_copy_only=False), dtype=np.int64)
     cells = column.to_pylist()
     return objects([tuple(cell or ()) for cell in cells] if name == "findings" else [cell or "" for cell in cells])
 
 
-def _list(column: Any, length: int) -> Floats:  # noqa: ANN401
-    """(R, length) from a column of lists."""
-    numbers = np.full((len(column), length), np.nan)
+def numbers(column: Any) -> Floats:  # noqa: ANN401
+    """(R,) cells of a column of numbers, NaN for null."""
+    return np.array(column.to_numpy(zero_copy_only=False), dtype=float)
+
+
+def lists(column: Any, length: int) -> Floats:  # noqa: ANN401
+    """(R, length) cells of a column of lists, NaN for null."""
+    column = column.combine_chunks() if hasattr(column, "combine_chunks") else column
+    rows = np.full((len(column), length), np.nan)
     known = np.asarray(column.is_valid())
-    numbers[known] = np.asarray(column.drop_null().flatten(), dtype=float).reshape(-1, length)
-    return numbers
+    rows[known] = np.asarray(column.drop_null().flatten(), dtype=float).reshape(-1, length)
+    return rows
 
 
 def named_rows(table: Any) -> Any:  # noqa: ANN401

@@ -266,5 +266,5 @@ def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> 
 
 def _row(error: Exception, pair: Pair, readings: int, message: str) -> Row:
     """Row with the code of an error and a longer message."""
-    row = Row.of_error(error, pair[0], recording=pair[1], readings=readings)
+    row = Row(unit=pair[0], recording=pair[1], readings=readings).with_error(error)
     return replace(row, message=one_line(message))

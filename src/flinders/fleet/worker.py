@@ -112,7 +112,7 @@ def lost(partition: Partition, attempts: int) -> list[Row]:
     """Rows of a partition that no worker survived: of its units if they are known, else of its files."""
     error = LostWorker(", ".join(part.file.name for part in partition.slices), attempts)
     if partition.only is not None:
-        return [Row.of_error(error, unit) for unit in partition.only]
+        return [Row(unit=unit).with_error(error) for unit in partition.only]
     return [_failed(part, LostWorker(part.file.name, attempts)) for part in partition.slices]
 
 
@@ -204,7 +204,7 @@ def _of_unit(name: str, source: Any, options: Options) -> Job | Row:  # noqa: AN
         if not hasattr(source, "blocks"):
             source = Samples.of(source, unit=options.unit or "counts", scale=options.scale, axes=options.axes)
     except FlindersError as error:
-        return Row.of_error(error, name)
+        return Row(unit=name).with_error(error)
     return Job(name, "", source, 0)
 
 
@@ -300,7 +300,6 @@ def _row(job: Job, options: Options) -> Row:
     counting = CountingRecording(job.source)
     source: Recording | Summary = counting
     fit_options: dict[str, Any] = {"target_deg": options.target_deg, "dip_deg": options.dip_deg}
-    about: dict[str, Any] = {"recording": job.recording}
     try:
         if isinstance(job.source, Samples):
             source = job.source
@@ -310,10 +309,8 @@ def _row(job: Job, options: Options) -> Row:
             fit_options |= {"method": "consistent", "unit": job.source.unit, "axes": job.source.axes}
         fit = calibrate.fit(source, **fit_options)
     except Exception as error:  # noqa: BLE001 - one recording must not cost the others
-        about |= {**counting.span(job.start_s), "readings": job.readings or counting.rows}
-        return Row.of_error(error, job.unit, unit_of_field=job.source.unit.inside, **about)
-    about |= {**counting.span(job.start_s), "readings": job.readings or counting.rows}
-    return Row.of_fit(fit, job.unit, **about)
+        return replace(counting.row(job), unit_of_field=job.source.unit.inside).with_error(error)
+    return counting.row(job).with_fit(fit)
 
 
 class CountingRecording:
@@ -348,25 +345,31 @@ class CountingRecording:
             self._first = float(np.fmin(self._first, np.fmin.reduce(block.time)))
             self._last = float(np.fmax(self._last, np.fmax.reduce(block.time)))
 
-    def span(self, start_s: float) -> dict[str, float]:
-        """Earliest and latest time."""
-        return {"start_s": start_s + self._first, "end_s": start_s + self._last}
+    def row(self, job: Job) -> Row:
+        """Row of the recording without a result."""
+        return Row(
+            unit=job.unit,
+            recording=job.recording,
+            start_s=job.start_s + self._first,
+            end_s=job.start_s + self._last,
+            readings=job.readings or self.rows,
+        )
 
 
 def _failed(part: FileSlice, error: Exception) -> Row:
     """Row of a file that cannot be read."""
     name = part.file.name
     if part.groups:
-        return Row.of_error(error, f"({name})", readings=part.rows)
+        return Row(unit=f"({name})", readings=part.rows).with_error(error)
     if part.is_table:
-        row = Row.of_error(error, f"({name})")
+        row = Row(unit=f"({name})").with_error(error)
         message = (
             f"it cannot be told whose readings are in {name}, and a unit that has some of them and others elsewhere "
             f"was fitted without them: {row.message}"
         )
         return replace(row, message=message[:LONGEST])
     unit, recording = key_of(name)
-    return Row.of_error(error, unit, recording=recording)
+    return Row(unit=unit, recording=recording).with_error(error)
 
 
 def _with_batches(rows: Rows, batches: Mapping[Pair, str]) -> Rows:
@@ -484,7 +487,7 @@ def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[R
     if rows:
         names = [part.file.name for part in partition.slices]
         where = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
-        report.append(Row.of_error(NoUnit(where, rows), "", readings=rows))
+        report.append(Row(unit="", readings=rows).with_error(NoUnit(where, rows)))
     return report
 
 
@@ -581,5 +584,5 @@ def _fit_streamed(partition: Partition, pair: Pair, rows: int, options: Options)
     try:
         source = StreamedRecording.of(partition, pair, options)
     except Exception as error:  # noqa: BLE001 - as in `_row`
-        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
+        return Row(unit=pair[0], recording=pair[1], readings=rows).with_error(error)
     return _row(Job(*pair, source, rows, source.start_s), options)
