@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -353,17 +354,16 @@ def test_a_table_whose_units_cannot_be_told_is_not_fitted_as_one(folder: Path, f
             fit_many(whole)
 
 
-@pytest.mark.parametrize("path", ["a.parquet", "unit=U0/a.parquet", "unit=U0/date=2026-03-01/a.parquet"])
+@pytest.mark.parametrize("path", ["U0.parquet", "unit=U0/a.parquet", "unit=U0/date=2026-03-01/a.parquet"])
 @pytest.mark.parametrize("largest", [1_000_000, 100])
-def test_a_table_that_could_not_be_opened_at_first_is_not_fitted_from_a_part(
+def test_a_file_that_could_not_be_opened_at_first_fails_with_that_error(
     folder: Path, path: str, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor all of it as the log of one unit."""
+    """Even if it can be opened later: its row groups are not in the plan."""
     for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", largest)
     (folder / path).parent.mkdir(parents=True, exist_ok=True)
-    whole = table(0).drop_columns(["unit"]) if "=" in path else table(0, 1)
-    parquet.write_table(whole, folder / path, row_group_size=100)
+    parquet.write_table(table(0).drop_columns(["unit"]), folder / path, row_group_size=100)
 
     def closed(*_: object) -> None:
         raise UnreadableInput("the store does not answer")
@@ -371,23 +371,10 @@ def test_a_table_that_could_not_be_opened_at_first_is_not_fitted_from_a_part(
     with monkeypatch.context() as patch:
         patch.setattr(plan, "opened", closed)
         (partition,) = plan_of(str(folder), Options()).partitions
+    partition = pickle.loads(pickle.dumps(partition))
     rows = Rows.from_bytes(worker.calibrate_partition(partition, options=Options()))
-    assert told(rows) == {"U0" if "=" in path else "(a.parquet)": (0, "unreadable")}
-    assert "a.parquet could not be read when the run began" in rows.message[0]
-
-
-def test_a_log_of_one_that_could_not_be_opened_at_first_is_fitted(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    parquet.write_table(table(0).drop_columns(["unit"]), folder / "U0.parquet")
-
-    def closed(*_: object) -> None:
-        raise UnreadableInput("the store does not answer")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(plan, "opened", closed)
-        (partition,) = plan_of(str(folder), Options()).partitions
-    assert told(Rows.from_bytes(worker.calibrate_partition(partition, options=Options()))) == {"U0": GOOD}
+    assert told(rows) == {"U0": (0, "unreadable")}
+    assert "the store does not answer" in rows.message[0]
 
 
 @pytest.mark.parametrize("largest", [1_000_000, 100])

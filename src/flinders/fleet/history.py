@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fleet.hardware_batch import BatchRule
 
+    _Flags = NDArray[np.bool_]
+
 COLUMNS: Final = (
     "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "radius", "dip_deg", "unit_of_field",
 )  # fmt: skip
@@ -131,8 +133,8 @@ class Histories:
         verdict = objects(texts(table.column("verdict")))
         usable = table.column("covariance").is_valid().to_numpy() & table.column("offset").is_valid().to_numpy()
         chosen = np.flatnonzero(usable & np.isin(verdict.astype(str), ["good", "limited"]))
-        order = _Order.of(table.take(chosen), line[chosen], len(names))
-        chosen = chosen[order.places]
+        places, date_s, is_known, is_dated = _ordered(table.take(chosen), line[chosen], len(names))
+        chosen = chosen[places]
         field = objects(texts(table.column("unit_of_field")))[chosen]
         alike = _alike(line[chosen], field)
         chosen = chosen[alike]
@@ -144,10 +146,10 @@ class Histories:
             unit=names,
             batch=batch[begins],
             first=np.searchsorted(line[chosen], np.arange(len(names) + 1)),
-            is_known=order.is_known,
-            is_dated=order.is_dated,
+            is_known=is_known,
+            is_dated=is_dated,
             recording=objects(texts(inside.column("recording"))),
-            date_s=order.date_s[alike],
+            date_s=date_s[alike],
             calibrations=Ellipsoids.of_columns(offset, matrix, covariance, numbers(inside.column("radius"))),
             unit_of_field=field[alike],
             dip_deg=numbers(inside.column("dip_deg")),
@@ -157,44 +159,26 @@ class Histories:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Order:
-    """Rows of whole units in the order in which they were recorded.
+def _ordered(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray[np.intp], Floats, _Flags, _Flags]:  # noqa: ANN401
+    """Places of rows in the order of their recordings, their dates, and by unit whether order and dates are known.
 
-    Attributes
-    ----------
-    places : (n,) int
-        Of the rows.
-    date_s : (n,) float, s
-        Of each, in that order.
-    is_known, is_dated : (U,) bool
-        As in `Histories`.
+    Rows are sorted by unit and clock: a unit whose clocks all have dates, and different ones, stays as it is.
     """
-
-    places: NDArray[np.intp]
-    date_s: Floats
-    is_known: NDArray[np.bool_]
-    is_dated: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, table: Any, line: NDArray[np.intp], units: int) -> _Order:  # noqa: ANN401
-        """Order rows that are sorted by unit and clock; a unit whose times are all dates stays as it is."""
-        start = numbers(table.column("start_s"))
-        is_odd = ~is_date(start)
-        again = np.flatnonzero((np.diff(line) == 0) & (np.diff(start) == 0.0))
-        is_odd[again] = True  # dates that do not tell two recordings apart
-        places, date_s = np.arange(len(line)), start.copy()
-        is_known, is_dated = np.ones(units, bool), np.ones(units, bool)
-        odd = np.unique(line[is_odd])
-        begins, ends = np.searchsorted(line, odd), np.searchsorted(line, odd, side="right")
-        recording, tables = table.column("recording"), table.column(TABLE).to_numpy()
-        for unit, begin, end in zip(odd.tolist(), begins.tolist(), ends.tolist(), strict=True):
-            names = texts(recording.slice(begin, end - begin))
-            order = arranged(names, start[begin:end], tables[begin:end].tolist())
-            places[begin:end] = begin + np.array(order.places)
-            date_s[begin:end] = order.date_s
-            is_known[unit], is_dated[unit] = order.is_known, order.is_dated
-        return cls(places, date_s, is_known, is_dated)
+    start = numbers(table.column("start_s"))
+    is_odd = ~is_date(start)
+    is_odd[np.flatnonzero((np.diff(line) == 0) & (np.diff(start) == 0.0))] = True
+    places, date_s = np.arange(len(line)), start.copy()
+    is_known, is_dated = np.ones(units, bool), np.ones(units, bool)
+    odd = np.unique(line[is_odd])
+    begins, ends = np.searchsorted(line, odd), np.searchsorted(line, odd, side="right")
+    recording, tables = table.column("recording"), table.column(TABLE).to_numpy()
+    for unit, begin, end in zip(odd.tolist(), begins.tolist(), ends.tolist(), strict=True):
+        names = texts(recording.slice(begin, end - begin))
+        order = arranged(names, start[begin:end], tables[begin:end].tolist())
+        places[begin:end] = begin + np.array(order.places)
+        date_s[begin:end] = order.date_s
+        is_known[unit], is_dated[unit] = order.is_known, order.is_dated
+    return places, date_s, is_known, is_dated
 
 
 def histories(

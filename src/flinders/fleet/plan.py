@@ -91,17 +91,17 @@ class FileSlice:
         None for a log.
     rows : int
         Of the groups.
+    error : FlindersError, optional
+        Why its row groups are not known: the file could not be opened as a table.
     is_table : bool
-        A table that could not be opened as one, among others that could: its units are not known.
-    is_unopened : bool
-        A file that could not be opened as a table, so that its row groups are not known.
+        Whether such a file is a table of several units, which are not known.
     """
 
     file: StoredFile
     groups: tuple[int, ...] = ()
     rows: int = 0
+    error: FlindersError | None = field(default=None, compare=False)
     is_table: bool = False
-    is_unopened: bool = False
 
     @property
     def weight(self) -> int:
@@ -219,23 +219,19 @@ def _sorted_out(
     tables: list[_TableSlice] = []
     logs: list[FileSlice] = []
     own: set[StoredFile] = set()
-    errors: dict[StoredFile, FlindersError] = {}
-    for file, opened_as in zip(files, _in_threads(lambda file: _survey(file, options), files), strict=True):
-        if opened_as is None:
+    unopened: list[FileSlice] = []
+    for file, surveyed in zip(files, _in_threads(lambda file: _survey(file, options), files), strict=True):
+        if surveyed is None:
             own.add(file)
-        elif isinstance(opened_as, FlindersError):
-            named = [] if isinstance(opened_as, UsageError) else _by_path(file, options)
-            tables += named
-            errors |= {} if named else {file: opened_as}
-        elif opened_as:
-            tables += opened_as
+        elif isinstance(surveyed, list):
+            tables += surveyed
+            logs += [] if surveyed else [FileSlice(file)]
         else:
-            logs.append(FileSlice(file))
-    wrong_columns = next((error for error in errors.values() if isinstance(error, UsageError)), None)
+            unopened.append(surveyed)
+    wrong_columns = next((part.error for part in unopened if isinstance(part.error, UsageError)), None)
     if wrong_columns is not None and not tables:
         raise wrong_columns
-    is_table = bool(tables)
-    logs += [FileSlice(file, is_table=is_table, is_unopened=True) for file in errors]  # the worker says why
+    logs += [replace(part, is_table=part.is_table or bool(tables)) for part in unopened]
     return tables, sorted(logs, key=lambda part: part.file), own
 
 
@@ -244,19 +240,11 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
     slices = [*(table.part for table in tables), *logs]
     if options.batch_column is None or any(table.keys.batch for table in tables):
         return
-    if not any(part.is_unopened or options.batch_column in in_path(part.file.name) for part in slices):
+    if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
             f"{where}: no file has a column {options.batch_column} or lies in a folder "
             f"{options.batch_column}=...: name another with --batch-column, or leave that out"
         )
-
-
-def _by_path(file: StoredFile, options: Options) -> list[_TableSlice]:
-    """A table that cannot be opened as one slice of the unit in its path; none if the path names no unit."""
-    keys = KeyColumns.of_path(file.name, options)
-    if keys is None:
-        return []
-    return [_TableSlice(FileSlice(file, (0,), is_unopened=True), keys.unit_value, keys.unit_value, keys)]
 
 
 def _kind(file: StoredFile) -> str:
@@ -298,12 +286,14 @@ def _is_readable(name: str) -> bool:
     return name.lower().endswith((*READABLE, "/"))
 
 
-def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FlindersError | None:
-    """Slices of a file of rows, none for a log; None for a table of a fleet; the error if it cannot be opened."""
+def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice | None:
+    """Slices of a file of rows, none for a log; None for a table of a fleet; a slice with the error of a broken one."""
     if not file.name.lower().endswith(TABLES):
         return []
+    is_table = False
     try:
         with opened(file, options) as table:
+            is_table = True
             if SIGN in (table.schema.metadata or {}):
                 return None
             keys = KeyColumns.of_schema(file.name, table.schema, options)
@@ -312,7 +302,10 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FlindersE
             refuse_empty(table)
             return list(_slices(file, table, keys))
     except FlindersError as error:
-        return error
+        keys = None if isinstance(error, UsageError) else KeyColumns.of_path(file.name, options)
+        if keys is None:
+            return FileSlice(file, error=error, is_table=is_table)
+        return [_TableSlice(FileSlice(file, (0,), error=error), keys.unit_value, keys.unit_value, keys)]
 
 
 def _slices(file: StoredFile, table: TableFile, keys: KeyColumns) -> Iterator[_TableSlice]:

@@ -26,7 +26,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import UnreadableInput, counted
+from flinders.errors import counted
 from flinders.fleet.dataset import HALF, Interner, KeyColumns, KeyedTable, batch_in, counts_of, extents_of, opened
 from flinders.fleet.results import Row, one_line
 
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
 LISTED: Final = 4
 """Groups that a message lists; it counts the others."""
-NOT_PLANNED: Final = "could not be read when the run began, so that it is not known what is in it: run it again"
-"""Said of a file that can be opened now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,15 +102,10 @@ class UnreadableGroups:
 
 @contextlib.contextmanager
 def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
-    """Open the file of a slice; refuse one that could not be opened for the plan, whose groups are not known.
-
-    Raises
-    ------
-    UnreadableInput
-    """
+    """Open the file of a slice; one that could not be opened for the plan raises the error of then."""
+    if part.error is not None:
+        raise part.error
     with opened(part.file, options) as file:
-        if part.is_unopened:
-            raise UnreadableInput(f"{part.file.name} {NOT_PLANNED}")
         yield file
 
 

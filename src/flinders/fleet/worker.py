@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 
 from flinders.core.samples import Samples, frame_of
-from flinders.errors import FlindersError, InputError, OutputError, UnreadableInput, UsageError, counted
+from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
 from flinders.fitting import calibrate
 from flinders.fleet import storage
 from flinders.fleet.dataset import (
@@ -35,8 +35,6 @@ from flinders.fleet.dataset import (
     TableFile,
     batch_in,
     counts_of,
-    opened,
-    refuse_empty,
 )
 from flinders.fleet.plan import LARGEST, FileSlice, Partition, key_of
 from flinders.fleet.recordings import (
@@ -49,7 +47,7 @@ from flinders.fleet.recordings import (
 )
 from flinders.fleet.results import LONGEST, NAMES, VERDICTS, Row, Rows, needs_arrow, objects, one_line
 from flinders.fleet.storage import StoredFile
-from flinders.fleet.unreadable import NOT_PLANNED, Unreadable, open_as_planned
+from flinders.fleet.unreadable import Unreadable, open_as_planned
 from flinders.readers import open_log
 from flinders.stacked import Lined, fit_stack
 from flinders.summary.summary import Summary
@@ -398,10 +396,9 @@ def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Job
     unit, recording = key_of(part.file.name)
     if not unit and not part.is_table:
         return _failed(part, NoUnit(part.file.name))
+    if part.error is not None:
+        return _failed(part, part.error)
     try:
-        refused = _refusal(part, options) if part.is_unopened else None
-        if refused is not None:
-            return _failed(replace(part, is_table=True), refused)
         log = open_log(
             copies.enter_context(storage.fetched(part.file)),
             columns=options.columns,
@@ -416,19 +413,6 @@ def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Job
         raise
     except Exception as error:  # noqa: BLE001 - one file must not cost the others
         return _failed(part, error)
-
-
-def _refusal(part: FileSlice, options: Options) -> FlindersError | None:
-    """Why a file that could not be opened as a table for the plan is not fitted; None if it is the log of one unit."""
-    with opened(part.file, options) as file:
-        try:
-            if not part.is_table and KeyColumns.of_schema(file.name, file.schema, options) is None:
-                return None
-            refuse_empty(file)
-            KeyedTable.of(file, options)
-        except FlindersError as error:
-            return error
-    return UnreadableInput(f"{part.file.name} {NOT_PLANNED}")
 
 
 def _instrument(log: Log, options: Options) -> Instrument:
