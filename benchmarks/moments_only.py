@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fleet.results import Rows
+    from flinders.fleet.results import UnitResults
     from flinders.simulate import Simulated
 
 UNITS: Final = 300
@@ -62,7 +62,7 @@ class Errors:
     claimed: Floats
 
     @classmethod
-    def of(cls, rows: Rows, recordings: list[Simulated]) -> Errors:
+    def of(cls, rows: UnitResults, recordings: list[Simulated]) -> Errors:
         """Hold rows, in the order of the recordings, against the truth."""
         true = np.full(len(recordings), np.nan)
         for place in np.flatnonzero(np.isfinite(rows.offset[:, 0])).tolist():

@@ -316,10 +316,10 @@ class Counts:
     """Counts over a table.
 
     >>> import tempfile
-    >>> from flinders.fleet.results import Row, Rows, merge
+    >>> from flinders.fleet.results import UnitResult, UnitResults, merge
     >>> folder = Path(tempfile.mkdtemp())
-    >>> rows = [Row(unit="A1", verdict="good", worst_deg=0.4), Row(unit="A2", code="unreadable"), Row(unit="A2")]
-    >>> _ = (folder / "part").write_bytes(Rows.of(rows).to_bytes())
+    >>> rows = [UnitResult(unit="A1", verdict="good", worst_deg=0.4), UnitResult(unit="A2", code="unreadable"), UnitResult(unit="A2")]
+    >>> _ = (folder / "part").write_bytes(UnitResults.of(rows).to_bytes())
     >>> merge([folder / "part"], folder / "all.parquet")
     >>> counts = Counts.of(folder / "all.parquet")
     >>> counts.rows, counts.units, counts.texts["verdict"], counts.worst_deg.tolist(), counts.failed_readings

@@ -3,13 +3,13 @@
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> tumble = simulate.tumble(seed=1).samples
->>> row = Row(unit="A17", start_s=0.0, end_s=60.0, readings=len(tumble)).with_fit(calibrate.fit(tumble))
+>>> row = UnitResult(unit="A17", start_s=0.0, end_s=60.0, readings=len(tumble)).with_fit(calibrate.fit(tumble))
 >>> row.verdict, row.code, len(row.covariance)
 ('good', '', 45)
->>> rows = Rows.of([Row(unit="B02", verdict="failed", code="unreadable"), row]).sorted()
+>>> rows = UnitResults.of([UnitResult(unit="B02", verdict="failed", code="unreadable"), row]).sorted()
 >>> rows.unit.tolist(), rows.verdict.tolist(), rows.offset.shape
 (['A17', 'B02'], ['good', 'failed'], (2, 3))
->>> back = Rows.from_arrow(rows.to_arrow())
+>>> back = UnitResults.from_arrow(rows.to_arrow())
 >>> back.code.tolist(), bool(np.array_equal(back.covariance, rows.covariance, equal_nan=True))
 (['', 'unreadable'], True)
 
@@ -70,7 +70,7 @@ def _missing(length: int) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class UnitResult:
     """Result of one recording of one unit.
 
     Attributes
@@ -161,7 +161,7 @@ class Row:
         """Row with an error: a fit that was refused, readings without one, or a file that cannot be read.
 
         >>> from flinders.errors import TooFewSamples
-        >>> row = Row(unit="A17", readings=5).with_error(TooFewSamples(found=5, needed=10, method="likelihood"))
+        >>> row = UnitResult(unit="A17", readings=5).with_error(TooFewSamples(found=5, needed=10, method="likelihood"))
         >>> row.verdict, row.code, row.message[:18]
         ('refused', 'too-few-samples', '5 usable readings,')
         """
@@ -175,23 +175,24 @@ class Row:
         return replace(self, verdict=verdict, code=error.code, message=one_line(str(error)))
 
 
-NAMES: Final = tuple(field.name for field in dataclasses.fields(Row))
+NAMES: Final = tuple(field.name for field in dataclasses.fields(UnitResult))
 """The columns, in order."""
 LISTS: Final = {
     field.name: len(field.default)
-    for field in dataclasses.fields(Row)
+    for field in dataclasses.fields(UnitResult)
     if isinstance(field.default, tuple) and field.default
 }
 """Columns of so many numbers, which are missing together."""
 TEXTS, COUNTS, NUMBERS = (
-    tuple(field.name for field in dataclasses.fields(Row) if field.type == kind) for kind in ("str", "int", "float")
+    tuple(field.name for field in dataclasses.fields(UnitResult) if field.type == kind)
+    for kind in ("str", "int", "float")
 )
 """Columns of text, of whole numbers, and of a number that may be missing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """Many rows, column by column: (R,) arrays by the names of `Row`, and (R, K) ones for its lists."""
+class UnitResults:
+    """Many rows, column by column: (R,) arrays by the names of `UnitResult`, and (R, K) ones for its lists."""
 
     unit: NDArray[np.object_]
     recording: NDArray[np.object_]
@@ -217,12 +218,12 @@ class Rows:
     batch: NDArray[np.object_]
 
     @classmethod
-    def of(cls, rows: Sequence[Row]) -> Self:
+    def of(cls, rows: Sequence[UnitResult]) -> Self:
         """Make columns of rows."""
         return cls(**{name: _column(name, [getattr(row, name) for row in rows]) for name in NAMES})
 
     @classmethod
-    def joined(cls, parts: Iterable[Rows]) -> Self:
+    def joined(cls, parts: Iterable[UnitResults]) -> Self:
         """Concatenate tables."""
         tables = list(parts)
         if not tables:
@@ -240,9 +241,9 @@ class Rows:
         """Take some rows."""
         return type(self)(**{name: getattr(self, name)[rows] for name in NAMES})
 
-    def row(self, place: int) -> Row:
+    def row(self, place: int) -> UnitResult:
         """One row."""
-        return Row(**{name: _cell(getattr(self, name)[place]) for name in NAMES})
+        return UnitResult(**{name: _cell(getattr(self, name)[place]) for name in NAMES})
 
     def verdicts(self) -> dict[str, int]:
         """Number of rows of each verdict that occurs, the best first."""
@@ -475,9 +476,9 @@ def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
     >>> from pathlib import Path
     >>> folder = Path(tempfile.mkdtemp())
     >>> for name, units in (("a", ["A1", "A3"]), ("b", ["A2", "A4"])):
-    ...     _ = (folder / name).write_bytes(Rows.of([Row(unit=unit) for unit in units]).to_bytes())
+    ...     _ = (folder / name).write_bytes(UnitResults.of([UnitResult(unit=unit) for unit in units]).to_bytes())
     >>> merge([folder / "a", folder / "b"], folder / "all.parquet")
-    >>> Rows.read(folder / "all.parquet").unit.tolist()
+    >>> UnitResults.read(folder / "all.parquet").unit.tolist()
     ['A1', 'A2', 'A3', 'A4']
     """
     needs_arrow()
