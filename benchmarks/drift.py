@@ -32,7 +32,7 @@ import numpy as np
 import flinders
 from flinders import simulate
 from flinders.fleet.drift import drift_of
-from flinders.fleet.results import UPPER, Row, Rows, objects
+from flinders.fleet.results import UPPER, UnitResult, UnitResults, objects
 from flinders.fleet.variance import YEAR
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Truth:
     change_deg: Floats
 
 
-def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[Rows, Truth]:
+def simulated(fleet: Fleet, rng: np.random.Generator) -> tuple[UnitResults, Truth]:
     """Make the table of a fleet, and say what is true of it."""
     U, n = fleet.units, fleet.recordings
     seconds = np.sort(rng.uniform(0.0, 2.0 * YEAR, (U, n)), axis=1)
@@ -114,7 +114,7 @@ def _level(units: int, rng: np.random.Generator) -> Floats:
     return np.stack([np.cos(angle), np.sin(angle), np.zeros(units)], axis=1)[:, np.newaxis]
 
 
-def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats, seconds: Floats) -> Rows:
+def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats, seconds: Floats) -> UnitResults:
     """Estimates about the truth, with what they claim."""
     rows = len(offset)
     sigma = fleet.sigma * np.exp(0.3 * rng.normal(size=rows))
@@ -135,7 +135,7 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
     if not fleet.is_dated:
         start = rng.uniform(0.0, 3600.0, rows)
         names = [f"run {number}" for number in range(fleet.recordings)] * fleet.units
-    return Rows(
+    return UnitResults(
         unit=objects(unit.tolist()), recording=objects(names), start_s=start, end_s=none,
         readings=np.full(rows, 500), used=np.full(rows, 500), verdict=texts("good"), code=texts(""), message=texts(""),
         method=texts("likelihood"), worst_deg=none, rms_deg=none, dip_deg=np.full(rows, 60.0),
@@ -145,7 +145,7 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
     )  # fmt: skip
 
 
-def found_in(rows: Rows, *, most: int = 1000) -> tuple[FleetDrift, list[UnitDrift]]:
+def found_in(rows: UnitResults, *, most: int = 1000) -> tuple[FleetDrift, list[UnitDrift]]:
     """Write a table, and look for what changed in it."""
     from pyarrow import parquet
 
@@ -217,8 +217,8 @@ def of_recordings(units: int = 300, count: int = 4, seed: int = 1) -> str:
                 seed=count * place + number, n=500, sensor=replace(sensor, offset=sensor.offset + moved)
             )
             start = 1.7e9 + 30.0 * 86400.0 * number
-            rows.append(Row.of_fit(flinders.fit(read.samples), f"U{place:05d}", start_s=start, readings=500))
-    drift, found = found_in(Rows.of(rows))
+            rows.append(UnitResult.of_fit(flinders.fit(read.samples), f"U{place:05d}", start_s=start, readings=500))
+    drift, found = found_in(UnitResults.of(rows))
     reported, urgent = {step.unit for step in drift.steps}, {one.unit for one in found if one.state == "recalibrate"}
     return (
         f"{units} units of {count} recordings, {len(stepped)} with a step of 2 µT: found {len(reported & stepped)}, "

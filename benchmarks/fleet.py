@@ -32,7 +32,7 @@ from flinders.estimators import METHODS, Readings
 from flinders.fleet.checkpoint import Checkpoint
 from flinders.fleet.job import run
 from flinders.fleet.options import Options
-from flinders.fleet.results import Rows
+from flinders.fleet.results import UnitResults
 from flinders.fleet.scheduler import cores
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.simulate import angle_error_deg
@@ -195,7 +195,7 @@ def of_parts(folder: Path, whole: Path) -> None:
     """Print what writing a part and taking it away costs the one that started the run."""
     out = folder.with_suffix(".parquet")
     run(str(whole / "part-00000.parquet"), out, Options(polish=False), workers=0)
-    content = Rows.read(out)[:A_PART].to_bytes()
+    content = UnitResults.read(out)[:A_PART].to_bytes()
     folder.mkdir()
     parts = Checkpoint(folder)
     begin = perf_counter()
@@ -318,7 +318,7 @@ def _calibrated(folder: Path, some: Sequence[Specimen], *, polish: bool) -> list
     with tempfile.TemporaryDirectory() as made:
         out = Path(made) / "out.parquet"
         run(str(folder / "part-00000.parquet"), out, Options(polish=polish), workers=0)
-        rows = Rows.read(out)
+        rows = UnitResults.read(out)
     known = dict(zip(rows.unit.tolist(), zip(rows.offset, rows.matrix, strict=True), strict=True))
     return [_ellipsoid(*known[unit.name]) if unit.name in known else None for unit in some]
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from flinders.fleet.job import run
 from flinders.fleet.options import Options
-from flinders.fleet.results import Rows
+from flinders.fleet.results import UnitResults
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -92,7 +92,7 @@ def job(path: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as made:
         told = run(path, Path(made) / "out.parquet", Options(), workers=0)
         seconds = perf_counter() - begun
-        rows = Rows.read(Path(made) / "out.parquet")
+        rows = UnitResults.read(Path(made) / "out.parquet")
     long = rows.row(int(np.argmax(rows.readings)))
     off = float(np.abs(np.asarray(long.offset) - OFFSET).max())
     peak = int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])

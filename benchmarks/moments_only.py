@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fleet.results import Rows
+    from flinders.fleet.results import UnitResults
     from flinders.simulate import Simulated
 
 UNITS: Final = 300
@@ -43,7 +43,7 @@ KINDS: Final[Mapping[str, Callable[[int], Simulated]]] = {
     "tilted by 35° at the most": partial(simulate.tumble, motion="tilted", n=500, tilt_deg=35.0),
     "by hand, noise that hangs together (ρ = 0.8)": partial(by_hand, memory=0.8),
     "by hand, 1 % of the field belongs to the direction": partial(by_hand, distorted=0.01),
-    "by hand, 1 % strays": partial(simulate.tumble, outliers=0.01),
+    "by hand, 1 % outliers": partial(simulate.tumble, outliers=0.01),
     "by hand, a magnet passes": partial(by_hand, magnet="cut"),
 }
 """Recordings by their seed."""
@@ -62,7 +62,7 @@ class Errors:
     claimed: Floats
 
     @classmethod
-    def of(cls, rows: Rows, recordings: list[Simulated]) -> Errors:
+    def of(cls, rows: UnitResults, recordings: list[Simulated]) -> Errors:
         """Hold rows, in the order of the recordings, against the truth."""
         true = np.full(len(recordings), np.nan)
         for place in np.flatnonzero(np.isfinite(rows.offset[:, 0])).tolist():

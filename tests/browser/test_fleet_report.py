@@ -10,7 +10,7 @@ from benchmarks.drift import Fleet, simulated
 
 from flinders.fleet.aggregate import overview_of
 from flinders.fleet.drift import drift_of
-from flinders.fleet.results import Row, Rows
+from flinders.fleet.results import UnitResult, UnitResults
 from flinders.report.fleet import page as report
 
 if TYPE_CHECKING:
@@ -78,14 +78,17 @@ def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "unit_of_field": "uT",
     }
     rows = [
-        Row(unit=f"unit {place}", recording="2026/spring.csv", verdict=verdict, worst_deg=1.0 + place,
+        UnitResult(unit=f"unit {place}", recording="2026/spring.csv", verdict=verdict, worst_deg=1.0 + place,
             findings=findings, batch=f"lot {place % 7}", **known)
         for place, verdict in enumerate(["good", "limited"] * 20)
     ]  # fmt: skip
-    rows += [Row(unit="x" * 200, verdict="limited", worst_deg=99.0, findings=findings, batch="l" * 60, **known)]
-    rows += [Row(unit="A", code="unreadable", message="y" * 300), Row(unit="B", verdict="refused", code="coverage")]
+    rows += [UnitResult(unit="x" * 200, verdict="limited", worst_deg=99.0, findings=findings, batch="l" * 60, **known)]
+    rows += [
+        UnitResult(unit="A", code="unreadable", message="y" * 300),
+        UnitResult(unit="B", verdict="refused", code="coverage"),
+    ]
     folder = tmp_path_factory.mktemp("crowded")
-    parquet.write_table(Rows.of(rows).sorted().to_arrow(), folder / "fleet.parquet")
+    parquet.write_table(UnitResults.of(rows).sorted().to_arrow(), folder / "fleet.parquet")
     (folder / "fleet.html").write_text(report(overview_of([folder / "fleet.parquet"])), encoding="utf-8")
     return folder / "fleet.html"
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import flinders
 from flinders import simulate
-from flinders.fleet import Row, Rows, fit_many, worker
+from flinders.fleet import UnitResult, UnitResults, fit_many, worker
 from flinders.fleet.job import run
 from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
@@ -109,24 +109,24 @@ WAYS = [
 
 
 @pytest.fixture(scope="module")
-def alone() -> Rows:
+def alone() -> UnitResults:
     """Each unit by itself, as `flinders.fit` has it."""
     rows = []
     for unit, samples in SAMPLES.items():
         assert samples.time is not None
         start, end = float(samples.time[0]), float(samples.time[-1])
-        rows.append(Row.of_fit(flinders.fit(samples), unit, start_s=start, end_s=end, readings=len(samples)))
-    return Rows.of(rows)
+        rows.append(UnitResult.of_fit(flinders.fit(samples), unit, start_s=start, end_s=end, readings=len(samples)))
+    return UnitResults.of(rows)
 
 
 @pytest.mark.parametrize("written", WAYS)
 def test_any_way_to_write_it_gives_the_table_of_single_fits(
-    written: Callable[[Path], None], tmp_path: Path, alone: Rows
+    written: Callable[[Path], None], tmp_path: Path, alone: UnitResults
 ) -> None:
     (tmp_path / "in").mkdir()
     written(tmp_path / "in")
     run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
-    rows = Rows.read(tmp_path / "out.parquet")
+    rows = UnitResults.read(tmp_path / "out.parquet")
     for name in ("unit", "recording", "readings", "used", "verdict", "code", "findings", "unit_of_field", "method"):
         assert getattr(rows, name).tolist() == getattr(alone, name).tolist(), name
     for name in NUMBERS:
@@ -135,7 +135,7 @@ def test_any_way_to_write_it_gives_the_table_of_single_fits(
         np.testing.assert_allclose(getattr(rows, name), expected, rtol=1e-9, atol=scale, err_msg=name)
 
 
-def test_any_way_to_give_it_in_memory_does_too(alone: Rows) -> None:
+def test_any_way_to_give_it_in_memory_does_too(alone: UnitResults) -> None:
     for source in (SAMPLES, WHOLE, shuffled()):
         rows = fit_many(source)
         assert rows.unit.tolist() == alone.unit.tolist()
@@ -160,48 +160,48 @@ def test_each_reading_is_in_one_partition(
         patch.setattr(worker, "fit_jobs", counted)
         patch.setattr(worker, "_row", counted_one)
         rows = [
-            Rows.from_bytes(worker.calibrate_partition(each, options=Options()))
+            UnitResults.from_bytes(worker.calibrate_partition(each, options=Options()))
             for each in plan_of(str(folder), Options()).partitions
         ]
-    found = Rows.joined(rows)
+    found = UnitResults.joined(rows)
     assert dict(zip(found.unit.tolist(), found.readings.tolist(), strict=True)) == {
         unit: len(samples) for unit, samples in SAMPLES.items()
     }
     assert len(found) == UNITS
 
 
-def counted(jobs: list[Job], options: Options) -> Rows:
+def counted(jobs: list[Job], options: Options) -> UnitResults:
     """What would be fitted."""
-    return Rows.of([counted_one(job, options) for job in jobs])
+    return UnitResults.of([counted_one(job, options) for job in jobs])
 
 
-def counted_one(job: Job, options: Options) -> Row:
+def counted_one(job: Job, options: Options) -> UnitResult:
     """Its readings, as they come when it is gone through."""
     rows = sum(len(block) for block in job.source.blocks())
     assert rows == job.readings
-    return Row(unit=job.unit, recording=job.recording, readings=rows)
+    return UnitResult(unit=job.unit, recording=job.recording, readings=rows)
 
 
 texts = st.text(st.characters(codec="utf-8"), max_size=5)
 rows_of = st.builds(
-    Row, unit=texts, recording=texts, start_s=st.floats(allow_infinity=False), readings=st.integers(0, 2**60),
+    UnitResult, unit=texts, recording=texts, start_s=st.floats(allow_infinity=False), readings=st.integers(0, 2**60),
     worst_deg=st.floats(allow_infinity=False), offset=st.tuples(*[st.floats(-1e9, 1e9)] * 3),
     findings=st.lists(texts, max_size=3).map(tuple),
 )  # fmt: skip
 
 
 @given(st.lists(rows_of, max_size=5))
-def test_rows_come_back_from_arrow_as_they_were(rows: list[Row]) -> None:
-    table = Rows.of(rows)
-    back = Rows.from_bytes(table.to_bytes())
+def test_rows_come_back_from_arrow_as_they_were(rows: list[UnitResult]) -> None:
+    table = UnitResults.of(rows)
+    back = UnitResults.from_bytes(table.to_bytes())
     assert len(back) == len(rows)
     assert all(repr(back.row(place)) == repr(table.row(place)) for place in range(len(rows)))
 
 
 @given(st.lists(rows_of, max_size=6), st.integers(0, 6))
-def test_sorting_does_not_depend_on_where_a_table_was_cut(rows: list[Row], cut: int) -> None:
-    whole = Rows.of(rows).sorted()
-    joined = Rows.joined([Rows.of(rows[:cut]).sorted(), Rows.of(rows[cut:]).sorted()]).sorted()
+def test_sorting_does_not_depend_on_where_a_table_was_cut(rows: list[UnitResult], cut: int) -> None:
+    whole = UnitResults.of(rows).sorted()
+    joined = UnitResults.joined([UnitResults.of(rows[:cut]).sorted(), UnitResults.of(rows[cut:]).sorted()]).sorted()
     assert [repr(whole.row(place)) for place in range(len(rows))] == [
         repr(joined.row(place)) for place in range(len(rows))
     ]

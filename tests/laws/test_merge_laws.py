@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flinders.errors import OutputError
-from flinders.fleet import Row, Rows
+from flinders.fleet import UnitResult, UnitResults
 from flinders.fleet import merge as merging
 from flinders.fleet.hardware_batch import named_rows
 from flinders.fleet.merge import merge
@@ -22,7 +22,7 @@ texts = st.sampled_from(["", "A", "A1", "Ä", "é", "z", "\U0001d538", "\uffff"]
 times = st.sampled_from([float("nan"), -1.0, 0.0, 2.5])
 rows = st.lists(
     st.builds(
-        Row, unit=texts, recording=texts, start_s=times, message=texts, worst_deg=times,
+        UnitResult, unit=texts, recording=texts, start_s=times, message=texts, worst_deg=times,
         verdict=st.sampled_from(["good", "limited", "failed"]), readings=st.integers(0, 9),
         findings=st.lists(texts, max_size=3).map(tuple), offset=st.sampled_from([(0.0, 1.0, 2.0), (float("nan"),) * 3]),
     ),
@@ -30,7 +30,7 @@ rows = st.lists(
 )  # fmt: skip
 
 
-def merged(parts: list[Rows], folder: Path, group: int) -> bytes:
+def merged(parts: list[UnitResults], folder: Path, group: int) -> bytes:
     paths = [folder / f"part-{place}" for place in range(len(parts))]
     for path, part in zip(paths, parts, strict=True):
         path.write_bytes(part.to_bytes())
@@ -42,8 +42,8 @@ def merged(parts: list[Rows], folder: Path, group: int) -> bytes:
 
 @given(rows, st.data(), st.integers(1, 12))
 @settings(max_examples=25, deadline=None)
-def test_any_deal_gives_the_same_bytes(cells: list[Row], data: st.DataObject, group: int) -> None:
-    whole = Rows.of(cells).sorted()
+def test_any_deal_gives_the_same_bytes(cells: list[UnitResult], data: st.DataObject, group: int) -> None:
+    whole = UnitResults.of(cells).sorted()
     files = data.draw(st.integers(1, 5))
     keys = [(row.unit, row.recording, str(row.start_s)) for row in map(whole.row, range(len(whole)))]
     own = {key: data.draw(st.integers(0, files - 1)) for key in dict.fromkeys(keys)}  # equal rows stay in one file
@@ -51,22 +51,22 @@ def test_any_deal_gives_the_same_bytes(cells: list[Row], data: st.DataObject, gr
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         assert merged(dealt, folder, group) == merged([whole], folder, group)
-        assert Rows.read(folder / "all.parquet").to_bytes() == whole.to_bytes()
+        assert UnitResults.read(folder / "all.parquet").to_bytes() == whole.to_bytes()
 
 
 @given(st.lists(st.integers(0, 3), max_size=12), st.integers(1, 5))
 @settings(max_examples=15, deadline=None)
 def test_of_equal_rows_those_of_the_first_file_come_first(files: list[int], group: int) -> None:
-    parts = [Rows.of([Row(unit="A", readings=file)] * files.count(file)) for file in range(4)]
+    parts = [UnitResults.of([UnitResult(unit="A", readings=file)] * files.count(file)) for file in range(4)]
     with tempfile.TemporaryDirectory() as name:
         merged(parts, Path(name), group)
-        assert Rows.read(Path(name) / "all.parquet").readings.tolist() == sorted(files)
+        assert UnitResults.read(Path(name) / "all.parquet").readings.tolist() == sorted(files)
 
 
 @given(rows, st.integers(1, 12))
 @settings(max_examples=15, deadline=None)
-def test_counts_are_those_of_the_whole_table(cells: list[Row], group: int) -> None:
-    whole = Rows.of(cells).sorted()
+def test_counts_are_those_of_the_whole_table(cells: list[UnitResult], group: int) -> None:
+    whole = UnitResults.of(cells).sorted()
     with tempfile.TemporaryDirectory() as name:
         merged([whole], Path(name), group)
         counts = Counts.of(Path(name) / "all.parquet")

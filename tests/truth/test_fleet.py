@@ -22,7 +22,7 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
-from flinders.fleet import Rows, progress, scheduler, worker
+from flinders.fleet import UnitResults, progress, scheduler, worker
 from flinders.fleet.checkpoint import Checkpoint
 from flinders.fleet.job import run
 from flinders.fleet.options import Options
@@ -66,7 +66,7 @@ def deadly(partition: Partition, *, options: Options) -> bytes:
 
 def test_a_row_has_the_numbers_of_the_single_command(logs: Path, tmp_path: Path) -> None:
     assert run(str(logs), tmp_path / "out.parquet", Options(), workers=0).verdicts == {"good": 6}
-    rows = Rows.read(tmp_path / "out.parquet")
+    rows = UnitResults.read(tmp_path / "out.parquet")
     assert rows.unit.tolist() == [f"U{place}" for place in range(6)]
     for place in range(6):
         fit = flinders.fit(flinders.open_recording(logs / f"U{place}" / "monday.csv"))
@@ -90,7 +90,7 @@ def test_what_is_wrong_with_a_file_is_a_row(logs: Path, tmp_path: Path) -> None:
     (logs / "UA.csv").write_text("t_s,pressure\n" + "0.1,1013\n" * 30)
     (logs / "notes.md").write_text("not a recording")
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
-    rows = Rows.read(tmp_path / "out.parquet")
+    rows = UnitResults.read(tmp_path / "out.parquet")
     assert told.verdicts == {"good": 7, "refused": 1, "failed": 3}
     codes = dict(zip(rows.unit.tolist(), rows.code.tolist(), strict=True))
     assert {unit: code for unit, code in codes.items() if code} == {
@@ -138,7 +138,7 @@ def test_a_file_that_kills_its_workers_is_left_out(logs: Path, tmp_path: Path, m
     monkeypatch.setattr(worker, "calibrate_partition", deadly)
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=2)
     assert (told.verdicts, told.codes, told.retried) == ({"good": 6, "failed": 1}, {"lost-worker": 1}, 1)
-    rows = Rows.read(tmp_path / "out.parquet")
+    rows = UnitResults.read(tmp_path / "out.parquet")
     assert rows.recording[rows.code == "lost-worker"].tolist() == ["poison.csv"]
 
 
@@ -387,7 +387,7 @@ def test_a_table_that_holds_a_driver_says_what_the_single_command_says(tmp_path:
     for place in range(files):
         parquet.write_table(pyarrow.concat_tables(tables[place::files]), tmp_path / "in" / f"{place}.parquet")
     run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
-    rows_out = Rows.read(tmp_path / "out.parquet")
+    rows_out = UnitResults.read(tmp_path / "out.parquet")
     for place in range(3):
         command = ["calibrate", str(tmp_path / f"U{place}.csv"), "--json"]
         single = json.loads(CliRunner().invoke(main, command, prog_name="flinders").stdout)
@@ -412,7 +412,7 @@ def test_a_unit_with_many_readings_beside_small_ones_is_streamed(
     for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", 1000)
     told = run(str(tmp_path / "in"), tmp_path / "streamed.parquet", Options(), workers=0)
-    held, streamed = Rows.read(tmp_path / "held.parquet"), Rows.read(tmp_path / "streamed.parquet")
+    held, streamed = UnitResults.read(tmp_path / "held.parquet"), UnitResults.read(tmp_path / "streamed.parquet")
     assert told.partitions > 1
     assert streamed.unit.tolist() == held.unit.tolist() == ["U0", "U0big", "U1"]
     assert streamed.readings.tolist() == held.readings.tolist() == [150, 3000, 150]
@@ -427,7 +427,7 @@ def test_a_unit_in_uT_here_and_counts_there_is_refused_by_name(tmp_path: Path) -
     parquet.write_table(counts, tmp_path / "in" / "b.parquet")
     told = run(str(tmp_path / "in"), tmp_path / "out.parquet", Options(), workers=0)
     assert told.codes == {"unit": 1}
-    assert "counts" in Rows.read(tmp_path / "out.parquet").message[0]
+    assert "counts" in UnitResults.read(tmp_path / "out.parquet").message[0]
 
 
 def test_a_table_without_units_or_field_is_said(tmp_path: Path) -> None:
@@ -457,7 +457,7 @@ def test_sums_alone_say_what_they_cost(logs: Path, tmp_path: Path, monkeypatch: 
     assert "10 times with 1 % of strays" in " ".join(ended.output.split())
     told = json.loads(CliRunner().invoke(main, [*words, "--force", "--json"], prog_name="flinders").stdout)
     assert (told["polish"], "10 times with 1 % of strays" in told["sums_alone"]) == (False, True)
-    assert set(Rows.read("out.parquet").method.tolist()) == {"consistent"}
+    assert set(UnitResults.read("out.parquet").method.tolist()) == {"consistent"}
 
 
 def test_recordings_in_a_store_are_read_as_those_on_the_disk(logs: Path, tmp_path: Path) -> None:
@@ -511,10 +511,10 @@ def test_a_byte_that_the_disk_has_turned_is_an_error_where_pages_have_check_sums
     parquet.write_table(table(0), path, write_page_checksum=True)
     turn_a_byte(path)
     run(str(path), out, Options(), workers=0)
-    assert Rows.read(out).code.tolist() == ["unreadable"]
+    assert UnitResults.read(out).code.tolist() == ["unreadable"]
     turn_a_byte(out)
     with pytest.raises(DocumentError, match="CRC checksum verification failed"):
-        Rows.read(out)
+        UnitResults.read(out)
 
 
 def turn_a_byte(path: Path) -> None:

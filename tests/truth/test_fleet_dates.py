@@ -17,7 +17,7 @@ from flinders.fleet.aggregate import overview_of
 from flinders.fleet.dates import arranged, date_of, is_date, is_unclear
 from flinders.fleet.drift import drift_of
 from flinders.fleet.hardware_batch import batch_rule
-from flinders.fleet.results import Rows, objects
+from flinders.fleet.results import UnitResults, objects
 from flinders.report.fleet import page
 
 if TYPE_CHECKING:
@@ -32,17 +32,17 @@ NONE = float("nan")
 DAYS = ["2026-01-10", "2026-02-10", "2026-03-10", "2026-04-10", "2026-05-10"]
 
 
-def fleet(**kind: float | bool) -> tuple[Rows, set[str]]:
+def fleet(**kind: float | bool) -> tuple[UnitResults, set[str]]:
     """Five recordings of 120 units, and the units that had something moved."""
     rows, truth = simulated(Fleet(units=120, walk=0.0, **kind), np.random.default_rng(6))  # type: ignore[arg-type]
     return rows, {f"U{place:07d}" for place in np.flatnonzero(truth.has_step).tolist()}
 
 
-def with_starts(rows: Rows, names: list[str], start_s: Floats) -> Rows:
+def with_starts(rows: UnitResults, names: list[str], start_s: Floats) -> UnitResults:
     return replace(rows, recording=objects(names * (len(rows) // len(names))), start_s=start_s)
 
 
-def written(path: Path, rows: Rows) -> Path:
+def written(path: Path, rows: UnitResults) -> Path:
     parquet.write_table(rows.sorted().to_arrow(), path, row_group_size=97)
     return path
 

@@ -14,7 +14,7 @@ from benchmarks.bucket import Bucket
 
 from flinders import simulate
 from flinders.errors import OutputError
-from flinders.fleet import Rows, storage
+from flinders.fleet import UnitResults, storage
 from flinders.fleet.job import run
 from flinders.fleet.options import Options
 from flinders.fleet.progress import LOGGER, Progress, log_event, log_to
@@ -58,7 +58,7 @@ def test_what_may_not_be_read_is_a_row(logs: Path) -> None:
         os.seteuid(own)
         for unit in ("U1", "U2"):
             (logs / unit).chmod(0o755)
-    rows = Rows.read(out)
+    rows = UnitResults.read(out)
     assert (told.verdicts, told.codes) == ({"good": 1, "failed": 3}, {"unreadable": 3})
     assert rows.unit.tolist() == ["U0", "U1", "U2", "U3"]
     assert "cannot be listed" in rows.message[1]

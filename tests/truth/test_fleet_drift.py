@@ -18,14 +18,14 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.comparison.comparison import compare
-from flinders.comparison.pairs import Ellipsoids, differences
+from flinders.comparison.pairs import EllipsoidPairs, differences
 from flinders.errors import DocumentError, UsageError
 from flinders.fitting.judged import Judged
 from flinders.fleet.aggregate import overview_of
 from flinders.fleet.change_points import change_points, interval_tests
 from flinders.fleet.drift import drift_of
 from flinders.fleet.history import OffsetSeries, histories
-from flinders.fleet.results import Row, Rows
+from flinders.fleet.results import UnitResult, UnitResults
 from flinders.fleet.variance import Variance, estimate_variance
 from flinders.report.fleet import page
 
@@ -42,13 +42,13 @@ DAY = 86400.0
 
 
 @cache
-def fleet(step_deg: float = 0.0, claimed: float = 1.0, units: int = 300, seed: int = 4) -> tuple[Rows, Truth]:
+def fleet(step_deg: float = 0.0, claimed: float = 1.0, units: int = 300, seed: int = 4) -> tuple[UnitResults, Truth]:
     walk = 2e-7 if step_deg else 0.0
     made = Fleet(units=units, step_deg=step_deg, claimed=claimed, walk=walk)
     return simulated(made, np.random.default_rng(seed))
 
 
-def written(folder: Path, rows: Rows, name: str = "fleet.parquet") -> Path:
+def written(folder: Path, rows: UnitResults, name: str = "fleet.parquet") -> Path:
     parquet.write_table(rows.to_arrow(), folder / name, row_group_size=97)
     return folder / name
 
@@ -62,8 +62,8 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
     for seed in range(4):
         sensor = simulate.Sensor(noise=0.5, offset=np.array([20.0, -10.0, 5.0 + seed]))
         fits.append(flinders.fit(simulate.tumble(seed=seed, n=300, motion="uniform", sensor=sensor).samples))
-    rows = Rows.of([Row.of_fit(fit, "A") for fit in fits])
-    all_of_them = Ellipsoids.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
+    rows = UnitResults.of([UnitResult.of_fit(fit, "A") for fit in fits])
+    all_of_them = EllipsoidPairs.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
     found = differences(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
     for place, (one, two) in enumerate(pairwise(fits)):
         alone = compare(Judged.from_fit(one), Judged.from_fit(two), dip_deg=-40.0)
@@ -190,8 +190,11 @@ def test_rows_without_a_calibration_or_a_time_are_no_reason_to_fail(tmp_path: Pa
     rows, _ = fleet(step_deg=4.0)
     start = rows.start_s.copy()
     start[:5] = np.nan
-    lost = [Row(unit="Z1", verdict="failed", code="unreadable"), Row(unit="Z2", verdict="refused", code="one-plane")]
-    more = Rows.joined([replace(rows, start_s=start), Rows.of(lost)])
+    lost = [
+        UnitResult(unit="Z1", verdict="failed", code="unreadable"),
+        UnitResult(unit="Z2", verdict="refused", code="one-plane"),
+    ]
+    more = UnitResults.joined([replace(rows, start_s=start), UnitResults.of(lost)])
     drift = drift_of([written(tmp_path, more)])
     assert (drift.left_out, drift.states["none"], drift.units) == (2, 2, 302)
 
@@ -214,8 +217,8 @@ def test_what_is_no_sorted_table_of_a_fleet_is_refused(tmp_path: Path) -> None:
 
 def test_the_report_says_what_is_to_be_done_and_runs_nothing_of_others(tmp_path: Path) -> None:
     rows, _ = fleet(step_deg=4.0)
-    evil = Row(unit="<script>alert(1)</script>", verdict="failed", code="unreadable", message="<b>no</b>")
-    path = written(tmp_path, Rows.joined([Rows.of([evil]), rows]))
+    evil = UnitResult(unit="<script>alert(1)</script>", verdict="failed", code="unreadable", message="<b>no</b>")
+    path = written(tmp_path, UnitResults.joined([UnitResults.of([evil]), rows]))
     drift = drift_of([path])
     text = page(overview_of([path]), drift)
     assert f"{drift.states['recalibrate']} units to recalibrate" in text
@@ -233,11 +236,11 @@ def test_the_size_of_a_report_does_not_grow_with_the_fleet(tmp_path: Path) -> No
 
 
 def test_batches_come_from_a_column_a_pattern_or_the_name(tmp_path: Path) -> None:
-    rows = [Row(unit=f"L{line}-{n:03d}", verdict="good") for line in (1, 2) for n in range(20)]
-    path = written(tmp_path, Rows.of(rows))
+    rows = [UnitResult(unit=f"L{line}-{n:03d}", verdict="good") for line in (1, 2) for n in range(20)]
+    path = written(tmp_path, UnitResults.of(rows))
     assert overview_of([path]).batches == {"L1": {"good": 20}, "L2": {"good": 20}}
     assert set(overview_of([path], batch="[0-9]$").batches) == set("0123456789")
-    path = written(tmp_path, Rows.of([replace(row, batch=f"week {n % 4}") for n, row in enumerate(rows)]))
+    path = written(tmp_path, UnitResults.of([replace(row, batch=f"week {n % 4}") for n, row in enumerate(rows)]))
     assert set(overview_of([path]).batches) == {"week 0", "week 1", "week 2", "week 3"}
     with pytest.raises(UsageError, match="neither a column"):
         overview_of([path], batch="(")
@@ -259,9 +262,10 @@ def test_rows_of_no_unit_are_left_out_and_tell_no_batch(tmp_path: Path) -> None:
     rows, _ = fleet(units=40)
     rows = replace(rows, unit=np.array([f"B{int(unit[1:]) // 20}-{unit}" for unit in rows.unit], dtype=object))
     lost = [
-        Row(unit=unit, verdict="failed", code="unreadable") for unit in ("", "(b.parquet)", "(c-1.csv)", "(d-1.csv)")
+        UnitResult(unit=unit, verdict="failed", code="unreadable")
+        for unit in ("", "(b.parquet)", "(c-1.csv)", "(d-1.csv)")
     ]
-    path = written(tmp_path, Rows.joined([rows, Rows.of(lost)]).sorted())
+    path = written(tmp_path, UnitResults.joined([rows, UnitResults.of(lost)]).sorted())
     for batch in (None, "unit_of_field", "^[^-]+"):
         drift, overview = drift_of([path], batch=batch), overview_of([path], batch=batch)
         assert (drift.units, overview.units, drift.left_out, drift.states["none"]) == (40, 40, 4, 0)
@@ -311,8 +315,8 @@ def test_the_command_ends_with_what_it_found(tmp_path: Path) -> None:
 
 
 def test_a_table_without_a_calibration_or_without_a_row_has_a_report(tmp_path: Path) -> None:
-    for rows in ([Row(unit="A", verdict="failed", code="unreadable", message="cut short")], []):
-        path = written(tmp_path, Rows.of(rows))
+    for rows in ([UnitResult(unit="A", verdict="failed", code="unreadable", message="cut short")], []):
+        path = written(tmp_path, UnitResults.of(rows))
         drift = drift_of([path])
         assert (drift.units, drift.gaps, drift.step_count) == (len(rows), 0, 0)
         assert "None to recalibrate" in page(overview_of([path]), drift)

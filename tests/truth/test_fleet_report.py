@@ -13,7 +13,7 @@ import pytest
 from flinders.errors import FitError, FlindersError, InputError, UsageError
 from flinders.fleet import progress
 from flinders.fleet.aggregate import overview_of
-from flinders.fleet.results import Row, Rows
+from flinders.fleet.results import UnitResult, UnitResults
 from flinders.fleet.worker import LostWorker
 from flinders.report.fleet import advice, page
 from flinders.report.fleet_view import SUMS_ALONE
@@ -26,24 +26,26 @@ parquet = pytest.importorskip("pyarrow.parquet")
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
-def good(unit: str, **fields: Any) -> Row:
+def good(unit: str, **fields: Any) -> UnitResult:
     values: dict[str, Any] = {
         "verdict": "good", "method": "likelihood", "worst_deg": 0.4, "offset": (1.0, 2.0, 3.0), "radius": 50.0,
         "noise": 0.3, "findings": ("scale-unknown",), "unit_of_field": "uT",
     }  # fmt: skip
-    return Row(unit=unit, **{**values, **fields})
+    return UnitResult(unit=unit, **{**values, **fields})
 
 
-def told(tmp_path: Path, rows: Sequence[Row]) -> str:
+def told(tmp_path: Path, rows: Sequence[UnitResult]) -> str:
     """The text of a report, without marks and doubled blanks."""
-    parquet.write_table(Rows.of(rows).sorted().to_arrow(), tmp_path / "fleet.parquet")
+    parquet.write_table(UnitResults.of(rows).sorted().to_arrow(), tmp_path / "fleet.parquet")
     body = page(overview_of([tmp_path / "fleet.parquet"])).split("<body>")[1].split("<script")[0]
     return " ".join(unescape(re.sub(r"<[^>]+>", " ", body)).split())
 
 
 def test_one_that_could_not_be_read_of_thousands_is_in_the_headline(tmp_path: Path) -> None:
     rows = [good(f"U{place:04d}") for place in range(2500)]
-    text = told(tmp_path, [*rows, Row(unit="", recording="p2.parquet", code="unreadable", message="p2 is broken")])
+    text = told(
+        tmp_path, [*rows, UnitResult(unit="", recording="p2.parquet", code="unreadable", message="p2 is broken")]
+    )
     assert "> 99.9% calibrated" in text
     assert "2,500 of 2,501 recordings gave a calibration; 1 could not be read." in text
     assert "failed: could not be read: 1 (< 0.1%)" in text
@@ -78,7 +80,7 @@ def test_what_sums_alone_cost_is_what_was_measured() -> None:
     """The words say in round numbers what the table of docs/fleet.md says; `benchmarks.moments_only` prints it."""
     rows = [line.split("|")[1:-1] for line in (DOCS / "fleet.md").read_text().splitlines() if line.count("|") == 10]
     too_small = {cells[0].strip(): float(cells[7]) for cells in rows if cells[0].strip()[0] in "5abt"}
-    assert too_small["by hand, 1 % strays"] == pytest.approx(10.0, abs=0.5)
+    assert too_small["by hand, 1 % outliers"] == pytest.approx(10.0, abs=0.5)
     assert too_small["by hand, noise that hangs together (ρ = 0.8)"] == pytest.approx(3.0, abs=0.5)
     assert too_small["500 random directions"] == pytest.approx(1.0, abs=0.05)
     assert "3 times" in SUMS_ALONE

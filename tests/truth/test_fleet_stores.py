@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import OutputError, OutputExists, UnreadableInput
-from flinders.fleet import Rows
+from flinders.fleet import UnitResults
 from flinders.fleet.job import run
 from flinders.fleet.options import Options
 from flinders.fleet.plan import LOOKS, plan_of
@@ -106,7 +106,7 @@ def test_a_bucket_that_does_not_take_the_table_costs_nothing(
     told = run(str(fleet), "gs://fleet/there.parquet", Options(), workers=0, resume=True)
     assert (told.resumed, told.verdicts) == (told.partitions, {"good": 3})
     (tmp_path / "read.parquet").write_bytes(bucket.objects["there.parquet"])
-    assert np.isfinite(Rows.read(tmp_path / "read.parquet").offset).all()
+    assert np.isfinite(UnitResults.read(tmp_path / "read.parquet").offset).all()
 
 
 def test_what_is_no_object_is_said(fleet: Path, bucket: Bucket, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput, UsageError
-from flinders.fleet import Rows, fit_many, plan, worker
+from flinders.fleet import UnitResults, fit_many, plan, worker
 from flinders.fleet.job import run
 from flinders.fleet.options import Options
 from flinders.fleet.plan import plan_of
@@ -49,13 +49,13 @@ def spoil(path: Path, group: int, column: str) -> None:
     path.write_bytes(content)
 
 
-def rows_of(folder: Path, **options: Any) -> Rows:
+def rows_of(folder: Path, **options: Any) -> UnitResults:
     out = folder.parent / "out.parquet"
     run(str(folder), out, Options(**options), workers=0, force=True)
-    return Rows.read(out)
+    return UnitResults.read(out)
 
 
-def told(rows: Rows) -> dict[str, tuple[int, str]]:
+def told(rows: UnitResults) -> dict[str, tuple[int, str]]:
     """Readings and code, or verdict, by unit; each unit once."""
     assert len(set(rows.unit.tolist())) == len(rows)
     codes = [code or verdict for code, verdict in zip(rows.code.tolist(), rows.verdict.tolist(), strict=True)]
@@ -228,8 +228,8 @@ def test_the_batch_of_hardware_stands_in_the_table(folder: Path, column: str) ->
 
 
 def test_a_table_of_an_earlier_release_has_no_batches() -> None:
-    old = Rows.of([]).to_arrow().drop_columns(["batch"])
-    assert Rows.from_arrow(old).batch.tolist() == []
+    old = UnitResults.of([]).to_arrow().drop_columns(["batch"])
+    assert UnitResults.from_arrow(old).batch.tolist() == []
 
 
 def test_one_of_several_magnetometers_is_chosen_as_by_the_single_command(folder: Path) -> None:
@@ -317,7 +317,7 @@ def test_a_link_to_nothing_is_a_row_and_a_pipe_is_left_alone(folder: Path) -> No
     (folder / "U1.csv").symlink_to(folder / "gone.csv")
     os.mkfifo(folder / "U2.csv")
     ended = run(str(folder), folder.parent / "out.parquet", Options(), workers=0)
-    assert told(Rows.read(folder.parent / "out.parquet")) == {"U0": GOOD, "U1": (0, "unreadable")}
+    assert told(UnitResults.read(folder.parent / "out.parquet")) == {"U0": GOOD, "U1": (0, "unreadable")}
     assert ended.left_out == {"pipe": 1}
 
 
@@ -371,7 +371,7 @@ def test_a_table_that_could_not_be_opened_at_first_is_not_fitted_from_a_part(
     with monkeypatch.context() as patch:
         patch.setattr(plan, "opened", closed)
         (partition,) = plan_of(str(folder), Options()).partitions
-    rows = Rows.from_bytes(worker.calibrate_partition(partition, options=Options()))
+    rows = UnitResults.from_bytes(worker.calibrate_partition(partition, options=Options()))
     assert told(rows) == {"U0" if "=" in path else "(a.parquet)": (0, "unreadable")}
     assert "a.parquet could not be read when the run began" in rows.message[0]
 
@@ -387,7 +387,7 @@ def test_a_log_of_one_that_could_not_be_opened_at_first_is_fitted(
     with monkeypatch.context() as patch:
         patch.setattr(plan, "opened", closed)
         (partition,) = plan_of(str(folder), Options()).partitions
-    assert told(Rows.from_bytes(worker.calibrate_partition(partition, options=Options()))) == {"U0": GOOD}
+    assert told(UnitResults.from_bytes(worker.calibrate_partition(partition, options=Options()))) == {"U0": GOOD}
 
 
 @pytest.mark.parametrize("largest", [1_000_000, 100])
@@ -402,7 +402,9 @@ def test_a_file_that_goes_while_the_run_goes_on_is_counted_once(
     partitions = plan_of(str(folder), Options()).partitions
     for path in folder.rglob("*.parquet"):
         path.unlink()
-    rows = Rows.joined([Rows.from_bytes(worker.calibrate_partition(each, options=Options())) for each in partitions])
+    rows = UnitResults.joined(
+        [UnitResults.from_bytes(worker.calibrate_partition(each, options=Options())) for each in partitions]
+    )
     assert told(rows) == {"(a.parquet)": (300, "unreadable"), "U2": UNREADABLE}
 
 

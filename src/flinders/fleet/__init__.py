@@ -11,7 +11,7 @@ A file, or a range of its row groups, is one unit of work with one output file: 
 
 from __future__ import annotations
 
-from flinders.fleet.results import Row, Rows
+from flinders.fleet.results import UnitResult, UnitResults
 from flinders.fleet.worker import fit_many
 
-__all__ = ["Row", "Rows", "fit_many"]
+__all__ = ["UnitResult", "UnitResults", "fit_many"]

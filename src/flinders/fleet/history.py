@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.comparison.pairs import Ellipsoids
+from flinders.comparison.pairs import EllipsoidPairs
 from flinders.core.files import reason
 from flinders.errors import DocumentError
 from flinders.fleet.dates import arranged, is_date
@@ -80,7 +80,7 @@ class Histories:
     recording : (R,) object
     date_s : (R,) float, s
         Since 1970; NaN if it is not known.
-    calibrations : Ellipsoids
+    calibrations : EllipsoidPairs
         R of them.
     unit_of_field : (R,) object
     dip_deg : (R,) float
@@ -99,7 +99,7 @@ class Histories:
     is_dated: NDArray[np.bool_]
     recording: NDArray[np.object_]
     date_s: Floats
-    calibrations: Ellipsoids
+    calibrations: EllipsoidPairs
     unit_of_field: NDArray[np.object_]
     dip_deg: Floats
     verdicts: Mapping[tuple[str, str], int]
@@ -147,7 +147,7 @@ class Histories:
             is_dated=order.is_dated,
             recording=_texts(inside.column("recording")),
             date_s=order.date_s[alike],
-            calibrations=Ellipsoids.of_columns(offset, matrix, covariance, _numbers(inside, "radius")),
+            calibrations=EllipsoidPairs.of_columns(offset, matrix, covariance, _numbers(inside, "radius")),
             unit_of_field=field[alike],
             dip_deg=_numbers(inside, "dip_deg"),
             verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if rule else {},

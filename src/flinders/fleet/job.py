@@ -33,7 +33,7 @@ from flinders.fleet.dataset import PARQUET
 from flinders.fleet.merge import merge
 from flinders.fleet.plan import plan_of
 from flinders.fleet.progress import Progress
-from flinders.fleet.results import Rows, needs_arrow
+from flinders.fleet.results import UnitResults, needs_arrow
 from flinders.fleet.scheduler import Abandoned, map_units, reach
 from flinders.fleet.storage import is_remote, put, refuse_object
 from flinders.fleet.summary import Counts, summarize
@@ -193,10 +193,10 @@ def _results(
 def _file_by_file(partition: Partition, attempts: int, do: Callable[[Partition], bytes], over: Map) -> bytes:
     """Rows of a partition that no worker survived: only those of the file to blame are lost."""
     parts = partition.split()
-    rows = [] if parts else [Rows.of(worker.lost(partition, attempts))]
+    rows = [] if parts else [UnitResults.of(worker.lost(partition, attempts))]
     for place, result in over(do, parts, whole=partition):
         if isinstance(result, Abandoned):
-            rows.append(Rows.of(worker.lost(parts[place], result.attempts)))
+            rows.append(UnitResults.of(worker.lost(parts[place], result.attempts)))
         else:
-            rows.append(Rows.from_bytes(result))
-    return Rows.joined(rows).sorted().to_bytes()
+            rows.append(UnitResults.from_bytes(result))
+    return UnitResults.joined(rows).sorted().to_bytes()

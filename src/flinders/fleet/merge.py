@@ -6,12 +6,12 @@ files, so that memory is that of a row group, for any number of rows.
 
 >>> import tempfile
 >>> from pathlib import Path
->>> from flinders.fleet.results import Row, Rows
+>>> from flinders.fleet.results import UnitResult, UnitResults
 >>> folder = Path(tempfile.mkdtemp())
 >>> for name, units in (("a", ["A1", "A3"]), ("b", ["A2", "A4"])):
-...     _ = (folder / name).write_bytes(Rows.of([Row(unit=unit) for unit in units]).to_bytes())
+...     _ = (folder / name).write_bytes(UnitResults.of([UnitResult(unit=unit) for unit in units]).to_bytes())
 >>> merge([folder / "a", folder / "b"], folder / "all.parquet")
->>> Rows.read(folder / "all.parquet").unit.tolist()
+>>> UnitResults.read(folder / "all.parquet").unit.tolist()
 ['A1', 'A2', 'A3', 'A4']
 """
 

@@ -20,7 +20,7 @@ from flinders.core.disturbance import KINDS, MOTORS
 from flinders.errors import UnitError
 from flinders.estimators.cache import concatenated
 from flinders.fleet.dataset import HALF, Interner, KeyedTable, Runs
-from flinders.fleet.results import Row
+from flinders.fleet.results import UnitResult
 from flinders.fleet.unreadable import open_as_planned
 from flinders.stacked import Lined
 
@@ -240,7 +240,7 @@ def _sorted_by_time(values: Floats, ends: NDArray[np.int64], time: Floats) -> Fl
     return values[:, order]
 
 
-def merged_recording(parts: Sequence[Job]) -> Job | Row:
+def merged_recording(parts: Sequence[Job]) -> Job | UnitResult:
     """Merge the parts of one recording from several slices, in the order of time if all times are known."""
     if len(parts) == 1:
         return parts[0]
@@ -250,7 +250,7 @@ def merged_recording(parts: Sequence[Job]) -> Job | Row:
         for part, each in zip(parts, samples, strict=True):
             refuse_other_unit(part.file, each.unit, parts[0].file, samples[0].unit)
     except UnitError as error:
-        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
+        return UnitResult.of_error(error, pair[0], recording=pair[1], readings=rows)
     start = min(part.start_s for part in parts)
     later = [delayed(each, part.start_s - start) for each, part in zip(samples, parts, strict=True)]
     whole = concatenated(later, later[0])

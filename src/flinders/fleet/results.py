@@ -3,13 +3,13 @@
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> tumble = simulate.tumble(seed=1).samples
->>> row = Row.of_fit(calibrate.fit(tumble), "A17", start_s=0.0, end_s=60.0, readings=len(tumble))
+>>> row = UnitResult.of_fit(calibrate.fit(tumble), "A17", start_s=0.0, end_s=60.0, readings=len(tumble))
 >>> row.verdict, row.code, len(row.covariance)
 ('good', '', 45)
->>> rows = Rows.of([Row(unit="B02", verdict="failed", code="unreadable"), row]).sorted()
+>>> rows = UnitResults.of([UnitResult(unit="B02", verdict="failed", code="unreadable"), row]).sorted()
 >>> rows.unit.tolist(), rows.verdict.tolist(), rows.offset.shape
 (['A17', 'B02'], ['good', 'failed'], (2, 3))
->>> back = Rows.from_arrow(rows.to_arrow())
+>>> back = UnitResults.from_arrow(rows.to_arrow())
 >>> back.code.tolist(), bool(np.array_equal(back.covariance, rows.covariance, equal_nan=True))
 (['', 'unreadable'], True)
 
@@ -66,7 +66,7 @@ def _missing(length: int) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class UnitResult:
     """Result of one recording of one unit.
 
     Attributes
@@ -189,7 +189,7 @@ class Row:
         """Row of an error: a fit that was refused, readings without one, or a file that could not be read.
 
         >>> from flinders.errors import TooFewSamples
-        >>> row = Row.of_error(TooFewSamples(found=5, needed=10, method="likelihood"), "A17", readings=5)
+        >>> row = UnitResult.of_error(TooFewSamples(found=5, needed=10, method="likelihood"), "A17", readings=5)
         >>> row.verdict, row.code, row.message[:18]
         ('refused', 'too-few-samples', '5 usable readings,')
         """
@@ -213,8 +213,8 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
-    """Many rows, column by column: (R,) arrays by the names of `Row`, and (R, K) ones for its lists."""
+class UnitResults:
+    """Many rows, column by column: (R,) arrays by the names of `UnitResult`, and (R, K) ones for its lists."""
 
     unit: NDArray[np.object_]
     recording: NDArray[np.object_]
@@ -240,12 +240,12 @@ class Rows:
     batch: NDArray[np.object_]
 
     @classmethod
-    def of(cls, rows: Sequence[Row]) -> Self:
+    def of(cls, rows: Sequence[UnitResult]) -> Self:
         """Make columns of rows."""
         return cls(**{name: _column(name, [getattr(row, name) for row in rows]) for name in NAMES})
 
     @classmethod
-    def joined(cls, parts: Iterable[Rows]) -> Self:
+    def joined(cls, parts: Iterable[UnitResults]) -> Self:
         """Concatenate tables."""
         tables = list(parts)
         if not tables:
@@ -263,9 +263,9 @@ class Rows:
         """Take some rows."""
         return type(self)(**{name: getattr(self, name)[rows] for name in NAMES})
 
-    def row(self, place: int) -> Row:
+    def row(self, place: int) -> UnitResult:
         """One row."""
-        return Row(**{name: _cell(getattr(self, name)[place]) for name in NAMES})
+        return UnitResult(**{name: _cell(getattr(self, name)[place]) for name in NAMES})
 
     def verdicts(self) -> dict[str, int]:
         """Number of rows of each verdict that occurs, the best first."""
@@ -342,7 +342,7 @@ class Rows:
         return cls.from_arrow(needs_arrow().ipc.open_file(content).read_all())
 
 
-NAMES: Final = tuple(field.name for field in dataclasses.fields(Rows))
+NAMES: Final = tuple(field.name for field in dataclasses.fields(UnitResults))
 """The columns, in order."""
 VERDICTS: Final = ("good", "limited", "refused", "failed")
 """From the best to the worst."""

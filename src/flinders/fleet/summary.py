@@ -3,10 +3,11 @@
 >>> import tempfile
 >>> from pathlib import Path
 >>> from flinders.fleet.merge import merge
->>> from flinders.fleet.results import Row, Rows
+>>> from flinders.fleet.results import UnitResult, UnitResults
 >>> folder = Path(tempfile.mkdtemp())
->>> rows = [Row(unit="A1", verdict="good", worst_deg=0.4), Row(unit="A2", code="unreadable"), Row(unit="A2")]
->>> _ = (folder / "part").write_bytes(Rows.of(rows).to_bytes())
+>>> good = UnitResult(unit="A1", verdict="good", worst_deg=0.4)
+>>> rows = [good, UnitResult(unit="A2", code="unreadable"), UnitResult(unit="A2")]
+>>> _ = (folder / "part").write_bytes(UnitResults.of(rows).to_bytes())
 >>> merge([folder / "part"], folder / "all.parquet")
 >>> counts = Counts.of(folder / "all.parquet")
 >>> counts.rows, counts.units, counts.texts["verdict"], counts.worst_deg.tolist(), counts.failed_readings

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput, counted
 from flinders.fleet.dataset import HALF, Interner, KeyColumns, KeyedTable, batch_in, counts_of, extents_of, opened
-from flinders.fleet.results import Row, one_line
+from flinders.fleet.results import UnitResult, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -93,7 +93,7 @@ class UnreadableGroups:
         return f"{self.place} of {name}" if self.place else name
 
     @property
-    def row(self) -> Row:
+    def row(self) -> UnitResult:
         """A row for those whose units are not known; no unit has such a name."""
         rows = f" ({counted(self.rows, 'row')})" if self.rows else ""
         message = (
@@ -230,7 +230,7 @@ class Unreadable:
         there = {pair for pair in read if pair[0] in ends}
         return recordings | there | {(unit, "") for unit in ends - {unit for unit, _ in there}}
 
-    def rows(self, readable: Mapping[Pair, int]) -> list[Row]:
+    def rows(self, readable: Mapping[Pair, int]) -> list[UnitResult]:
         """Rows of `recordings`, given how many readings of each can be read."""
         groups_of: dict[Pair, list[UnreadableGroups]] = defaultdict(list)
         for each in self.all:
@@ -239,7 +239,7 @@ class Unreadable:
                     groups_of[pair].append(each)
         return [_of_recording(pair, groups, readable[pair]) for pair, groups in groups_of.items()]
 
-    def unknown(self) -> list[Row]:
+    def unknown(self) -> list[UnitResult]:
         """Rows for groups whose units are not known."""
         return [each.row for each in self.all if not each.counts and not each.is_complete]
 
@@ -254,7 +254,7 @@ class Unreadable:
         return sum(rows for each in self.all for (unit, _), rows in each.counts.items() if not unit)
 
 
-def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> Row:
+def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> UnitResult:
     """Row of a recording with unreadable rows."""
     lost = sum(each.counts[pair] for each in groups)
     every, where = counted(readable + lost, "reading"), " and ".join(each.where for each in groups[:LISTED])
@@ -265,7 +265,7 @@ def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> 
     return _row(groups[0].error, pair, readable + lost, f"{share} lie in {where}: {groups[0].error}")
 
 
-def _row(error: Exception, pair: Pair, readings: int, message: str) -> Row:
+def _row(error: Exception, pair: Pair, readings: int, message: str) -> UnitResult:
     """Row with the code of an error and a longer message."""
-    row = Row.of_error(error, pair[0], recording=pair[1], readings=readings)
+    row = UnitResult.of_error(error, pair[0], recording=pair[1], readings=readings)
     return replace(row, message=one_line(message))

@@ -6,7 +6,8 @@ r"""Worker: calibrates the recordings of one partition. An error costs its recor
 >>> folder = Path(tempfile.mkdtemp())
 >>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n"), (folder / "B02.csv").write_text("nothing\n")
 >>> plan = plan_of(str(folder), Options())
->>> rows = Rows.joined(Rows.from_bytes(calibrate_partition(each, options=Options())) for each in plan.partitions)
+>>> tables = [calibrate_partition(each, options=Options()) for each in plan.partitions]
+>>> rows = UnitResults.joined(map(UnitResults.from_bytes, tables))
 >>> list(zip(rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()))
 [('A17', 'refused', 'too-few-samples'), ('B02', 'failed', 'unreadable')]
 """
@@ -47,7 +48,7 @@ from flinders.fleet.recordings import (
     merged_recording,
     read_recordings,
 )
-from flinders.fleet.results import LONGEST, NAMES, VERDICTS, Row, Rows, needs_arrow, objects, one_line
+from flinders.fleet.results import LONGEST, NAMES, VERDICTS, UnitResult, UnitResults, needs_arrow, objects, one_line
 from flinders.fleet.storage import StoredFile
 from flinders.fleet.unreadable import NOT_PLANNED, Unreadable, open_as_planned
 from flinders.readers import open_log
@@ -108,11 +109,11 @@ def calibrate_partition(partition: Partition, *, options: Options) -> bytes:
     return rows.sorted().to_bytes()
 
 
-def lost(partition: Partition, attempts: int) -> list[Row]:
+def lost(partition: Partition, attempts: int) -> list[UnitResult]:
     """Rows of a partition that no worker survived: of its units if they are known, else of its files."""
     error = LostWorker(", ".join(part.file.name for part in partition.slices), attempts)
     if partition.only is not None:
-        return [Row.of_error(error, unit) for unit in partition.only]
+        return [UnitResult.of_error(error, unit) for unit in partition.only]
     return [_failed(part, LostWorker(part.file.name, attempts)) for part in partition.slices]
 
 
@@ -132,7 +133,7 @@ def fit_many(
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
     polish: bool = True,
-) -> Rows:
+) -> UnitResults:
     """Calibrate many units, each as `flinders.fit` would by itself; what cannot be fitted is a row that says why.
 
     Parameters
@@ -152,7 +153,7 @@ def fit_many(
 
     Returns
     -------
-    Rows
+    UnitResults
         Sorted by unit, recording and start.
 
     Raises
@@ -187,24 +188,24 @@ def fit_many(
     )
     if isinstance(table, Mapping):
         jobs = [_of_unit(str(name), source, options) for name, source in table.items()]
-        refused = Rows.of([row for row in jobs if isinstance(row, Row)])
-        return Rows.joined([refused, fit_jobs([job for job in jobs if isinstance(job, Job)], options)]).sorted()
+        refused = UnitResults.of([row for row in jobs if isinstance(row, UnitResult)])
+        return UnitResults.joined([refused, fit_jobs([job for job in jobs if isinstance(job, Job)], options)]).sorted()
     file = _in_memory(table)
     KeyColumns.of(file.name, file.schema.names, options)  # refuses options that name a column it has not got
     whole = Partition((FileSlice(StoredFile("table", "", 0), (0,), file.groups[0]),))
     rows = RowFilter(whole)
     fits = _fit_set(read_recordings(KeyedTable.of(file, options), whole.slices[0], rows), options)
-    nameless = Rows.of(_nameless(whole, rows.nameless, Unreadable(whole, options)))
-    return _with_batches(Rows.joined([fits, nameless]), rows.names.batches).sorted()
+    nameless = UnitResults.of(_nameless(whole, rows.nameless, Unreadable(whole, options)))
+    return _with_batches(UnitResults.joined([fits, nameless]), rows.names.batches).sorted()
 
 
-def _of_unit(name: str, source: Any, options: Options) -> Job | Row:  # noqa: ANN401
+def _of_unit(name: str, source: Any, options: Options) -> Job | UnitResult:  # noqa: ANN401
     """Job of one unit of a mapping, or the row of its error."""
     try:
         if not hasattr(source, "blocks"):
             source = Samples.of(source, unit=options.unit or "counts", scale=options.scale, axes=options.axes)
     except FlindersError as error:
-        return Row.of_error(error, name)
+        return UnitResult.of_error(error, name)
     return Job(name, "", source, 0)
 
 
@@ -228,7 +229,7 @@ def _in_memory(table: Any) -> TableFile:  # noqa: ANN401
 # -------------------------------------------------------------------------------------------------------------- fits
 
 
-def fit_jobs(jobs: Sequence[Job], options: Options) -> Rows:
+def fit_jobs(jobs: Sequence[Job], options: Options) -> UnitResults:
     """Fit recordings: those in memory together, each with the numbers that `flinders.fit` gives it by itself.
 
     Parameters
@@ -239,20 +240,20 @@ def fit_jobs(jobs: Sequence[Job], options: Options) -> Rows:
     """
     in_memory = [job for job in jobs if isinstance(job.source, Samples)]
     others = [_row(job, options) for job in jobs if not isinstance(job.source, Samples)]
-    return Rows.joined([_fit_together(in_memory, options), Rows.of(others)])
+    return UnitResults.joined([_fit_together(in_memory, options), UnitResults.of(others)])
 
 
-def _fit_together(jobs: Sequence[Job], options: Options) -> Rows:
+def _fit_together(jobs: Sequence[Job], options: Options) -> UnitResults:
     """Fit recordings in memory together."""
     if not jobs:
-        return Rows.of(())
+        return UnitResults.of(())
     samples = cast("list[Samples]", [job.source for job in jobs])
     readings = np.array([job.readings or len(each) for job, each in zip(jobs, samples, strict=True)], dtype=np.int64)
     spans = np.array([_span(job) for job in jobs])
     return _fit_batch(samples, [(job.unit, job.recording) for job in jobs], readings, spans, jobs, options)
 
 
-def _fit_set(recordings: RecordingSet, options: Options) -> Rows:
+def _fit_set(recordings: RecordingSet, options: Options) -> UnitResults:
     """Fit a set of recordings together."""
     return _fit_batch(recordings.lined, recordings.pairs, recordings.rows, recordings.spans, recordings.jobs(), options)
 
@@ -264,16 +265,16 @@ def _fit_batch(
     spans: Floats,
     jobs: Iterable[Job],
     options: Options,
-) -> Rows:
+) -> UnitResults:
     """Fit recordings as a batch; one by one, should that fail for any reason."""
     try:
         columns = fit_stack(sources, target_deg=options.target_deg, dip_deg=options.dip_deg, polish=options.polish)
     except Exception:  # noqa: BLE001 - one recording must not cost the others
-        return Rows.of([_row(job, options) for job in jobs])
+        return UnitResults.of([_row(job, options) for job in jobs])
     return _rows(columns, pairs, readings, spans)
 
 
-def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> Rows:
+def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> UnitResults:
     """Rows of fits with unit and recording, (R,) numbers of readings, and (R, 2) first and last times in s."""
     own: dict[str, Any] = {
         "unit": objects([unit for unit, _ in pairs]),
@@ -284,7 +285,7 @@ def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], 
         "batch": np.full(len(pairs), "", dtype=object),
         "message": objects([message and one_line(message) for message in columns.message.tolist()]),
     }
-    return Rows(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
+    return UnitResults(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
 
 
 def _span(job: Job) -> tuple[float, float]:
@@ -295,7 +296,7 @@ def _span(job: Job) -> tuple[float, float]:
     return job.start_s + float(np.fmin.reduce(time)), job.start_s + float(np.fmax.reduce(time))
 
 
-def _row(job: Job, options: Options) -> Row:
+def _row(job: Job, options: Options) -> UnitResult:
     """Fit one recording; whatever it raises is its row."""
     counting = CountingRecording(job.source)
     source: Recording | Summary = counting
@@ -311,9 +312,9 @@ def _row(job: Job, options: Options) -> Row:
         fit = calibrate.fit(source, **fit_options)
     except Exception as error:  # noqa: BLE001 - one recording must not cost the others
         about |= {**counting.span(job.start_s), "readings": job.readings or counting.rows}
-        return Row.of_error(error, job.unit, unit_of_field=job.source.unit.inside, **about)
+        return UnitResult.of_error(error, job.unit, unit_of_field=job.source.unit.inside, **about)
     about |= {**counting.span(job.start_s), "readings": job.readings or counting.rows}
-    return Row.of_fit(fit, job.unit, **about)
+    return UnitResult.of_fit(fit, job.unit, **about)
 
 
 class CountingRecording:
@@ -353,23 +354,23 @@ class CountingRecording:
         return {"start_s": start_s + self._first, "end_s": start_s + self._last}
 
 
-def _failed(part: FileSlice, error: Exception) -> Row:
+def _failed(part: FileSlice, error: Exception) -> UnitResult:
     """Row of a file that cannot be read."""
     name = part.file.name
     if part.groups:
-        return Row.of_error(error, f"({name})", readings=part.rows)
+        return UnitResult.of_error(error, f"({name})", readings=part.rows)
     if part.is_table:
-        row = Row.of_error(error, f"({name})")
+        row = UnitResult.of_error(error, f"({name})")
         message = (
             f"it cannot be told whose readings are in {name}, and a unit that has some of them and others elsewhere "
             f"was fitted without them: {row.message}"
         )
         return replace(row, message=message[:LONGEST])
     unit, recording = key_of(name)
-    return Row.of_error(error, unit, recording=recording)
+    return UnitResult.of_error(error, unit, recording=recording)
 
 
-def _with_batches(rows: Rows, batches: Mapping[Pair, str]) -> Rows:
+def _with_batches(rows: UnitResults, batches: Mapping[Pair, str]) -> UnitResults:
     """Rows with the hardware batches of their units."""
     if not batches:
         return rows
@@ -380,17 +381,17 @@ def _with_batches(rows: Rows, batches: Mapping[Pair, str]) -> Rows:
 # -------------------------------------------------------------------------------------------------------------- logs
 
 
-def _of_logs(partition: Partition, options: Options) -> Rows:
+def _of_logs(partition: Partition, options: Options) -> UnitResults:
     """Rows of log files."""
     with contextlib.ExitStack() as copies:
         jobs = [_log(part, options, copies) for part in partition.slices]
-        failed = Rows.of([row for row in jobs if isinstance(row, Row)])
-        rows = Rows.joined([failed, fit_jobs([job for job in jobs if isinstance(job, Job)], options)])
+        failed = UnitResults.of([row for row in jobs if isinstance(row, UnitResult)])
+        rows = UnitResults.joined([failed, fit_jobs([job for job in jobs if isinstance(job, Job)], options)])
     names = [part.file.name for part in partition.slices]
     return _with_batches(rows, {key_of(name): batch for name in names if (batch := batch_in(name, options))})
 
 
-def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Job | Row:
+def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Job | UnitResult:
     """Open a log file; a copy of one from a store stays until the fits are done."""
     unit, recording = key_of(part.file.name)
     if not unit and not part.is_table:
@@ -445,8 +446,8 @@ def _short(source: Recording) -> Recording:
 # ------------------------------------------------------------------------------------------------------------ tables
 
 
-def _of_tables(partition: Partition, options: Options) -> Rows:
-    """Rows of files of rows; a partition of more than `LARGEST` rows is read several times."""
+def _of_tables(partition: Partition, options: Options) -> UnitResults:
+    """UnitResults of files of rows; a partition of more than `LARGEST` rows is read several times."""
     unreadable = Unreadable(partition, options)
     if partition.rows <= LARGEST:
         return _fit_in_memory(partition, options, unreadable)
@@ -465,7 +466,7 @@ def _of_tables(partition: Partition, options: Options) -> Rows:
     others = unreadable.recordings(wanted) - wanted.keys()
     rows += unreadable.rows({pair: 0 for pair in others if partition.takes(pair[0])})
     rows += _nameless(partition, nameless, unreadable)
-    return _with_batches(Rows.joined([*fits, Rows.of(rows)]), unreadable.batches(names.batches))
+    return _with_batches(UnitResults.joined([*fits, UnitResults.of(rows)]), unreadable.batches(names.batches))
 
 
 def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: Interner) -> Counter[Pair]:
@@ -478,13 +479,13 @@ def _counts(part: FileSlice, options: Options, unreadable: Unreadable, names: In
     return (_of_readable(part, options, unreadable, count) or Counter()) + unreadable.counts_in(part)
 
 
-def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[Row]:
+def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[UnitResult]:
     """Rows for readings without a unit, and for those whose unit cannot be read, which are reported once."""
     report = unreadable.unknown() if partition.only is None else []
     if rows:
         names = [part.file.name for part in partition.slices]
         where = ", ".join(names[:3]) + f" and {len(names) - 3} more" * (len(names) > 3)
-        report.append(Row.of_error(NoUnit(where, rows), "", readings=rows))
+        report.append(UnitResult.of_error(NoUnit(where, rows), "", readings=rows))
     return report
 
 
@@ -507,7 +508,7 @@ def _that_fit(counts: dict[Pair, int]) -> list[set[Pair]]:
 
 def _fit_in_memory(
     partition: Partition, options: Options, unreadable: Unreadable, some: Container[Pair] | None = None
-) -> Rows:
+) -> UnitResults:
     """Read a partition into memory, or `some` of its recordings, and fit them."""
     filtered = RowFilter(partition, some)
     sets = [each for part in partition.slices for each in _read(part, options, filtered, unreadable)]
@@ -523,13 +524,15 @@ def _fit_in_memory(
                 parts[job.unit, job.recording].append(job)
     rows = unreadable.rows({pair: sum(job.readings for job in parts.pop(pair, ())) for pair in sorted(failed)})
     jobs = [merged_recording(own) for _, own in sorted(parts.items())]
-    rows += [job for job in jobs if isinstance(job, Row)]
+    rows += [job for job in jobs if isinstance(job, UnitResult)]
     if some is None:
         nameless = filtered.nameless + (unreadable.nameless if filtered.takes(("", "")) else 0)
         rows += _nameless(partition, nameless, unreadable)
     rest = fit_jobs([job for job in jobs if isinstance(job, Job)], options)
     del sets
-    fits = Rows.joined([Rows.of(rows), rest, *(_fit_set(each, options) for each in RecordingSet.joined(whole))])
+    fits = UnitResults.joined(
+        [UnitResults.of(rows), rest, *(_fit_set(each, options) for each in RecordingSet.joined(whole))]
+    )
     return _with_batches(fits, unreadable.batches(filtered.names.batches))
 
 
@@ -560,7 +563,7 @@ def _of_readable(
     return None
 
 
-def _streamed(partition: Partition, pair: Pair, rows: int, options: Options, unreadable: Unreadable) -> Row:
+def _streamed(partition: Partition, pair: Pair, rows: int, options: Options, unreadable: Unreadable) -> UnitResult:
     """Fit a recording of more rows than fit into memory, reading its files on each pass."""
     row = _fit_streamed(partition, pair, rows, options)
     if row.verdict != VERDICTS[-1]:
@@ -576,10 +579,10 @@ def _streamed(partition: Partition, pair: Pair, rows: int, options: Options, unr
     return _fit_streamed(replace(partition, slices=readable), pair, rows, options)
 
 
-def _fit_streamed(partition: Partition, pair: Pair, rows: int, options: Options) -> Row:
+def _fit_streamed(partition: Partition, pair: Pair, rows: int, options: Options) -> UnitResult:
     """Fit a recording from its files; if they cannot be read, its row says why."""
     try:
         source = StreamedRecording.of(partition, pair, options)
     except Exception as error:  # noqa: BLE001 - as in `_row`
-        return Row.of_error(error, pair[0], recording=pair[1], readings=rows)
+        return UnitResult.of_error(error, pair[0], recording=pair[1], readings=rows)
     return _row(Job(*pair, source, rows, source.start_s), options)
