@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
-    from flinders.stacked import Columns
+    from flinders.stacked import BatchColumns
 
 AGREED = 1e-9
 
@@ -147,7 +147,7 @@ def alone(one: Samples, target_deg: float, *, polish: bool = True) -> Fit:
         return error.fit
 
 
-def assert_alike(found: Columns, place: int, fit: Fit) -> None:
+def assert_alike(found: BatchColumns, place: int, fit: Fit) -> None:
     calibration = fit.calibration
     told = (found.verdict[place], found.method[place], found.used[place], found.findings[place])
     assert told == (fit.verdict, fit.method, fit.samples, tuple(finding.code for finding in fit.findings)), place

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 import flinders
 from flinders import simulate
 from flinders.core.compensation import Compensator
-from flinders.diagnostics.random_walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
+from flinders.diagnostics.random_walk import RandomWalk, _filtered, _smoothed, _Spans, walk_of, walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.disturbance import driving_of
 from flinders.fitting.result import Refused
@@ -157,9 +157,9 @@ def test_without_times_or_with_few_readings_nothing_is_said() -> None:
 def test_where_a_large_walk_would_not_show_it_is_not_said_that_the_offset_stayed() -> None:
     """What a walk could have been at the most, over 100 s, against 1° of a level field of 25 µT: 0.44 µT."""
     time, path = np.linspace(0.0, 100.0, 11), np.zeros((11, 3))
-    within, beyond = (Walk(0.0, q, 0.0, time, path, path, 50.0) for q in (0.03, 0.06))
+    within, beyond = (RandomWalk(0.0, q, 0.0, time, path, path, 50.0) for q in (0.03, 0.06))
     assert (within.is_told(1.0), beyond.is_told(1.0), beyond.is_told(2.0)) == (True, False, True)
     assert "stayed where it was" in within.words("µT")
     assert beyond.words("µT").startswith("cannot tell whether the offset stayed where it was: 0.60 µT over")
     assert beyond.as_dict()["told"] is False
-    assert Walk(0.1, 0.2, 9.0, time, path, path, 50.0).is_told(1.0)
+    assert RandomWalk(0.1, 0.2, 9.0, time, path, path, 50.0).is_told(1.0)

@@ -73,7 +73,7 @@ BARS: Final = "▁▂▃▄▅▆▇█"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Walk:
+class RandomWalk:
     """How the offset moved over a recording.
 
     Attributes
@@ -123,7 +123,7 @@ class Walk:
 
         A walk turns the heading by q √t / (F cos dip); where none is proven, the largest that it could be counts.
 
-        >>> walk = Walk(0.0, 0.01, 0.0, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 50.0)
+        >>> walk = RandomWalk(0.0, 0.01, 0.0, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 50.0)
         >>> round(walk.valid_for_s(1.0) / 60.0)
         32
         """
@@ -167,7 +167,7 @@ class Walk:
         """Draw how far the offset was from where it began, in a line of bars.
 
         >>> path = np.outer(np.linspace(0.0, 7.0, 8), [1.0, 0.0, 0.0])
-        >>> Walk(1.0, 1.0, 9.0, np.arange(8.0), path, np.ones((8, 3)), 50.0).drawn(8)
+        >>> RandomWalk(1.0, 1.0, 9.0, np.arange(8.0), path, np.ones((8, 3)), 50.0).drawn(8)
         '▁▂▃▄▅▆▇█'
         """
         far = np.linalg.norm(self.path - self.path[0], axis=1)
@@ -220,7 +220,7 @@ def walk_of(
     plane: Plane | None = None,
     dip_deg: float = 60.0,
     is_own: bool = True,
-) -> Walk:
+) -> RandomWalk:
     """Follow the offset through a recording.
 
     What was turned in one plane tells of the offset in that plane alone, and across it nothing is said to move.
@@ -259,7 +259,7 @@ def walk_of(
     q = _refined(sizes, likelihoods, int(np.argmax(likelihoods)))
     at_most = float(sizes[likelihoods > likelihoods.max() - PROVEN / 2.0].max())
     path, sigma = _followed(spans, q, ellipsoid.radius) if gain > PROVEN else _kept(spans, at_most, ellipsoid.radius)
-    return Walk(q, at_most, gain, spans.time, path, sigma, ellipsoid.radius)
+    return RandomWalk(q, at_most, gain, spans.time, path, sigma, ellipsoid.radius)
 
 
 def _followed(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floats]:
@@ -288,7 +288,7 @@ def walk_through(
     plane: Plane | None = None,
     dip_deg: float = 60.0,
     is_own: bool = True,
-) -> Walk:
+) -> RandomWalk:
     """Follow the offset through a recording, or through the first of several: nobody knows what was between two.
 
     As `walk_of` otherwise.

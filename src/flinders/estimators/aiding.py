@@ -38,8 +38,8 @@ from flinders.estimators.solver import (
     ROTATION_SIGMA,
     SCALE_SIGMA,
     Equations,
-    Found,
-    Problem,
+    Iterate,
+    JointProblem,
     begun,
     iterated,
     reweighed,
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.likelihood.disturbances import Disturbances
-    from flinders.likelihood.parameters import Layout, Parameters
+    from flinders.likelihood.parameters import ParameterLayout, Parameters
     from flinders.likelihood.site_field import Site
 
 AIDS: Final = {
@@ -107,7 +107,7 @@ class Aided:
         Of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad.
     textbook : (P, P) float
         The same if all residuals were independent.
-    layout : Layout
+    layout : ParameterLayout
     noise : float
         Standard deviation of a component of a reading, in its unit.
     vertical_noise : float, optional
@@ -138,7 +138,7 @@ class Aided:
     parameters: Parameters
     covariance: Floats
     textbook: Floats
-    layout: Layout
+    layout: ParameterLayout
     noise: float
     vertical_noise: float | None
     aiding: tuple[str, ...]
@@ -301,9 +301,9 @@ class _Put(NamedTuple):
     delay: bool
     acceleration_bias: float
 
-    def problem(self, gyro_scale: float) -> Problem:
+    def problem(self, gyro_scale: float) -> JointProblem:
         """Put the readings in groups."""
-        return Problem.of(
+        return JointProblem.of(
             self.samples, self.terms, self.site, self.disturbances, self.rotation, self.spread, self.window_s,
             delay=self.delay, gyro_scale=gyro_scale, acceleration_bias=self.acceleration_bias,
         )  # fmt: skip
@@ -312,8 +312,8 @@ class _Put(NamedTuple):
 class _Solved(NamedTuple):
     """Where the best start leads, and by how many seconds, in whole intervals, the rate was moved for it."""
 
-    problem: Problem
-    found: Found
+    problem: JointProblem
+    found: Iterate
     late_s: float
 
     def finished(self) -> Aided:
@@ -335,7 +335,7 @@ def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided |
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    best: Found | None = None
+    best: Iterate | None = None
     for begin in _begins(problem, put, start, near):
         found = iterated(problem, begun(problem, begin))
         if best is None or surprise(problem, found) < surprise(problem, best):
@@ -353,7 +353,7 @@ def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided |
     return _Solved(behind, iterated(behind, begun(behind, behind.begin_near(at, problem.layout))), late_s)
 
 
-def _begins(problem: Problem, put: _Put, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
+def _begins(problem: JointProblem, put: _Put, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
     """Where to start: near another fit, and where readings by themselves say."""
     if near is not None:
         yield problem.begin_near(near.parameters, near.layout)
@@ -361,7 +361,7 @@ def _begins(problem: Problem, put: _Put, start: Ellipsoid | None, near: Aided | 
         yield problem.begin(ellipsoid)
 
 
-def _refuse_nothing(problem: Problem, samples: Samples) -> None:
+def _refuse_nothing(problem: JointProblem, samples: Samples) -> None:
     """Refuse a column that is there and tells nothing.
 
     Raises
@@ -414,7 +414,7 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
                 )
 
 
-def _finished(problem: Problem, found: Found) -> Aided:
+def _finished(problem: JointProblem, found: Iterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
     found, equations = _eased(problem, found, np.zeros(problem.layout.size))
     found, equations = _spanned(problem, found, equations)
@@ -460,7 +460,7 @@ def _finished(problem: Problem, found: Found) -> Aided:
     )
 
 
-def _spanned(problem: Problem, found: Found, equations: Equations) -> tuple[Found, Equations]:
+def _spanned(problem: JointProblem, found: Iterate, equations: Equations) -> tuple[Iterate, Equations]:
     """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
     span = span_of(problem, found)
     for _ in range(SPANNED):
@@ -473,7 +473,7 @@ def _spanned(problem: Problem, found: Found, equations: Equations) -> tuple[Foun
     return found, equations
 
 
-def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equations]:
+def _eased(problem: JointProblem, found: Iterate, bent: Floats) -> tuple[Iterate, Equations]:
     """Take off the mean gradient that noise makes: what the equations know of, and (P,) what a walk adds."""
     for _ in range(CORRECTED):
         equations = Equations.of(problem, found)
@@ -493,7 +493,7 @@ def _inverse(equations: Equations) -> Floats:
     return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
 
 
-def _site_off(problem: Problem, found: Found, covariance: Floats) -> float | None:
+def _site_off(problem: JointProblem, found: Iterate, covariance: Floats) -> float | None:
     """How far the dip found is from that of the site, in standard deviations of what the site is known to."""
     if problem.site is None or problem.site.sine is None:
         return None

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.estimators.solver import Found, Problem
-    from flinders.likelihood.observations import Group
+    from flinders.estimators.solver import Iterate, JointProblem
+    from flinders.likelihood.observations import ObservationGroup
 
 LOOKED_AT: Final = 2000
 """Readings that stand for all."""
@@ -36,7 +36,7 @@ MOST: Final = 0.9
 """Share of what a direction of parameters is told that noise may pretend: beyond, the prior alone speaks."""
 
 
-def pretence_of(problem: Problem, found: Found) -> Floats:
+def pretence_of(problem: JointProblem, found: Iterate) -> Floats:
     """(P, P) what noise adds to the normal matrix, in standard deviations."""
     size = problem.layout.size
     total = np.zeros((size, size))
@@ -71,10 +71,12 @@ def without(matrix: Floats, pretence: Floats, believed: Floats) -> Floats:
     return less
 
 
-def _moved(group: Group, directions: Floats, problem: Problem, found: Found) -> Iterator[tuple[Floats, Floats]]:
+def _moved(
+    group: ObservationGroup, directions: Floats, problem: JointProblem, found: Iterate
+) -> Iterator[tuple[Floats, Floats]]:
     """Yield Jacobians on both sides of where noise has put them, a standard deviation away, of each kind of noise."""
 
-    def jacobian(group: Group, directions: Floats) -> Floats:
+    def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
         return projected(rows_of(group, found.at, directions, problem.layout, found.weights))[0]
 
     own = rows_of(group, found.at, directions, problem.layout, found.weights).own

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.diagnostics.random_walk import Walk
+    from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
     from flinders.report.view import Shown, View
@@ -161,7 +161,7 @@ class FigureData:
         strengths: Floats = np.linalg.norm(_under(self.shown, self.raw if is_compensated else self.recorded), axis=1)
         return strengths
 
-    def walk(self, fit: Fit) -> Walk | None:
+    def walk(self, fit: Fit) -> RandomWalk | None:
         """How the offset moved over the seconds of one recording; None without times, or for few readings."""
         time = self.whole.time
         if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:

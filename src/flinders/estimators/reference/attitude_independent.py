@@ -12,8 +12,8 @@ centring, and leaves a linear problem [1]_.
 **The strength has to vary for that.** H² = xᵀ(I + E)x − 2c·x + β, so the centred problem asks how H² varies with the
 monomials of x. Where H is one and the same, it does not vary with them: the answer is I + E = 0 and c = 0, D = −I, for
 any readings at all. Where it varies by less than the noise, I + E and c come out too small by the share of its
-variance that the readings explain, `Sums.explained`. The whole problem, with the mean taken in again, has the same
-root at D = −I, |b| = H, beside the right one.
+variance that the readings explain, `ProductSums.explained`. The whole problem, with the mean taken in again, has the
+same root at D = −I, |b| = H, next to the right one.
 
 All is calculated about the mean reading x₀, with strengths in units of their mean H and readings in units of their
 own size R: (I + D) x − b = H [(I + D') x' − b'] with x' = (x − x₀)/R, I + D' = (I + D) R/H and Hb' = b − (I + D) x₀ is
@@ -410,7 +410,7 @@ def _blocks(readings: Readings) -> Iterator[Samples]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sums:
+class ProductSums:
     """Weighted sums of products of L, z − μ and 1: all that both steps look at.
 
     Attributes
